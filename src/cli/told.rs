@@ -98,7 +98,7 @@ mod tests {
     fn what_is_wrong_is_named() {
         assert_eq!(fixed("rho_d"), Err(ToldError::NoValue("rho_d".into())));
         let refused = fixed("rho=1").expect_err("no name").to_string();
-        assert!(refused.contains("'rho' is not a parameter"), "{refused}");
+        assert!(refused.contains("unknown parameter 'rho'"), "{refused}");
         assert_eq!(fixed("rho_d=x"), Err(ToldError::NotANumber("x".into())));
         assert!(matches!(
             prior("rho_d=0.3"),
@@ -120,7 +120,7 @@ mod tests {
         ] {
             let refused = fixed(text).expect_err(text).to_string();
             assert!(
-                refused.contains(text) && refused.contains("lies from"),
+                refused.contains(text) && refused.contains("out of range"),
                 "{refused}"
             );
         }

@@ -1,64 +1,65 @@
-//! Poses that do not belong: single ones, and runs of them in time.
+//! Single poses, and runs of them in time, that disagree with the others.
 //!
-//! Where something happens once, a hand in the beam, a knock, a lamp that dips for a minute, the residuals of few poses stand
-//! out and the rest is as it should be. [`bad_poses`] finds single ones by studentised deletion residuals, [`bad_block`] a run in
-//! time whose signals are all too high or too low by one share, the best of all runs (a sum of residuals alone, CUSUM, misses runs
-//! of which the parameters take up a part). Both only tell: the weights of a fit stay as they are.
+//! After a single event (a hand in the beam, a knock, a lamp that dims for a minute) the residuals of few poses are
+//! large and the others are normal. [`bad_poses`] finds single poses by studentised deletion residuals. [`bad_block`]
+//! finds a run in time whose signals are too high or too low by one common share, the best of all runs; a CUSUM of the
+//! residuals would miss runs that the parameters partly absorb. Both only report: the weights of a fit stay unchanged.
 //!
-//! Neither is to pass a misfit of the model for a blunder. A misfit is in many poses: so single poses are told only where at most
-//! three are off, and a run only where it takes more than half of χ², and more than any smooth curve in time does.
+//! Neither may take a model error for a blunder. A model error affects many poses. Single poses are therefore reported
+//! only if at most three are bad, and a run only if it explains more than half of χ² and more than any smooth curve in
+//! time.
 //!
-//! *Conditioning.* Everything is a sum of squares of projections ([`Leftover`]); nothing cancels.
+//! *Conditioning.* Every quantity is a sum of squares of projections ([`Leftover`]); nothing cancels.
 
 use super::estimate::Estimate;
 use super::leftover::Leftover;
 use crate::robust;
 
-/// Single poses are told from so many robust standard deviations on …
+/// Robust standard deviations above which a single pose is reported …
 const POSE_SIGMAS: f64 = 6.0;
-/// … where they are beyond what weights alone allow.
+/// … if it also exceeds this number of its own standard uncertainties.
 const POSE_LEAST: f64 = 2.0;
-/// Single poses that may be off; with more it is the model.
+/// Largest number of bad single poses; with more, the model is the cause.
 const POSES_MAX: usize = 3;
-/// A pose that alone determines a parameter cannot be told to be off by it.
+/// Largest leverage of a bad pose. A pose that alone determines a parameter cannot be tested with it.
 const LEVERAGE_MAX: f64 = 0.5;
-/// Least poses in a run, and their greatest share of all.
+/// Smallest number of poses in a run, and their largest share of all poses.
 const BLOCK_LEAST: usize = 3;
 const BLOCK_SHARE: f64 = 0.5;
-/// Standard deviations that a run's offset is away from none, since it is the best of many.
+/// Standard deviations by which the offset of a run differs from zero; large, because it is the best of many runs.
 const BLOCK_SIGMAS: f64 = 6.0;
-/// Share of χ² that goes with a run.
+/// Share of χ² that a run explains.
 const BLOCK_EXPLAINS: f64 = 0.5;
-/// Degree of the smooth curve in time that has as many parameters as a run: begin, end, size.
+/// Degree of the smooth curve in time with as many parameters as a run: begin, end, size.
 const SMOOTH: usize = 3;
 
-/// Single poses that are off.
+/// Bad single poses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BadPoses {
-    /// Which observations, worst first.
+    /// Indices of the observations, worst first.
     pub observations: Vec<usize>,
-    /// By how many robust standard deviations the worst one is.
+    /// Robust standard deviations of the worst one.
     pub deviations: f64,
     /// Relative error of each.
     pub shares: Vec<f64>,
-    /// Share of χ² that goes with them.
+    /// Share of χ² that they explain.
     pub explains: f64,
 }
 
-/// A run of poses in time that is off.
+/// A bad run of poses in time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BadBlock {
-    /// Which observations, in the order of time.
+    /// Indices of the observations in the order of time.
     pub observations: Vec<usize>,
-    /// By what share their signals are too high.
+    /// Relative error of its signals, positive if too high.
     pub share: f64,
     /// Its standard uncertainty.
     pub share_std: f64,
-    /// Share of χ² that goes with it.
+    /// Share of χ² that it explains.
     pub explains: f64,
 }
 
-/// Single poses whose signals do not belong to the rest; `None` where there are none, or more than three.
+/// Finds single poses whose signals disagree with the others; `None` if there are none, or more than three.
 #[must_use]
 pub fn bad_poses(estimate: &Estimate<'_>) -> Option<BadPoses> {
     let mut left = Leftover::of(estimate)?;
@@ -108,7 +109,8 @@ pub fn bad_poses(estimate: &Estimate<'_>) -> Option<BadPoses> {
     })
 }
 
-/// A run of poses in time whose signals are too high or too low by one share; `None` where there is none, or no times.
+/// Finds a run of poses in time whose signals are too high or too low by one share; `None` if there is none, or there
+/// are no times.
 #[must_use]
 pub fn bad_block(estimate: &Estimate<'_>) -> Option<BadBlock> {
     let set = estimate.problem.set();
@@ -124,7 +126,7 @@ pub fn bad_block(estimate: &Estimate<'_>) -> Option<BadBlock> {
     if n < 2 * BLOCK_LEAST || most < BLOCK_LEAST || left.freedom() < 4.0 || before <= 0.0 {
         return None;
     }
-    // Columns of single poses, what the parameters explain taken off; a run is the sum of its own.
+    // Columns of single poses without the part that the parameters explain; a run is the sum of its poses.
     let single: Vec<_> = order
         .iter()
         .map(|i| left.without(&left.column(|k| f64::from(u8::from(k == *i)))))
@@ -156,10 +158,10 @@ pub fn bad_block(estimate: &Estimate<'_>) -> Option<BadBlock> {
             smooth.take(&left.column(|i| place(i).powi(degree as i32)));
         }
     }
-    let told = share.abs() > BLOCK_SIGMAS * share_std
+    let significant = share.abs() > BLOCK_SIGMAS * share_std
         && after < (1.0 - BLOCK_EXPLAINS) * before
         && after < 0.5 * smooth.chi2();
-    told.then(|| BadBlock {
+    significant.then(|| BadBlock {
         observations: order[from..=to].to_vec(),
         share,
         share_std,
@@ -179,7 +181,7 @@ mod tests {
     use crate::model::Variant;
     use crate::observation::ObservationSet;
 
-    /// Five tilts at eight azimuths, a pose a minute, all azimuths of a tilt before the next.
+    /// Five tilts at eight azimuths, one pose per minute, all azimuths of a tilt before the next.
     fn series(seed: u64, spoilt: impl Fn(usize) -> f64) -> ObservationSet {
         let poses = (0..40)
             .map(|k| Pose::from_deg(f64::from(k / 8) * 10.0 - 20.0, f64::from(k % 8) * 45.0));
@@ -202,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn single_poses_are_found_with_their_errors_and_many_are_not() {
+    fn single_bad_poses_are_found_with_their_errors_and_many_are_not() {
         for (seed, bad) in [(1, vec![17]), (2, vec![17, 33])] {
             let set = series(seed, |k| if bad.contains(&k) { 1.04 } else { 1.0 });
             let found = bad_poses(&fitted(&set)).expect("they stand out");
@@ -226,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_in_time_is_found_and_a_drift_or_a_single_pose_is_none() {
+    fn a_bad_run_is_found_and_a_drift_or_a_single_pose_is_not_a_run() {
         for (seed, from, to) in [(4, 11, 18), (5, 0, 6), (6, 26, 39)] {
             let set = series(seed, |k| if (from..=to).contains(&k) { 0.97 } else { 1.0 });
             let found = bad_block(&fitted(&set)).expect("it stands out");

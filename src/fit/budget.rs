@@ -1,42 +1,43 @@
-//! How sure a fit is, source by source.
+//! Uncertainty of a fit, source by source.
 //!
-//! Around the minimum the estimate is linear in the data: δx = −K δr, K the pseudo-inverse of the
-//! weighted derivatives. Every source of error is a change of the residuals and goes through K;
-//! what a certificate states is a residual of its own (a prior) and goes the same way:
+//! Around the minimum the estimate is linear in the data: δx = −K δr, where K is the pseudo-inverse of the weighted
+//! derivatives. Every source of error is a change of the residuals and is propagated through K. A certificate is a
+//! residual of its own (a prior) and is propagated in the same way:
 //!
-//! - *counting*: the observations' own uncertainties, independent;
-//! - *reference*: the white reference's certificate, one number for all;
-//! - *angles*: the stages beyond the offsets that the fit solves for: their zeros, no further than the user's word of an
-//!   offset leaves them open; a tilt whose error grows over its
-//!   range (a scale that is off by one standard uncertainty at the ends), which no zero takes up and θr follows; and
-//!   an axis of rotation beside the middle of its scale, whose error goes round once with φs; and the angle between lamp
-//!   and camera, where its uncertainty is stated;
-//! - *material*: the nominal index; and where lobes are so broad that it matters, whether the body's light leaves where it entered
-//!   or evenly over the ridges, as far as neither a statement nor the data tell;
-//! - *wedge*: how the sample's mean plane is inclined to the turntable, where that is stated;
-//! - *drift*: the lamp between white reference and sample, and while the poses were taken where the residuals show it
-//!   (see `drift`);
-//! - *detector*: the camera's curve and its exposure times, where exposures of one pose tell or the manifest states them;
-//! - *background*: what the prior leaves open of the stray light, and for itself the dark frames' noise, which all
-//!   observations share;
-//! - *model*: what the closed form misses. Its errors are smooth over the poses, so the scatter of
-//!   the residuals taken as independent would understate them: whole tilts and whole azimuths are
-//!   left out in turn (a grouped jackknife, which keeps the correlation within a group; of what a group
-//!   alone can tell its halves are left out, and so on); both, the independent part and a share of what
-//!   the costlier tier changed combine in quadrature;
-//! - *tracer*: the standard errors of traced radiances, independent. With the tracer nothing of the
-//!   geometry is left out: instead of a share of a tier's shift the last step of the passes stands in
-//!   `model`, and the distance from the `sawtooth` estimate, since light under rough facets is
-//!   described by both in ways that only agree where the roughness is small.
+//! - *counting*: the uncertainties of the observations, independent.
+//! - *reference*: the certificate of the white reference, one number for all observations.
+//! - *angles*: errors of the stages that the fitted offsets do not absorb, and the angle between lamp and camera if its
+//!   uncertainty is stated. The stage errors are: the zeros, as far as a prior on the offset leaves them open; a tilt
+//!   error that grows over the range (one standard uncertainty at the ends), which no zero absorbs and θr follows; an
+//!   axis of rotation beside the centre of its scale, whose error has one period per turn of φs.
+//! - *material*: the nominal index. For broad lobes also whether the light from the body leaves where it entered or
+//!   evenly over the ridges, as far as neither a statement nor the data determine it.
+//! - *wedge*: tilt of the sample's mean plane to the turntable, if its uncertainty is stated.
+//! - *drift*: change of the lamp between white reference and sample, and during the poses where the residuals show it
+//!   (see `drift`).
+//! - *detector*: non-linearity of the camera and errors of its exposure times, if the exposures of a pose show them or
+//!   the manifest states them.
+//! - *background*: what the prior leaves open of the stray light. The stray light itself also contains the noise of the
+//!   dark frames, which all observations share.
+//! - *model*: the model error of the closed form. It is smooth over the poses, so treating the scatter of the residuals
+//!   as independent would understate it. Whole tilts and whole azimuths are therefore left out in turn (a grouped
+//!   jackknife, which keeps the correlation within a group; a group that alone determines a parameter is split in
+//!   halves, and so on). This part, the independent part and a share of the change by the costlier tier combine in
+//!   quadrature.
+//! - *tracer*: the standard errors of traced radiances, independent. With the tracer, no light path of the geometry is
+//!   left out. Instead of a share of the tier's shift, `model` then contains the last step of the passes and the
+//!   distance from the `sawtooth` estimate, because the two descriptions of light under rough facets agree only at low
+//!   roughness.
 //!
-//! Several scans fitted together are one such problem, their rows below each other ([`of_parts`]).
+//! Several scans fitted together are one such problem with their rows stacked ([`of_parts`]).
 //!
-//! The zeros of the stages are exactly the offsets that the fit looks for, so no data can tell them;
-//! and the reference's certificate is not for a model to revise. Neither is fitted.
+//! The zeros of the stages equal the fitted offsets, so no data can determine them, and a model cannot revise the
+//! certificate of the reference. Neither is fitted.
 //!
-//! *Conditioning.* K is the covariance times Jᵀ: in the weakest direction that counts (1e-10 of the strongest) that is
-//! right to 1e-6, as the covariance itself is, and null directions are not in it. Lines of the budget are added as
-//! squares of standard uncertainties in the solver's units (radians, logarithms, shares), far from either end of the doubles.
+//! *Conditioning.* K is the covariance times Jᵀ. In the weakest direction that counts (1e-10 of the strongest) it is
+//! accurate to 1e-6, like the covariance itself; null directions are not part of it. The lines of the budget are added
+//! as squares of standard uncertainties in the units of the solver (radians, logarithms, shares), far from either end
+//! of the range of doubles.
 
 use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
@@ -61,31 +62,31 @@ use crate::units::Angle;
 /// Standard uncertainties by source, in the unit of the parameter. They combine in quadrature.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Budget {
-    /// Counting noise of sample and flats.
+    /// Counting noise of samples and flats.
     pub counting: f64,
-    /// The white reference's certificate.
+    /// Certificate of the white reference.
     pub reference: f64,
-    /// Zeros, scale and eccentricity of the stages, and the angle between lamp and camera.
+    /// Zero, scale and eccentricity of the stages, and angle between lamp and camera.
     pub angles: f64,
-    /// Index of refraction.
+    /// Refractive index.
     pub material: f64,
-    /// How the sample lies on the turntable.
+    /// Tilt of the sample on the turntable.
     #[serde(default)]
     pub wedge: f64,
     /// Lamp drift.
     pub drift: f64,
-    /// The camera's curve and its exposure times.
+    /// Non-linearity and exposure times of the camera.
     #[serde(default)]
     pub detector: f64,
     /// Prior on the stray light.
     pub background: f64,
-    /// What the model misses.
+    /// Model error.
     pub model: f64,
-    /// What bends: half of what the profile interval is wider than the straight one, and half the
-    /// way to another minimum that the data do not exclude.
+    /// Departure from the linear approximation: half of the excess of the profile interval over the linear one, and
+    /// half the distance to another minimum that the data do not exclude.
     #[serde(default)]
     pub shape: f64,
-    /// What the user's own priors leave open.
+    /// Priors stated by the user.
     #[serde(default)]
     pub prior: f64,
     /// Standard errors of traced radiances; 0 without the ray tracer.
@@ -100,7 +101,7 @@ impl Budget {
         self.parts().iter().map(|p| p * p).sum::<f64>().sqrt()
     }
 
-    /// The same in another unit.
+    /// Converts the budget to another unit.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Budget {
         let f = factor.abs();
@@ -138,37 +139,37 @@ impl Budget {
     }
 }
 
-/// What is known about the uncertainty of a fit's free parameters.
+/// Uncertainty of the free parameters of a fit.
 #[derive(Debug, Clone)]
 pub struct Uncertainty {
-    /// One budget per free parameter, in the solver's units.
+    /// One budget per free parameter, in the units of the solver.
     pub budgets: Vec<Budget>,
-    /// Rank test and statistical covariance, weights as fitted.
+    /// Rank test and statistical covariance, with the weights of the fit.
     pub covariance: Covariance,
-    /// Degrees of freedom of the model's part (groups less one).
+    /// Degrees of freedom of the model part (groups minus one).
     pub model_freedom: f64,
 }
 
-/// Share of the tier's shift that counts as standard uncertainty: what the quadrature leaves out (a
-/// third specular bounce, the tail of the diffuse exchange) is a fifth of what it adds.
+/// Share of the tier's shift that counts as standard uncertainty: what the quadrature omits (a third specular bounce,
+/// the tail of the diffuse exchange) is a fifth of what it adds.
 const SHARE_OF_TIER_SHIFT: f64 = 0.2;
 
-/// Standard uncertainty from two full models that disagree by 1, where the data do not say which is right: the truth lies
-/// anywhere within that distance (rectangular, 1/√3).
+/// Standard uncertainty if two complete models differ by 1 and the data prefer neither: the true value lies anywhere
+/// between them (rectangular distribution, 1/√3).
 const SHARE_OF_DISAGREEMENT: f64 = 0.577;
 
-/// Standard uncertainty that the model's part never falls below, in the solver's units: what the
-/// corrected closed form misses on path-traced samples of known truth (0.01° and 0.4 % at most).
+/// Lower limit of the model part in the units of the solver: the error of the corrected closed form on path-traced
+/// samples of known truth (at most 0.01° and 0.4 %).
 fn floor(quantity: Quantity, values: &Values) -> f64 {
     match quantity {
-        // A crest is described to first order, and the draft of its riser cannot be told.
+        // A crest is modelled to first order, and the data do not determine the draft of its riser.
         Quantity::ThetaR if values.real.crest > 0.0 => 0.055f64.to_radians(),
         Quantity::AlphaU | Quantity::AlphaV if values.real.crest > 0.0 => 0.005,
         Quantity::RhoD if values.real.crest > 0.0 => 0.004 * values.rho_d,
         Quantity::ThetaR => 0.005f64.to_radians(),
         Quantity::AlphaU | Quantity::AlphaV => 0.002,
         Quantity::RhoD => 0.002 * values.rho_d,
-        // What the terms themselves leave out: a body that is neither of the two, the second order of a crest.
+        // Errors of the terms themselves: a body between the two limits, the second order of a crest.
         Quantity::Translucency => 0.02,
         Quantity::Tail => 0.01,
         Quantity::CrestRadius => 0.01,
@@ -176,7 +177,7 @@ fn floor(quantity: Quantity, values: &Values) -> f64 {
     }
 }
 
-/// The uncertainty of a fit, source by source.
+/// Computes the uncertainty of a fit, source by source.
 #[must_use]
 pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
     let columns: Vec<usize> = (0..estimate.problem.free().len()).collect();
@@ -193,17 +194,16 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
     of
 }
 
-/// One scan's share of a fit of several.
+/// The part of one scan in a joint fit.
 #[derive(Debug, Clone)]
 pub(super) struct Part<'e, 'a> {
     /// The scan at the joint minimum.
     pub estimate: &'e Estimate<'a>,
-    /// For each of its free quantities the column of the joint derivatives.
+    /// For each free quantity of the scan, its column of the joint derivatives.
     pub columns: Vec<usize>,
 }
 
-/// Parts of one source over all scans: one and the same error in all of them adds up with its sign,
-/// independent ones in quadrature.
+/// Parts of one source over all scans. A common error adds up with its sign; independent errors add in quadrature.
 #[derive(Debug, Clone, Copy, Default)]
 struct Common {
     sum: f64,
@@ -225,8 +225,7 @@ impl Common {
     }
 }
 
-/// The uncertainty without its line `shape`, for rows of residuals that stand below each other part
-/// by part; derivatives column-major.
+/// Computes the uncertainty without the line `shape`, for residual rows stacked part by part; derivatives column-major.
 pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f64]) -> Uncertainty {
     let m = residuals.len();
     let n = jacobian.len() / m.max(1);
@@ -236,7 +235,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
     let shared: Vec<Shared> = parts.iter().map(|p| Shared::new(p.estimate)).collect();
     let bodies: Vec<Option<Vec<f64>>> = parts.iter().map(|p| by_body(p.estimate)).collect();
     let body = stacked(parts, &bodies, m).map(|change| {
-        // What the data tell of τ where it is free beside the rest, and that it lies from 0 to 1.
+        // What the data determine of τ if it is free beside the others, given that it is between 0 and 1.
         let taken_up = &k * DVector::from_column_slice(&change);
         let fitted = DMatrix::from_column_slice(m, n, jacobian) * &taken_up;
         let left: f64 = change
@@ -252,7 +251,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
     let alike = |same: &dyn Fn(&ObservationSet, &ObservationSet) -> bool| -> bool {
         sets().zip(sets().skip(1)).all(|(a, b)| same(a, b))
     };
-    // The same certificate is the same reference, the same drawing the same stages.
+    // Equal certificates mean the same reference; equal rigs mean the same stages.
     let same_reference = alike(&|a, b| a.white_reference == b.white_reference);
     let same_rig = alike(&|a, b| a.rig == b.rig);
     let budgets = (0..n)
@@ -267,7 +266,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 let (problem, set) = (&estimate.problem, estimate.problem.set());
                 let rows = problem.residual_count();
                 let (samples, priors) = (set.observations.len(), problem.priors());
-                let told = first + rows - priors.len();
+                let first_prior = first + rows - priors.len();
                 for i in 0..rows - priors.len() {
                     let k = k[(j, first + i)];
                     let Some(o) = set.observations.get(i) else {
@@ -287,7 +286,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                         Quantity::Background => &mut squares.background,
                         _ => &mut squares.prior,
                     };
-                    *line += k[(j, told + row)].powi(2);
+                    *line += k[(j, first_prior + row)].powi(2);
                 }
                 let through = |change: &[f64]| -> f64 {
                     let rows = change.iter().enumerate();
@@ -312,10 +311,10 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 if let Some((local, quantity)) = own {
                     wedge = wedge.max(through_wedge(set, quantity, &estimate.values));
                     if quantity == Quantity::Background {
-                        // What all signals have too much or too little of is stray light to the fit, and nothing else.
+                        // For the fit, an offset common to all signals is stray light and nothing else.
                         squares.background += set.dark_std.powi(2);
                         if set.white_reference.is_some() {
-                            // It is stated in radiance, on the scale that the reference gives.
+                            // It is stated as a radiance on the scale of the reference.
                             let scale = estimate.values.background;
                             squares.reference += (scale * reference_std(set)).powi(2);
                             squares.drift += (scale * drift_std(set)).powi(2);
@@ -329,8 +328,8 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                         }
                         None => (SHARE_OF_TIER_SHIFT * estimate.tier_shift[local]).abs(),
                     });
-                    // Where counting noise explains the scatter, what groups of it do is counting noise; what the
-                    // tier misses it misses all the same.
+                    // If counting noise explains the scatter, so does the scatter of groups. The error of the tier
+                    // remains.
                     if estimate.discrepancy > 0.0 && samples > 0 {
                         floored = by_group[j].hypot(floor(quantity, &estimate.values));
                     } else if estimate.takes_tier() {
@@ -369,18 +368,18 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
     }
 }
 
-/// Roughness from which on it matters to the ridge angle whether a body's light leaves where it entered: below, lobes are so narrow
-/// that the diffuse light has no say in where they stand.
+/// Roughness above which the ridge angle depends on where the body's light leaves. Below it the lobes are so narrow
+/// that diffuse light does not move them.
 const BODY_MATTERS: f64 = 0.14;
 
-/// By how much a translucent body instead of an opaque one changes the weighted residuals of the samples; none where it does not
-/// matter, or where the fit has it.
+/// Change of the weighted residuals of the samples for a translucent instead of an opaque body; none if it does not
+/// matter or is fitted.
 fn by_body(estimate: &Estimate<'_>) -> Option<Vec<f64>> {
     let (problem, values) = (&estimate.problem, &estimate.values);
     let dielectric = matches!(problem.set().material, Material::Dielectric { .. });
-    let told = problem.is_extended() && problem.free().contains(&Quantity::Translucency);
+    let fitted = problem.is_extended() && problem.free().contains(&Quantity::Translucency);
     let rough = values.alpha_u.max(values.alpha_v) >= BODY_MATTERS;
-    if !dielectric || told || !rough || problem.variant() != Variant::Sawtooth {
+    if !dielectric || fitted || !rough || problem.variant() != Variant::Sawtooth {
         return None;
     }
     let extended = match problem.is_extended() {
@@ -395,7 +394,7 @@ fn by_body(estimate: &Estimate<'_>) -> Option<Vec<f64>> {
     )
 }
 
-/// Changes of the samples' rows in all rows; none where no part has any.
+/// Places the changes of the sample rows among all rows; none if no part has any.
 fn stacked(parts: &[Part<'_, '_>], changes: &[Option<Vec<f64>>], m: usize) -> Option<Vec<f64>> {
     changes.iter().any(Option::is_some).then(|| {
         let mut all = vec![0.0; m];
@@ -410,7 +409,8 @@ fn stacked(parts: &[Part<'_, '_>], changes: &[Option<Vec<f64>>], m: usize) -> Op
     })
 }
 
-/// What a wedge of the sample does to a parameter, without a trace in the residuals. Each by its own standard uncertainty.
+/// Error of a parameter caused by a wedge of the sample, which leaves no trace in the residuals, for one standard
+/// uncertainty of the wedge.
 fn through_wedge(set: &ObservationSet, quantity: Quantity, values: &Values) -> f64 {
     let Some(wedge) = set.wedge_std else {
         return 0.0;
@@ -422,9 +422,9 @@ fn through_wedge(set: &ObservationSet, quantity: Quantity, values: &Values) -> f
     }
 }
 
-/// The uncertainty of a fit that the ray tracer judges: the model's line is how far each parameter
-/// lies from that of `traced`, with what that one does not know itself. What both do not have in
-/// common (the lobe's ρd of the printed form) keeps its own.
+/// Uncertainty of a fit that the ray tracer checks. The line `model` is the distance of each parameter from that of
+/// `traced`, combined with the model error of `traced`. A parameter that the two do not share (ρd of the printed lobe)
+/// keeps its own line.
 #[must_use]
 pub fn judged(estimate: &Estimate<'_>, traced: &Estimate<'_>) -> Uncertainty {
     let mut of = uncertainty(estimate);
@@ -450,8 +450,8 @@ pub fn judged(estimate: &Estimate<'_>, traced: &Estimate<'_>) -> Uncertainty {
     of
 }
 
-/// What takes the expanded uncertainty as far as that of the farthest minimum that the data do not exclude, of which the
-/// standard uncertainty is about this one's `own`: U = d + k u, of which (U/k)² − u² is to be added.
+/// Addition that extends the expanded uncertainty to the farthest minimum that the data do not exclude and to that
+/// minimum's own standard uncertainty, taken as `own`: U = d + k u, so (U/k)² − u² is added.
 fn to_rivals(estimate: &Estimate<'_>, j: usize, own: f64) -> f64 {
     let quantity = estimate.problem.free()[j];
     let here = estimate.values.folded().inner(quantity);
@@ -475,7 +475,7 @@ fn to_rivals(estimate: &Estimate<'_>, j: usize, own: f64) -> f64 {
     }
 }
 
-/// What the profile interval of a badly determined parameter adds to the straight one.
+/// Excess of the profile interval of a poorly determined parameter over the linear interval.
 fn bent(estimate: &Estimate<'_>, covariance: &Covariance, j: usize) -> f64 {
     let quantity = estimate.problem.free()[j];
     let std = covariance.matrix[(j, j)].sqrt();
@@ -500,36 +500,36 @@ fn bent(estimate: &Estimate<'_>, covariance: &Covariance, j: usize) -> f64 {
     (half * half - std * std).max(0.0).sqrt()
 }
 
-/// Standard uncertainties above which a straight interval is not trusted.
+/// Standard uncertainty above which a linear interval is not trusted.
 const STRAIGHT_ANGLE: f64 = 0.2 * PI / 180.0;
 /// The same for the logarithm of a roughness.
 const STRAIGHT_LOG_ALPHA: f64 = 0.05;
 /// The same for the diffuse reflectance.
 const STRAIGHT_RHO_D: f64 = 0.02;
 
-/// By how much sources that all observations share change the weighted residuals.
+/// Changes of the weighted residuals by sources that all observations share.
 struct Shared {
-    /// Per unit of the relative gain of the samples over the flats.
+    /// Per unit of the gain of the samples relative to the flats.
     gain: Vec<f64>,
-    /// Per standard uncertainty of the camera's curve.
+    /// Per standard uncertainty of the camera's non-linearity.
     detector: Vec<f64>,
-    /// Per standard uncertainty of an angle: the tilt's zero, its scale, the rotation's zero, its eccentricity along two
-    /// directions, and the lamp's angle from the camera.
+    /// Per standard uncertainty of an angle: zero of the tilt, its scale, zero of the rotation, its eccentricity along
+    /// two directions, and the angle of the lamp to the camera.
     angles: [Vec<f64>; ANGLE_ERRORS],
 }
 
-/// Ways in which angles of the rig err.
+/// Number of angle errors of the rig.
 const ANGLE_ERRORS: usize = 6;
 
-/// Step of the difference that stands for the derivative with respect to the lamp's angle (rad): small beside any lobe's
-/// width, large beside rounding.
+/// Step of the numerical derivative with respect to the lamp's angle (rad): small compared with any lobe width, large
+/// compared with rounding.
 const LAMP_STEP: f64 = 1e-6;
 
 impl Shared {
     fn new(estimate: &Estimate<'_>) -> Self {
         let (problem, values) = (&estimate.problem, &estimate.values);
         let set = problem.set();
-        // A zero is known as well as what the user tells of the offset that goes with it.
+        // A prior on an offset limits the error of that stage's zero.
         let (tilt_zero, turn_zero) = (
             known_within(estimate, Quantity::TiltOffset),
             known_within(estimate, Quantity::AzimuthOffset),
@@ -544,7 +544,7 @@ impl Shared {
         let (low, high) = tilts().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), tilt| {
             (low.min(tilt), high.max(tilt))
         });
-        // From −1 at one end of the range of tilts to 1 at the other; one tilt has no range.
+        // From −1 at one end of the range of tilts to 1 at the other; a single tilt has no range.
         let along = |tilt: Angle| match high > low {
             true => (2.0 * tilt.rad() - low - high) / (high - low),
             false => 0.0,
@@ -590,18 +590,19 @@ impl Shared {
     }
 }
 
-/// Standard uncertainty that the user's word leaves to an offset (rad): none where it is held, boundless without a word.
+/// Standard uncertainty of an offset as the user states it (rad): 0 if it is held, infinite without a statement.
 fn known_within(estimate: &Estimate<'_>, offset: Quantity) -> f64 {
     if estimate.held.contains(&offset) {
         return 0.0;
     }
-    let told = estimate.problem.priors().iter();
-    let told = told.filter(|(quantity, _)| *quantity == offset);
-    told.map(|(_, prior)| prior.std)
+    let priors = estimate.problem.priors().iter();
+    let of_offset = priors.filter(|(quantity, _)| *quantity == offset);
+    of_offset
+        .map(|(_, prior)| prior.std)
         .fold(f64::INFINITY, f64::min)
 }
 
-/// By how much one standard uncertainty of the lamp's angle from the camera changes the weighted residuals.
+/// Change of the weighted residuals by one standard uncertainty of the lamp's angle to the camera.
 fn by_lamp(problem: &Problem<'_>, values: &Values, std: Angle) -> Vec<f64> {
     let set = problem.set();
     let expected = |by: f64| -> Vec<f64> {
@@ -620,13 +621,13 @@ fn by_lamp(problem: &Problem<'_>, values: &Values, std: Angle) -> Vec<f64> {
     change
 }
 
-/// n × m pseudo-inverse of the derivatives, null directions left out.
+/// Returns the n × m pseudo-inverse of the derivatives without null directions.
 fn pseudo_inverse(jacobian: &[f64], covariance: &Covariance, m: usize, n: usize) -> DMatrix<f64> {
     let j = DMatrix::from_column_slice(m, n, jacobian);
     &covariance.matrix * j.transpose()
 }
 
-/// Tilts, azimuths and scans of the rows; rows that are no observation of the sample are in no group.
+/// Labels the rows by tilt, azimuth and scan. Rows that are not sample observations have no group.
 fn groups(parts: &[Part<'_, '_>]) -> [Labels; 3] {
     let mut labels: [Labels; 3] = Default::default();
     for (scan, part) in parts.iter().enumerate() {
@@ -642,7 +643,7 @@ fn groups(parts: &[Part<'_, '_>]) -> [Labels; 3] {
     labels
 }
 
-/// The free parameters that a null direction ties together, by name; largest part first.
+/// Lists the free parameters that a null direction couples, largest component first.
 #[must_use]
 pub fn tied(free: &[Quantity], direction: &[f64]) -> Vec<Quantity> {
     let mut parts: Vec<(f64, Quantity)> = direction

@@ -1,16 +1,15 @@
-//! Where a thorough search begins: shapes from all over the box, shapes that turn the facets towards a
-//! bright pose or two, and for the most promising of them the roughnesses that suit them best.
+//! Candidates for a thorough search: shapes from the whole box, shapes whose facets face one or two bright poses, and
+//! for the most promising of them the best roughnesses.
 //!
-//! A lobe that is narrower than the distance between poses shows in one pose or two, and no slope
-//! leads there. But a pose that is much brighter than the rest has its half vector near the facets'
-//! normal, so for every tilt zero it gives the ridge angle and the azimuth at once; two such poses
-//! give them for a lobe that is narrow along one axis only. What is left to draw are roughnesses and
-//! the place inside the lobe. Other lobes no pose meets at all; then the diffuse light alone tells
-//! where the ridges lean, and any lobe out of sight will do.
+//! A lobe that is narrower than the distance between poses appears in one or two poses, and no slope leads there. But a
+//! pose that is much brighter than the others has its half vector near the facet normal, so for every tilt zero it
+//! gives the ridge angle and the azimuth. Two such poses give them for a lobe that is narrow along one axis only. The
+//! roughnesses and the place inside the lobe remain to be drawn. No pose meets other lobes. Then only the diffuse light
+//! shows where the ridges lean, and any lobe out of sight will do.
 //!
-//! The function to call is [`starts`]; [`rougher`] looks again at the roughnesses of an end. Where that does not help because
-//! noise makes the minima, [`plain`] and [`rim`] recommend nothing, and [`bred`] puts together what was found.
-//! Every shape is judged with its best amplitudes ([`settle`]).
+//! Call [`starts`]; [`rougher`] tries other roughnesses for an end. If noise creates the minima and selection does not
+//! help, [`plain`] and [`rim`] give unselected shapes, and [`bred`] combines known ends. Every shape is judged with its
+//! best amplitudes ([`settle`]).
 
 use std::f64::consts::PI;
 
@@ -28,35 +27,35 @@ use crate::units::Angle;
 
 /// Shapes drawn.
 pub(super) const POOL: u32 = 512;
-/// Roughnesses looked at along each axis, from the smoothest facet to 1.
+/// Roughnesses tried along each axis, from the smoothest facet to 1.
 pub(super) const SCAN: u32 = 8;
 /// Bright poses that facets are turned to.
 const ANCHORS: usize = 16;
-/// Smoothest of the facets that are rough all over; how far the azimuth is off for those that are not (rad).
+/// Smoothest of the facets that are rough along both axes; and the range of the azimuth for the others (rad).
 const RIM_SMOOTHEST: f64 = 0.1;
 const RIM_TURN: f64 = 30.0 * PI / 180.0;
-/// Share of a child's parts that are from its other parent, and from anywhere.
+/// Share of a child's values that come from its other parent, and from anywhere.
 const FROM_OTHER: f64 = 0.25;
 const FROM_ANYWHERE: f64 = 0.2;
-/// How near the rest is to the first parent's: tilts, azimuth (rad), logarithm of the roughnesses.
+/// Range of the other values around the first parent: tilts, azimuth (rad), logarithm of the roughnesses.
 const NEAR_LEAN: f64 = 0.01;
 const NEAR_TURN: f64 = 0.02;
 const NEAR_ROUGHNESS: f64 = 0.1;
-/// Half-widths of the lobe within which a bright pose may lie off its top.
+/// Half-widths of the lobe within which a bright pose may miss its top.
 const OFF_TOP: f64 = 1.2;
 
-/// How many candidates a round asks for.
+/// Number of candidates that a round requests.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wanted {
-    /// Promising shapes whose roughnesses are looked at.
+    /// Promising shapes whose roughnesses are scanned.
     pub scanned: usize,
-    /// Shapes that are handed out.
+    /// Shapes that are returned.
     pub starts: usize,
     pub seed: u32,
 }
 
-/// The most promising shapes, best first and not too near to each other. With a centre half of the
-/// pool is drawn around it.
+/// Returns the most promising shapes, best first and not too close to each other. With a centre, half of the pool is
+/// drawn around it.
 pub(super) fn starts(
     problem: &Problem<'_>,
     fallback: &Values,
@@ -89,8 +88,7 @@ pub(super) fn starts(
     spread(&judged, &[], wanted.starts)
 }
 
-/// Shapes from all over the box with middling diffuse parts and the gain that is right on average: nothing recommends
-/// them.
+/// Returns unselected shapes from the whole box, with medium diffuse parts and the gain that is right on average.
 pub(super) fn plain(
     problem: &Problem<'_>,
     fallback: &Values,
@@ -102,7 +100,7 @@ pub(super) fn plain(
         let at = |dimension| f64::from(sample(k, dimension, seed));
         let mut v = anywhere(fallback, k, &at);
         let span = |dimension, half_deg: f64| (at(dimension) - 0.5) * 2.0 * half_deg.to_radians();
-        // Where minima are many, those of a sample mounted as it should be come first.
+        // If there are many minima, those of a properly mounted sample come first.
         if !k.is_multiple_of(6) {
             v.azimuth_offset = span(1, 11.0);
         }
@@ -112,13 +110,13 @@ pub(super) fn plain(
     (0..count).map(shape).collect()
 }
 
-/// The same from the rim of the box: facets as steep and as rough as a fit considers, and zeros that are off by as much. A
-/// lobe so broad that it fills the rig has its minima there.
+/// Returns the same from the rim of the box: the steepest and roughest facets that a fit considers, and the largest
+/// offsets. The minima of a lobe so broad that it fills the rig are there.
 pub(super) fn rim(problem: &Problem<'_>, fallback: &Values, count: u32, seed: u32) -> Vec<Values> {
     let evened = Evened::new(problem, fallback);
     let shape = |k: u32| {
         let at = |dimension| f64::from(sample(k, dimension, seed));
-        // Halves of a Sobol set are even in all dimensions; every second of it is not.
+        // Halves of a Sobol sequence are uniform in all dimensions; every second point is not.
         let (smoothest, turn): (f64, f64) = if k < count / 2 {
             (RIM_SMOOTHEST, PI)
         } else {
@@ -138,15 +136,15 @@ pub(super) fn rim(problem: &Problem<'_>, fallback: &Values, count: u32, seed: u3
     (0..count).map(shape).collect()
 }
 
-/// Children of ends, the best of which come first and have most of them: each takes its shape from one end, some of it from
-/// another, and some of it from anywhere. Deep minima of few observations resemble each other in part: where one has the
-/// roughness and the tilt that suit an observation, another has the azimuth that suits the next.
+/// Returns children of ends; the best ends come first and have most of them. Each child takes its shape from one end,
+/// some values from another, and some from anywhere. Deep minima of few observations partly resemble each other: one
+/// has the roughness and tilt that suit one observation, another has the azimuth that suits the next.
 pub(super) fn bred(parents: &[Values], count: u32, seed: u32) -> Vec<Values> {
     let child = |k: u32| -> Option<Values> {
         let at = |dimension| f64::from(sample(k, dimension, seed));
         let parent = |share: f64| parents.get((share * share * parents.len() as f64) as usize);
         let (one, other) = (parent(at(0))?, parent(at(1))?);
-        // A number says whom a part is from; what is left of it is as even as it was itself.
+        // The number selects the origin of a value; its remainder is as uniform as the number itself.
         let part = |dimension, of: &dyn Fn(&Values) -> f64, range: (f64, f64), near: f64| {
             let left = at(dimension);
             if left < FROM_OTHER {
@@ -173,12 +171,12 @@ pub(super) fn bred(parents: &[Values], count: u32, seed: u32) -> Vec<Values> {
     (0..count).filter_map(child).collect()
 }
 
-/// From −1 to 1.
+/// Maps 0 … 1 to −1 … 1.
 fn both_ways(share: f64) -> f64 {
     2.0 * share - 1.0
 }
 
-/// What gives shapes that nothing recommends amplitudes that are right on average.
+/// Sets amplitudes of unselected shapes that are right on average.
 struct Evened<'p, 'a> {
     problem: &'p Problem<'a>,
     background: f64,
@@ -197,7 +195,7 @@ impl<'p, 'a> Evened<'p, 'a> {
         Evened { signal, ..evened }
     }
 
-    /// Over the stray light, which no gain multiplies.
+    /// Subtracts the stray light, which no gain multiplies.
     fn over(&self, sum: f64) -> f64 {
         sum - self.background * self.problem.set().observations.len() as f64
     }
@@ -217,7 +215,7 @@ impl<'p, 'a> Evened<'p, 'a> {
     }
 }
 
-/// Other roughnesses for the shape of an end, up to `count`, the most promising first.
+/// Returns up to `count` other roughnesses for the shape of an end, the most promising first.
 pub(super) fn rougher(problem: &Problem<'_>, end: &Values, count: usize) -> Vec<Values> {
     let others: Vec<(f64, Values)> = scan(problem, end)
         .into_iter()
@@ -226,7 +224,7 @@ pub(super) fn rougher(problem: &Problem<'_>, end: &Values, count: usize) -> Vec<
     spread(&others, &[], count)
 }
 
-/// A shape with every pair of roughnesses, the most promising first.
+/// Returns a shape with every pair of roughnesses, the most promising first.
 fn scan(problem: &Problem<'_>, shape: &Values) -> Vec<(f64, Values)> {
     let alpha = |k: u32| ALPHA_MIN.powf(1.0 - f64::from(k) / f64::from(SCAN - 1));
     let mut judged: Vec<(f64, Values)> = (0..SCAN * SCAN)
@@ -247,8 +245,7 @@ fn roughness(share: f64) -> f64 {
     ALPHA_MIN.powf(1.0 - share)
 }
 
-/// Most samples are mounted within a few degrees of where they should be, so two of three have small
-/// offsets.
+/// Most samples are mounted within a few degrees of the nominal position, so two of three have small offsets.
 fn anywhere(fallback: &Values, k: u32, at: &dyn Fn(u32) -> f64) -> Values {
     let near = !k.is_multiple_of(3);
     let span = |dimension, half_deg: f64| (at(dimension) - 0.5) * 2.0 * half_deg.to_radians();
@@ -274,7 +271,7 @@ fn around(centre: &Values, fallback: &Values, at: &dyn Fn(u32) -> f64) -> Values
     }
 }
 
-/// Facets turned so that a bright pose sees their lobe.
+/// Turns facets so that a bright pose sees their lobe.
 fn facing(
     set: &ObservationSet,
     fallback: &Values,
@@ -296,7 +293,7 @@ fn facing(
     .folded()
 }
 
-/// A lobe that is narrow along v and wide along u, laid through two bright poses.
+/// Lays a lobe that is narrow along v and wide along u through two bright poses.
 fn stripe(
     set: &ObservationSet,
     fallback: &Values,
@@ -307,7 +304,7 @@ fn stripe(
     let first = one_of(anchors, at(5) * at(6));
     let second = one_of(anchors, at(0));
     let both = half_vector(set, first, tilt).cross(&half_vector(set, second, tilt));
-    // The facets' upward axis is square to both half vectors; u runs level.
+    // The upward axis of the facets is perpendicular to both half vectors; u is horizontal.
     let level = both.x.hypot(both.y);
     let (axis, level) = if both.z <= 0.0 {
         (both, level)
@@ -329,30 +326,30 @@ fn stripe(
     .folded()
 }
 
-/// The first anchors are the brightest, and more likely in the lobe.
+/// The first anchors are the brightest and most likely in the lobe.
 fn one_of(anchors: &[usize], share: f64) -> usize {
     anchors[(share * anchors.len() as f64) as usize]
 }
 
-/// Zeros of the tilt stage, the small ones more often.
+/// Zeros of the tilt stage, small ones more often.
 fn tilt(at: &dyn Fn(u32) -> f64) -> f64 {
     (at(2) - 0.5) * 2.0 * 12f64.to_radians() * at(7)
 }
 
-/// How far a bright pose lies off the lobe's top, as a slope.
+/// Distance of a bright pose from the top of the lobe, as a slope.
 fn off_top(set: &ObservationSet, alpha: f64, share: f64) -> f64 {
     (alpha * alpha + set.rig.cones.widening()).sqrt().min(0.5) * OFF_TOP * (2.0 * share - 1.0)
 }
 
-/// Ridge angle and azimuth offset at which the facets' normal is the half vector of an observation,
-/// the zero of the tilt being `tilt`.
+/// Returns ridge angle and azimuth offset for which the facet normal is the half vector of an observation, with the
+/// tilt zero `tilt`.
 pub(super) fn facing_normal(set: &ObservationSet, index: usize, tilt: f64) -> (f64, f64) {
     let h = half_vector(set, index, tilt);
     (h.z.clamp(-1.0, 1.0).acos(), h.y.atan2(h.x))
 }
 
-/// Half vector of an observation, the zero of the tilt being `tilt`, seen from the sample were its
-/// azimuth offset 0: x along v, which leans to where the facets' normal points.
+/// Returns the half vector of an observation, with the tilt zero `tilt`, in the frame of the sample for an azimuth
+/// offset of 0: x along v, which leans to where the facet normal points.
 fn half_vector(set: &ObservationSet, index: usize, tilt: f64) -> Vector3<f64> {
     let pose = set.observations[index].pose;
     let rig = set.rig_directions(index).tilted(Angle::from_rad(tilt));
@@ -361,7 +358,7 @@ fn half_vector(set: &ObservationSet, index: usize, tilt: f64) -> Vector3<f64> {
     Vector3::new(h.x * c + h.y * s, h.y * c - h.x * s, h.z)
 }
 
-/// The brightest poses, and those that an end so far leaves darker than they are, by turns.
+/// Returns alternately the brightest poses and those that are brighter than an end so far expects.
 fn anchors(problem: &Problem<'_>, centre: Option<&Values>) -> Vec<usize> {
     let observations = &problem.set().observations;
     let ranked = |excess: Vec<f64>| {

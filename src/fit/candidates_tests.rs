@@ -1,4 +1,4 @@
-//! Candidates of a thorough search, and the amplitudes that each of them gets.
+//! Candidates of a thorough search and their amplitudes.
 
 use std::sync::atomic::AtomicBool;
 
@@ -26,7 +26,7 @@ const TRUTH: Values = Values {
     real: crate::model::extended::Real::NONE,
 };
 
-/// 40 poses, lit beside the tilt plane, painted with the truth.
+/// 40 poses, lit beside the tilt plane, computed from the truth.
 fn painted() -> ObservationSet {
     let poses = (0..40).map(|k| (10 * (k % 5) - 20, 45 * (k / 5)));
     let mut set = ObservationSet::bare(
@@ -51,7 +51,7 @@ fn painted() -> ObservationSet {
 }
 
 #[test]
-fn a_shape_gets_the_amplitudes_that_the_signals_were_painted_with() {
+fn a_shape_gets_the_amplitudes_that_the_signals_were_computed_with() {
     let set = painted();
     let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
     let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
@@ -61,7 +61,7 @@ fn a_shape_gets_the_amplitudes_that_the_signals_were_painted_with() {
         background: -2.0,
         ..TRUTH
     };
-    // Light from wall to wall is not linear in ρd: a few steps, as Newton's.
+    // Light from wall to wall is not linear in ρd, so it takes a few steps of Newton's method.
     for _ in 0..6 {
         found = settle(&problem, &found).1;
     }
@@ -73,7 +73,7 @@ fn a_shape_gets_the_amplitudes_that_the_signals_were_painted_with() {
 #[test]
 fn amplitudes_stay_inside_their_bounds() {
     let mut set = painted();
-    // Darker where the sample is brighter: no gain above 0 describes that.
+    // Darker where the sample is brighter: no positive gain describes that.
     for o in &mut set.observations {
         o.signal = -o.signal;
     }
@@ -84,7 +84,7 @@ fn amplitudes_stay_inside_their_bounds() {
 }
 
 #[test]
-fn a_descent_over_shapes_alone_ends_beside_the_minimum_of_the_whole_problem() {
+fn a_descent_over_shapes_only_ends_beside_the_minimum_of_the_whole_problem() {
     let set = painted();
     let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
     let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
@@ -106,7 +106,7 @@ fn a_descent_over_shapes_alone_ends_beside_the_minimum_of_the_whole_problem() {
         &AtomicBool::new(false),
     );
     let found = problem.unpack(&shapes.whole(&end.parameters));
-    // Not in it: the light from wall to wall was linearised at another ρd.
+    // Not exactly at it: the light from wall to wall was linearised at another ρd.
     assert!((found.theta_r - TRUTH.theta_r).abs() < 1e-3, "{found:?}");
     assert!(
         (found.alpha_u / TRUTH.alpha_u - 1.0).abs() < 1e-2,
@@ -134,7 +134,7 @@ fn a_facet_that_faces_a_pose_has_its_normal_in_the_half_vector() {
 #[test]
 fn a_stripe_runs_through_both_of_its_poses() {
     let set = painted();
-    // The smoothest roughness leaves next to no room off the stripe's middle.
+    // The smoothest roughness leaves almost no distance from the middle of the stripe.
     let at = |dimension: u32| [0.0, 0.5, 0.7, 0.5, 0.0, 1.0, 0.999, 1.0][dimension as usize];
     let v = stripe(&set, &TRUTH, &[3, 21], &at);
     for index in [3, 21] {
@@ -149,7 +149,7 @@ fn a_stripe_runs_through_both_of_its_poses() {
 }
 
 #[test]
-fn what_nothing_recommends_is_as_bright_as_the_signals_and_from_all_over_the_box() {
+fn unselected_starts_are_as_bright_as_the_signals_and_cover_the_whole_box() {
     let set = painted();
     let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
     let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
@@ -174,7 +174,7 @@ fn what_nothing_recommends_is_as_bright_as_the_signals_and_from_all_over_the_box
         (0.0, 0.8, |v| v.rho_d),
     ];
     for (low, high, of) in spans {
-        // A tenth of them in each tenth of the span, but for what a Sobol set of 256 leaves uneven.
+        // A tenth of them in each tenth of the span, within the unevenness of 256 Sobol points.
         let mut tenths = [0; 10];
         for v in &starts {
             tenths[(10.0 * (of(v) - low) / (high - low)) as usize] += 1;
@@ -187,7 +187,7 @@ fn what_nothing_recommends_is_as_bright_as_the_signals_and_from_all_over_the_box
 }
 
 #[test]
-fn the_rim_is_as_steep_as_rough_and_as_far_off_as_a_fit_considers() {
+fn the_rim_reaches_the_steepest_roughest_and_most_offset_surfaces_of_a_fit() {
     let set = painted();
     let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
     let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
@@ -210,7 +210,7 @@ fn the_rim_is_as_steep_as_rough_and_as_far_off_as_a_fit_considers() {
 }
 
 #[test]
-fn a_child_has_parts_of_its_parents_and_some_that_neither_has() {
+fn a_child_has_values_of_its_parents_and_some_of_neither() {
     let other = Values {
         theta_r: 0.9,
         alpha_u: 0.5,
@@ -236,7 +236,7 @@ fn a_child_has_parts_of_its_parents_and_some_that_neither_has() {
         };
         let (one, its) = (from(&TRUTH), from(&other));
         let neither = children.len() - one - its;
-        // The better one has more of them; a fifth is new.
+        // The better parent has more; a fifth is new.
         assert!(one > its && its > 45, "{one}, {its}");
         assert!((35..=65).contains(&neither), "{neither}");
     }

@@ -1,13 +1,13 @@
 //! Covariance of fitted parameters by singular values of the column-scaled derivatives.
 //!
-//! The residuals are divided by their standard uncertainty, so the covariance is (JᵀJ)⁻¹; it is
-//! never formed. Columns are first scaled to length 1: a rank test on unscaled columns would judge
-//! units, not data. A direction whose singular value is below the tolerance is a null direction: it
-//! has no finite variance, and every parameter that takes part in it is reported as not identifiable.
+//! The residuals are divided by their standard uncertainty, so the covariance is (JᵀJ)⁻¹; that matrix is never formed.
+//! Columns are first scaled to length 1, because a rank test on unscaled columns would depend on units. A direction
+//! whose singular value is below the tolerance is a null direction. It has no finite variance, and every parameter that
+//! takes part in it is reported as not identifiable.
 //!
-//! *Conditioning.* Singular values of the triangle are right to 1e-16 of the greatest, so at the tolerance of 1e-10 a
-//! variance keeps six digits; through JᵀJ, which squares the condition, nothing would be left there. Ratios are
-//! all that the rank test sees: units of data and of parameters cancel.
+//! *Conditioning.* Singular values of the triangle are accurate to 1e-16 of the greatest, so at the tolerance of 1e-10
+//! a variance keeps six digits. JᵀJ squares the condition number and would keep none. The rank test uses only ratios,
+//! so units of data and parameters cancel.
 
 use nalgebra::DMatrix;
 
@@ -16,36 +16,36 @@ use super::least_squares::householder;
 /// Whether uncertainties are taken as given or scaled by the scatter of the residuals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scaling {
-    /// The standard uncertainties of the observations are right.
+    /// The standard uncertainties of the observations are correct.
     Absolute,
-    /// They are right up to a factor: the Birge ratio √(χ²/ν).
+    /// They are correct up to a factor: the Birge ratio √(χ²/ν).
     Birge,
 }
 
 /// Covariance with its rank test.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covariance {
-    /// n × n; only meaningful where [`Covariance::identifiable`] holds for row and column.
+    /// n × n; meaningful only where [`Covariance::identifiable`] is true for row and column.
     pub matrix: DMatrix<f64>,
-    /// Whether no null direction touches the parameter.
+    /// Whether the parameter takes part in no null direction.
     pub identifiable: Vec<bool>,
     /// Null directions, as unit vectors in units of the scaled parameters.
     pub null_directions: Vec<Vec<f64>>,
-    /// Singular values of the column-scaled derivatives, greatest first.
+    /// Singular values of the column-scaled derivatives, largest first.
     pub singular_values: Vec<f64>,
-    /// Observations less fitted directions.
+    /// Observations minus fitted directions.
     pub degrees_of_freedom: usize,
-    /// χ²/ν before any scaling; NaN-free: 1 where ν = 0.
+    /// χ²/ν before any scaling; 1 if ν = 0.
     pub chi2_reduced: f64,
 }
 
 /// Relative singular value below which a direction counts as null.
 pub const RANK_TOLERANCE: f64 = 1e-10;
 
-/// A parameter takes part in a null direction from this share of it on.
+/// Smallest component with which a parameter takes part in a null direction.
 const PART_IN_NULL_DIRECTION: f64 = 1e-3;
 
-/// Covariance from the column-major m × n derivatives and the m residuals.
+/// Computes the covariance from the column-major m × n derivatives and the m residuals.
 #[must_use]
 pub fn covariance(jacobian: &[f64], m: usize, residuals: &[f64], scaling: Scaling) -> Covariance {
     let n = jacobian.len() / m.max(1);
@@ -55,7 +55,7 @@ pub fn covariance(jacobian: &[f64], m: usize, residuals: &[f64], scaling: Scalin
             column.iter().map(|v| v * v).sum::<f64>().sqrt()
         })
         .collect();
-    // QR first: an SVD of the n × n triangle is as accurate and independent of m.
+    // QR first: an SVD of the n × n triangle is as accurate, and its cost does not depend on m.
     let rows = m.max(n);
     let mut scaled = vec![0.0; rows * n];
     for j in 0..n {
@@ -124,7 +124,7 @@ pub fn covariance(jacobian: &[f64], m: usize, residuals: &[f64], scaling: Scalin
 }
 
 impl Covariance {
-    /// Standard uncertainties; infinite where a null direction takes part.
+    /// Standard uncertainties; infinite for parameters in a null direction.
     #[must_use]
     pub fn standard_deviations(&self) -> Vec<f64> {
         self.identifiable
@@ -157,8 +157,8 @@ mod tests {
     }
 
     #[test]
-    fn a_null_direction_takes_its_parameters_along_and_leaves_the_others() {
-        // Columns 0 and 2 are proportional; 1 stands alone.
+    fn only_parameters_of_a_null_direction_are_not_identifiable() {
+        // Columns 0 and 2 are proportional; column 1 is independent.
         let jacobian = [1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 3.0, 3.0, 0.0];
         let c = covariance(&jacobian, 3, &[0.0; 3], Scaling::Absolute);
         assert_eq!(c.identifiable, vec![false, true, false]);

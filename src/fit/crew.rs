@@ -1,12 +1,12 @@
-//! The starts of a search as lanes of one register: all descend together.
+//! Vectorised descents: the starts of a search are the lanes of one register and descend together.
 //!
-//! On the lean form ([`descend_together`]), where a few starts are to come near the lobe soon, or on the full one
-//! ([`descend_in_full`]), where what a descent ends at is to be compared with what others ended at. Ends are only where
-//! the true descents begin, so the damping is Marquardt's on the normal equations, in doubles.
+//! [`descend_together`] uses the lean form, to bring a few starts near the lobe quickly. [`descend_in_full`] uses the
+//! full form, if the costs of the ends are to be compared. True descents begin at the ends, so Marquardt's damping of
+//! the normal equations in doubles is accurate enough.
 //!
-//! *Conditioning.* Normal equations of up to eight columns in doubles lose half of the digits; that leaves seven, and a start is
-//! good if it lies in the right basin. Marquardt's damping scales with the diagonal, so units do not matter; a lane whose factors are
-//! not positive is damped further, not passed on.
+//! *Conditioning.* Normal equations of up to eight columns in doubles lose half of the digits. Seven remain, and a
+//! start only has to lie in the right basin. Marquardt's damping scales with the diagonal, so units do not matter. A
+//! lane whose factors are not positive is damped further and not passed on.
 
 use std::f64::consts::FRAC_1_PI;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,28 +21,28 @@ use crate::model::Variant;
 use crate::model::lanes::{Lane, Numbers};
 
 const PACKED: usize = N * (N + 1) / 2;
-/// Most lanes of any register.
+/// Largest number of lanes of any register.
 pub(super) const WIDEST: usize = 8;
-/// Evaluations after which a lane that only has to come near is left where it is.
+/// Maximum evaluations of a lane that only has to come near a minimum.
 pub(super) const EVALUATIONS: usize = 60;
 /// Gain, as a share of the cost, below which a lane is done.
 const SMALL_GAIN: f64 = 1e-7;
-/// Damping up to which a step is as good as Gauss's and Newton's.
+/// Damping up to which a step is as good as a Gauss–Newton step.
 const HARDLY_DAMPED: f64 = 1e-3;
 /// Longest steps: rad, logarithms, ρd, a share of scale (see [`limit`]).
 const STEP_MAX: [f64; N] = [0.15, 0.7, 0.7, 0.5, 1.0, f64::INFINITY, 0.5, 0.1];
 
 /// A form of the model for a register of surfaces.
 pub(super) trait Form: Copy + Sync {
-    /// Numbers that describe a surface, up to [`MOST`].
+    /// Number of values that describe a surface, up to [`MOST`].
     const SHAPE: usize;
     /// Writes them for a surface, from its values by [`COLUMNS`].
     fn shape(&self, x: &[f64; N], to: &mut [f64; MOST]);
-    /// One observation of one surface per lane.
+    /// Evaluates one observation of one surface per lane.
     fn row<S: Simd>(&self, simd: S, pose: &[Lane<S>; ROW], shape: &[Lane<S>; MOST]) -> Row<S>;
 }
 
-/// Most numbers that describe a surface.
+/// Largest number of values that describe a surface.
 pub(super) const MOST: usize = 32;
 
 impl Form for Optics {
@@ -59,19 +59,19 @@ impl Form for Optics {
     }
 }
 
-/// Where a lane ended.
+/// The end of a lane.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct End {
-    /// The problem's vector.
+    /// The vector of the problem.
     pub parameters: Vec<f64>,
     /// Cost of the form there.
     pub cost: f64,
-    /// Whether a step that hardly anything damps would gain next to nothing, so that it is a minimum.
+    /// Whether it is a minimum: a nearly undamped step would gain almost nothing.
     pub settled: bool,
 }
 
-/// Descends from every start on the lean form; `None` where the lanes do not know the problem (another variant, a near
-/// rig, a robust loss, corrections, a free index).
+/// Descends from every start with the lean form. Returns `None` if lanes do not support the problem (another variant, a
+/// near rig, a robust loss, corrections, a free index).
 pub(super) fn descend_together(
     problem: &Problem<'_>,
     starts: &[Values],
@@ -84,7 +84,7 @@ pub(super) fn descend_together(
     descend(problem, form, starts, EVALUATIONS, cancel)
 }
 
-/// The same on the full form of either variant, with up to so many `evaluations` from each start.
+/// The same with the full form of either variant, with up to `evaluations` per start.
 pub(super) fn descend_in_full(
     problem: &Problem<'_>,
     starts: &[Values],
@@ -103,7 +103,7 @@ pub(super) fn descend_in_full(
     }
 }
 
-/// Whether lanes know the full form of a problem.
+/// Whether lanes support the full form of a problem.
 pub(super) fn knows(problem: &Problem<'_>) -> bool {
     problem.is_plain() && lean::columns(problem).is_some()
 }
@@ -126,7 +126,7 @@ fn descend<F: Form>(
     Some(Arch::new().dispatch(run))
 }
 
-/// What no lane changes.
+/// Values that all lanes share.
 struct Table<'p, 'a, F> {
     problem: &'p Problem<'a>,
     /// Column of each free quantity.
@@ -151,7 +151,7 @@ impl<'p, 'a, F> Table<'p, 'a, F> {
 struct Run<'r, 'p, 'a, F> {
     table: &'r Table<'p, 'a, F>,
     starts: &'r [Values],
-    /// Evaluations after which a lane is left where it is.
+    /// Maximum evaluations of a lane.
     evaluations: usize,
     cancel: &'r AtomicBool,
 }
@@ -198,9 +198,9 @@ impl<F: Form> WithSimd for Run<'_, '_, '_, F> {
     }
 }
 
-/// One lane between evaluations; arrays by [`COLUMNS`].
+/// State of one lane between evaluations; arrays by [`COLUMNS`].
 struct State {
-    /// All values, for what is not free.
+    /// All values, including those that are not free.
     values: Values,
     x: [f64; N],
     trial: [f64; N],
@@ -210,7 +210,7 @@ struct State {
     damping: f64,
     evaluations: usize,
     settled: bool,
-    /// Which of the starts it came from; none where the lane is empty.
+    /// Index of its start; none if the lane is empty.
     start: Option<usize>,
 }
 
@@ -257,7 +257,8 @@ impl State {
         }
     }
 
-    /// Takes or refuses the trial and proposes the next one; whether there is none. `sums` has this lane first.
+    /// Accepts or rejects the trial and proposes the next one; returns whether the lane is done. `sums` begins with
+    /// this lane.
     fn look<F>(&mut self, table: &Table<'_, '_, F>, sums: &[f64], width: usize) -> bool {
         let mut gradient: [f64; N] = std::array::from_fn(|a| sums[(1 + a) * width]);
         let mut normal: [f64; PACKED] = std::array::from_fn(|k| sums[(1 + N + k) * width]);
@@ -290,7 +291,7 @@ impl State {
         false
     }
 
-    /// −(H + λ diag H)⁻¹ g over what is free and not pushed against its bound.
+    /// −(H + λ diag H)⁻¹ g over the parameters that are free and not pushed against their bounds.
     fn step<F>(&self, table: &Table<'_, '_, F>) -> [f64; N] {
         let mut moving = [0; N];
         let mut n = 0;
@@ -340,7 +341,7 @@ fn limit(step: &[f64; N], scale: f64) -> f64 {
     1.0 / excess
 }
 
-/// What flats and priors add to gradient and normal matrix; returns their cost.
+/// Adds flats and priors to gradient and normal matrix; returns their cost.
 fn rest<F>(
     table: &Table<'_, '_, F>,
     values: &Values,
@@ -387,11 +388,11 @@ fn rest<F>(
     cost
 }
 
-/// Rows that are worked out before they are summed.
+/// Rows that are evaluated before they are summed.
 const BLOCK: usize = 12;
 
-/// The slopes and residuals of some rows: `[row][slope, …, residual][lane]`. Its alignment is that of
-/// the whole stack frame, so that registers put aside there do not lie across cache lines either.
+/// Slopes and residuals of some rows: `[row][slope, …, residual][lane]`. Its alignment applies to the whole stack
+/// frame, so that registers spilled there do not cross cache lines either.
 #[repr(align(64))]
 struct Block([f64; BLOCK * (N + 1) * WIDEST]);
 
@@ -402,7 +403,7 @@ impl Block {
     }
 }
 
-/// Cost, gradient and normal matrix of the sample's residuals at every lane's trial.
+/// Computes cost, gradient and normal matrix of the sample residuals at the trial of every lane.
 #[inline(always)]
 #[expect(
     clippy::needless_range_loop,
@@ -437,7 +438,7 @@ fn evaluate<S: Simd, F: Form>(
     let mut cost = zero;
     let mut gradient = [zero; N];
     let mut normal = [zero; PACKED];
-    // First some rows, then what they add to the sums: the registers do not hold both at once.
+    // First some rows, then their sums: the registers cannot hold both at once.
     for rows in table.rows.chunks(BLOCK) {
         for (i, row) in rows.iter().enumerate() {
             let mut pose = [k!(0.0); ROW];
@@ -450,7 +451,7 @@ fn evaluate<S: Simd, F: Form>(
             }
             found.residual.store(&mut block.0, i * (N + 1) + N);
         }
-        // In goes with about as many sums as there are registers.
+        // Adds about as many sums at once as there are registers.
         macro_rules! add {
             ($from:expr, $to:expr) => {
                 for i in 0..rows.len() {

@@ -1,4 +1,4 @@
-//! The lanes against the scalar lean form, which has the riser's share too.
+//! Compares the lanes with the scalar lean form, which also includes the light from the riser.
 
 use pulp::Scalar;
 
@@ -61,7 +61,7 @@ fn problem(set: &ObservationSet) -> Problem<'_> {
     Problem::new(set, Variant::Sawtooth, free, fixed).with_lean(true)
 }
 
-/// Points on both sides of θr = 0 whose risers send nothing back at these poses.
+/// Points on both sides of θr = 0 whose risers return no light at these poses.
 fn points(problem: &Problem<'_>) -> Vec<Values> {
     let mut points = Vec::new();
     for (n, theta_r_deg) in [9.0f64, -14.0, 22.0, 3.0].into_iter().enumerate() {
@@ -83,12 +83,12 @@ fn points(problem: &Problem<'_>) -> Vec<Values> {
     points
 }
 
-/// Radiance below which a lobe is seen from no pose.
+/// Radiance below which no pose sees a lobe.
 const UNSEEN: f64 = 1e-6;
-/// What an e⁻⁶⁰th of a lobe may add to a sum.
+/// Possible contribution of e⁻⁶⁰ of a lobe to a sum.
 const DARK: f64 = 1e-8;
 
-/// Holds a lane's cost, gradient and normal matrix against those of the scalar problem.
+/// Compares cost, gradient and normal matrix of a lane with those of the scalar problem.
 fn assert_same<F: Form>(problem: &Problem<'_>, form: F, v: &Values, tolerance: f64) {
     let (n, m) = (problem.free().len(), problem.residual_count());
     let columns = lean::columns(problem).expect("no index is free");
@@ -103,7 +103,7 @@ fn assert_same<F: Form>(problem: &Problem<'_>, form: F, v: &Values, tolerance: f
     let cost = sums[0] + rest(&table, v, &mut gradient, &mut normal);
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
     let column = |k: usize| &j[k * m..(k + 1) * m];
-    // A sum of products counts as the size of its largest terms; a lobe beyond e⁻⁶⁰ of its peak as none.
+    // A sum of products counts as the size of its largest terms; a lobe beyond e⁻⁶⁰ of its peak as zero.
     let close = |a: f64, b: f64, size: f64| (a - b).abs() <= tolerance * size.max(DARK);
     assert!(
         close(cost, dot(&r, &r), cost),
@@ -128,7 +128,7 @@ fn assert_same<F: Form>(problem: &Problem<'_>, form: F, v: &Values, tolerance: f
 }
 
 #[test]
-fn a_lane_has_cost_gradient_and_normal_matrix_of_the_lean_problem() {
+fn a_lane_has_the_cost_gradient_and_normal_matrix_of_the_lean_problem() {
     for (metal, beside) in [(false, false), (true, true), (false, true)] {
         let set = set(metal, beside);
         let problem = problem(&set);
@@ -139,13 +139,14 @@ fn a_lane_has_cost_gradient_and_normal_matrix_of_the_lean_problem() {
 }
 
 #[test]
-fn a_lane_has_cost_gradient_and_normal_matrix_of_the_full_problem() {
+fn a_lane_has_the_cost_gradient_and_normal_matrix_of_the_full_problem() {
     for (metal, beside) in [(false, false), (true, true), (false, true), (true, false)] {
         let set = set(metal, beside);
         for variant in [Variant::Sawtooth, Variant::Paper] {
             let (free, fixed) = free_quantities(&set, variant);
             let problem = Problem::new(&set, variant, free, fixed);
-            // From a flat look to walls that send each other's light back, smooth and rough, on both sides of θr = 0.
+            // From a nearly flat surface to walls that reflect each other's light, smooth and rough, on both sides of
+            // θr = 0.
             let mut lit = 0;
             for k in 0..400u32 {
                 let at = |dimension| f64::from(sobol_burley::sample(k, dimension, 5));
@@ -160,7 +161,7 @@ fn a_lane_has_cost_gradient_and_normal_matrix_of_the_full_problem() {
                     tilt_offset: 0.5 * (at(7) - 0.5),
                     ..fixed
                 };
-                // What no pose sees of a lobe is rounded to e⁻⁶⁰ of its peak.
+                // A lobe that no pose sees is rounded to e⁻⁶⁰ of its peak.
                 let seen = problem.predicted(&v).into_iter();
                 if seen.map(|l| l - v.background).fold(0.0, f64::max) < UNSEEN {
                     continue;
@@ -219,7 +220,7 @@ fn lanes_end_where_the_scalar_descent_ends() {
 }
 
 #[test]
-fn where_a_lane_ends_does_not_hang_on_its_neighbours_and_settled_means_at_a_minimum() {
+fn the_end_of_a_lane_does_not_depend_on_its_neighbours_and_settled_means_a_minimum() {
     let never = AtomicBool::new(false);
     let mut set = set(false, false);
     let blank = problem(&set).with_lean(false);
@@ -258,7 +259,7 @@ fn where_a_lane_ends_does_not_hang_on_its_neighbours_and_settled_means_at_a_mini
             fine.ending
         );
     }
-    // Where a few steps do not lead, nothing is settled, and cost falls on.
+    // After a few steps nothing is settled, and the cost still falls.
     let soon = down(&starts, 3);
     assert!(soon.iter().all(|end| !end.settled));
     let falls = soon.iter().zip(&together).all(|(a, b)| b.cost <= a.cost);
@@ -266,7 +267,7 @@ fn where_a_lane_ends_does_not_hang_on_its_neighbours_and_settled_means_at_a_mini
 }
 
 #[test]
-fn what_lanes_do_not_know_is_left_to_the_scalar_way() {
+fn problems_that_lanes_do_not_support_are_left_to_the_scalar_solver() {
     let set = set(false, false);
     let never = AtomicBool::new(false);
     let plain = problem(&set);
@@ -289,7 +290,7 @@ fn what_lanes_do_not_know_is_left_to_the_scalar_way() {
     );
 }
 
-/// Residuals and slopes of the samples by the scalar lean form, which has the riser's share too.
+/// Residuals and derivatives of the samples by the scalar lean form, which also includes the light from the riser.
 fn scalar(problem: &Problem<'_>, v: &Values) -> (Vec<f64>, Vec<f64>) {
     let m = problem.residual_count();
     let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * problem.free().len()]);
@@ -317,14 +318,14 @@ fn scalar(problem: &Problem<'_>, v: &Values) -> (Vec<f64>, Vec<f64>) {
 }
 
 #[test]
-fn observations_as_lanes_give_the_scalar_lean_form_or_leave_it_to_it() {
+fn observations_as_lanes_equal_the_scalar_lean_form_or_are_left_to_it() {
     let mut left = 0;
     for (metal, beside) in [(false, false), (true, true), (false, true)] {
         let set = set(metal, beside);
         let problem = problem(&set);
         let (m, n) = (problem.residual_count(), set.observations.len());
         let mut points = points(&problem);
-        // A rough sample far off its zero: its risers show.
+        // A rough sample far from its zero, whose risers are visible.
         points.push(Values {
             theta_r: 0.7,
             alpha_v: 0.9,
@@ -335,7 +336,7 @@ fn observations_as_lanes_give_the_scalar_lean_form_or_leave_it_to_it() {
             let (mut r, mut j) = (vec![0.0; m], vec![0.0; slopes.len()]);
             left += usize::from(!lean::evaluate(&problem, &v, &mut r, &mut j, m));
             (&problem).evaluate(&problem.pack(&v), &mut r, &mut j);
-            // Rounding of some fifty operations on numbers of this size.
+            // Rounding of about fifty operations on numbers of this size.
             let close = |a: &[f64], b: &[f64]| {
                 let size = b.iter().fold(1e-3_f64, |size, x| size.max(x.abs()));
                 a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-12 * size)

@@ -1,5 +1,5 @@
-//! The algorithm behind [`minimise`](super::solver::minimise): trial steps, polish and the final
-//! word on how it ended, as an argmin [`Solver`].
+//! The algorithm behind [`minimise`](super::solver::minimise): trial steps, polish and the classification of the end,
+//! as an argmin [`Solver`].
 
 mod kinks;
 mod polish;
@@ -13,8 +13,7 @@ use super::least_squares::{LeastSquares, householder, norm, sum_of_squares};
 use super::solver::{Bounds, Ending, Minimum, Settings};
 use super::trust_region::{SmallSystem, Triangle};
 
-/// The solver's state as argmin carries it: parameters, no gradient, Jacobian, no Hessian,
-/// residuals.
+/// State of the solver in argmin: parameters, no gradient, Jacobian, no Hessian, residuals.
 pub type State = IterState<DVector<f64>, (), DMatrix<f64>, (), DVector<f64>, f64>;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,7 +23,7 @@ enum Phase {
     Over(Ending),
 }
 
-/// A point with all that was evaluated there.
+/// A point with everything evaluated there.
 #[derive(Debug)]
 struct Point {
     x: Vec<f64>,
@@ -33,7 +32,7 @@ struct Point {
     cost: f64,
 }
 
-/// The algorithm; see the module's head. One argmin iteration is one trial step.
+/// The algorithm; see the module documentation of `solver`. One argmin iteration is one trial step.
 #[derive(Debug)]
 pub struct LevenbergMarquardt<'a> {
     bounds: Bounds,
@@ -50,11 +49,11 @@ pub struct LevenbergMarquardt<'a> {
     damping: f64,
     phase: Phase,
     may_polish: bool,
-    /// Whether it went on along kinks of the residuals ([`kinks`]).
+    /// Whether it followed kinks of the residuals ([`kinks`]).
     slid: bool,
     iterations: u64,
     evaluations: u64,
-    /// Best point of the descent, kept while the polish runs.
+    /// Best point of the descent, kept during the polish.
     anchor: Option<Point>,
     trial_x: Vec<f64>,
     trial_r: Vec<f64>,
@@ -65,7 +64,7 @@ pub struct LevenbergMarquardt<'a> {
 }
 
 impl<'a> LevenbergMarquardt<'a> {
-    /// A solver for n parameters and m residuals.
+    /// Makes a solver for n parameters and m residuals.
     #[must_use]
     pub fn new(
         n: usize,
@@ -137,8 +136,7 @@ impl<'a> LevenbergMarquardt<'a> {
             .fold(0.0, f64::max)
     }
 
-    /// Length of a step in units of the parameters, both scaled by D; for the size of ‖D x‖ see
-    /// [`Self::size`].
+    /// Length of a step scaled by D; [`Self::size`] is the same for the parameters, ‖D x‖.
     fn length(&self, step: &[f64]) -> f64 {
         step.iter()
             .zip(&self.scale)
@@ -163,7 +161,7 @@ impl<'a> LevenbergMarquardt<'a> {
         }
     }
 
-    /// R and Qᵀ(−r − J·fixed step) of the free columns, packed; returns the number of them.
+    /// Computes R and Qᵀ(−r − J·fixed step) of the free columns, packed; returns their number.
     fn factorise(&mut self, free: &[bool], step: &[f64], rescaled: bool) -> usize {
         let m = self.m;
         self.rhs.iter_mut().for_each(|v| *v = 0.0);
@@ -194,7 +192,7 @@ impl<'a> LevenbergMarquardt<'a> {
         packed
     }
 
-    /// The damped step inside trust region and bounds; `None` where nothing can be solved.
+    /// Computes the damped step inside trust region and bounds; `None` if the system cannot be solved.
     fn damped_step(&mut self, free: &[bool]) -> Option<Vec<f64>> {
         let mut free = free.to_vec();
         let mut step = vec![0.0; self.n];
@@ -306,7 +304,7 @@ impl<'a> LevenbergMarquardt<'a> {
             -1.0
         };
         if ratio < 0.25 {
-            // Moré: shrink by where the parabola through value, slope and trial has its minimum.
+            // Moré: shrink to the minimum of the parabola through value, slope and trial.
             let shrink = if cost.is_finite() && predicted > 0.0 && actual < 0.0 {
                 (0.5 * predicted / (predicted - actual)).clamp(0.1, 0.5)
             } else if cost.is_finite() && actual >= 0.0 {
@@ -346,7 +344,7 @@ impl<'a> LevenbergMarquardt<'a> {
         Ok(())
     }
 
-    /// The same; where the polish did not settle, what is left to gain may lie along a kink.
+    /// The same; if the polish did not converge, the remaining gain may be along a kink.
     fn end_descent<P: LeastSquares>(
         &mut self,
         problem: &mut Problem<P>,
@@ -360,7 +358,7 @@ impl<'a> LevenbergMarquardt<'a> {
         let before = self.cost;
         match self.slide(problem)? {
             Some(ending) => self.phase = Phase::Over(ending),
-            // It came off the kinks into the open.
+            // It left the kinks.
             None if self.cost < before => {
                 self.may_polish = true;
                 self.damping = 0.0;
@@ -371,7 +369,7 @@ impl<'a> LevenbergMarquardt<'a> {
         Ok(())
     }
 
-    /// Ends the descent: first by the polish, then for good.
+    /// Ends the descent: the first time with the polish, then finally.
     fn hand_over(&mut self, ending: Ending) {
         if self.may_polish {
             self.anchor = Some(Point {
@@ -390,8 +388,8 @@ impl<'a> LevenbergMarquardt<'a> {
         }
     }
 
-    /// Ratio of the least to the greatest singular value of the free columns, scaled to length 1;
-    /// the running scales are not used, so a vanished column counts as 0.
+    /// Ratio of the smallest to the largest singular value of the free columns, scaled to length 1. The running scales
+    /// are not used, so a vanished column counts as 0.
     fn conditioning(&self, free: &[bool]) -> f64 {
         let columns: Vec<usize> = (0..self.n).filter(|&j| free[j]).collect();
         if columns.is_empty() {
@@ -413,7 +411,7 @@ impl<'a> LevenbergMarquardt<'a> {
         values.min() / values.max()
     }
 
-    /// The outcome, with the ending weighed once more against gradient and rank.
+    /// Returns the result, with the ending checked again by gradient and rank.
     #[must_use]
     pub fn into_minimum(self) -> Minimum {
         let free = self.within_bounds();
@@ -426,7 +424,7 @@ impl<'a> LevenbergMarquardt<'a> {
             if matches!(ending, Ending::ConvergedByCost | Ending::Stalled) && gradient < 1e-9 {
                 ending = Ending::ConvergedByGradient;
             }
-            // The residuals' rounding bounds how small the cosine can get for a perfect fit.
+            // For a perfect fit, the rounding of the residuals limits how small the cosine can get.
             if ending.is_success() && self.conditioning(&free) < self.settings.rank_tolerance {
                 ending = Ending::RankDeficient;
             }

@@ -1,16 +1,18 @@
-//! Whether the lamp drifted while the poses were taken, as far as the frames' times and the residuals tell.
+//! Tests for a drift of the lamp during the poses, from the times of the frames and the residuals.
 //!
-//! Every signal is taken as that of a steady lamp times 1 + Σ d_k [P_k(x) − P̄_k], P_k Legendre's polynomials, x the time
-//! from −1 at the first frame to 1 at the last, P̄_k their mean over the white reference's frames. That is linear: its columns
-//! join the derivatives at the minimum, and only what no parameter explains of them counts ([`Leftover`]). Two degrees are
-//! always fitted, a third where it stands out by itself. The noise is all that is left, the model's misfit included. [`drift`]
-//! gives what is told, [`without`] the observations of a steady lamp; the fit is done again on those.
+//! Every signal is modelled as that of a steady lamp times 1 + Σ d_k [P_k(x) − P̄_k]. P_k are the Legendre polynomials,
+//! x is the time from −1 at the first frame to 1 at the last, and P̄_k is the mean over the frames of the white
+//! reference. This is linear: its columns join the derivatives at the minimum, and only the part that no parameter
+//! explains counts ([`Leftover`]). Two degrees are always fitted, a third if it is significant by itself. The noise is
+//! everything that remains, model error included. [`drift`] returns the drift to report. [`without`] returns the
+//! observations of a steady lamp, which are then fitted again.
 //!
-//! A drift is told at F > 10, for one degree or for all, where it goes one way (|t| > 3.2). Misfit of the model has an order in time too where poses are visited in
-//! an order: so leaving out whole tilts and azimuths in turn has to leave it as it is ([`jackknife::by_groups`]).
+//! A drift is reported at F > 10, for one degree or for all, if it has one direction (|t| > 3.2). The model error also
+//! depends on time if the poses are visited in an order. Leaving out whole tilts and azimuths in turn must therefore
+//! not change the drift ([`jackknife::by_groups`]).
 //!
-//! Lamps that warm up do not drift along polynomials: half of what is taken off, and the covariance of the coefficients, are in
-//! the budget's line `drift`.
+//! A lamp that warms up does not follow polynomials. Half of the correction and the covariance of the coefficients are
+//! therefore in the budget line `drift`.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
@@ -20,37 +22,37 @@ use crate::jackknife;
 use crate::observation::{LampDrift, ObservationSet};
 
 const SECONDS_PER_HOUR: f64 = 3600.0;
-/// F above which a drift is told.
-const TOLD_F: f64 = 10.0;
-/// Standard deviations of the line, or of the change from end to end, above which a drift is told: what bends without going one way
-/// is what a misfit of the model looks like where poses are visited in an order.
-const TOLD_T: f64 = 3.2;
-/// Degrees that are always fitted, and the most.
+/// F above which a drift is reported.
+const REPORTED_F: f64 = 10.0;
+/// Standard deviations of the line, or of the change from end to end, above which a drift is reported. A curve without
+/// one direction is what a model error looks like if the poses are visited in an order.
+const REPORTED_T: f64 = 3.2;
+/// Degrees that are always fitted, and their maximum.
 const DEGREES: usize = 2;
 const DEGREES_MAX: usize = 3;
-/// Standard deviations of the jackknife over whole tilts and azimuths that a drift is away from none.
+/// Standard deviations, by the jackknife over whole tilts and azimuths, that a reported drift differs from zero.
 const GROUPS: f64 = 1.5;
-/// Degrees of freedom of the residuals that a drift is not told from less of.
+/// Smallest number of degrees of freedom for which a drift is reported.
 const FREEDOM_MIN: f64 = 5.0;
-/// Share of the time's column that other parameters explain, from which on time can hardly be told from them.
+/// Share of the time column that other parameters explain, above which time is hardly separable from them.
 const ALIKE: f64 = 0.95;
-/// Change over a series from which on it is no drift of a lamp.
+/// Largest relative change over a series that counts as lamp drift.
 const PLAUSIBLE: f64 = 0.5;
-/// Standard uncertainty of what is taken off, as a share of it.
+/// Standard uncertainty of the correction, as a share of it.
 const SHARE_OF_CORRECTION: f64 = 0.5;
 
-/// A lamp that drifts.
+/// A drift of the lamp.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Drift {
-    /// What is told of it.
+    /// The values to report.
     pub lamp: LampDrift,
-    /// Whether it is taken off the signals.
-    pub taken_off: bool,
-    /// By how much it changes the weighted residuals of the observations, each a standard uncertainty of its own.
+    /// Whether the signals are corrected.
+    pub is_corrected: bool,
+    /// Changes of the weighted residuals of the observations, one vector per independent standard uncertainty.
     pub changes: Vec<Vec<f64>>,
 }
 
-/// Time of each observation on the scale from −1 to 1, and those of the white reference's frames.
+/// Times of the observations and of the white reference frames, on the scale from −1 to 1.
 struct Times {
     observations: Vec<f64>,
     flats: Vec<f64>,
@@ -59,7 +61,7 @@ struct Times {
 }
 
 impl Times {
-    /// `None` where an observation bears no time, or all were at once.
+    /// Returns `None` if an observation has no time or all were simultaneous.
     fn of(set: &ObservationSet) -> Option<Times> {
         let taken: Option<Vec<f64>> = set.observations.iter().map(|o| o.taken_s).collect();
         let taken = taken?;
@@ -73,7 +75,8 @@ impl Times {
         if !(span > 0.0 && span.is_finite()) {
             return None;
         }
-        // The white reference's mean time is 0. One of another day says nothing of a smooth curve in between.
+        // The mean time of the white reference is 0. A reference of another day says nothing about a smooth curve in
+        // between.
         let near = |t: f64| match t > first - span && t < last + span {
             true => t,
             false => t.clamp(first, last),
@@ -93,7 +96,7 @@ impl Times {
         })
     }
 
-    /// P_k at each observation less its mean over the white reference.
+    /// P_k at each observation minus its mean over the white reference.
     fn polynomial(&self, degree: usize) -> Vec<f64> {
         let flats = self.flats.iter().map(|x| legendre(degree, *x));
         let mean = flats.sum::<f64>() / self.flats.len() as f64;
@@ -101,7 +104,7 @@ impl Times {
         seen.map(|x| legendre(degree, *x) - mean).collect()
     }
 
-    /// Relative change of each observation's signal, against the light that the white reference saw.
+    /// Relative change of each observation's signal against the light during the white reference.
     fn shares(&self, coefficients: &[f64]) -> Vec<f64> {
         let mut shares = vec![0.0; self.observations.len()];
         for (k, d) in coefficients.iter().enumerate().filter(|(_, d)| **d != 0.0) {
@@ -121,12 +124,12 @@ fn legendre(degree: usize, x: f64) -> f64 {
     }
 }
 
-/// Coefficients of so many degrees.
+/// Fitted coefficients.
 struct Curve {
     coefficients: DVector<f64>,
     covariance: DMatrix<f64>,
     chi2: f64,
-    /// Degrees of freedom left.
+    /// Remaining degrees of freedom.
     freedom: f64,
 }
 
@@ -149,13 +152,14 @@ impl Curve {
         })
     }
 
-    /// Variance that goes with `degrees` of it beyond a χ² before, over what is left.
+    /// F of `degrees` more coefficients, given χ² without them.
     fn f(&self, before: f64, degrees: usize) -> f64 {
         (before - self.chi2) / degrees as f64 / (self.chi2 / self.freedom)
     }
 }
 
-/// The lamp's drift over an estimate's observations, whether it is to be told or not; `None` where they bear no times, or are too few.
+/// Fits the drift of the lamp over the observations of an estimate, significant or not; `None` if they have no times or
+/// are too few.
 #[must_use]
 pub fn fitted(estimate: &Estimate<'_>) -> Option<LampDrift> {
     let set = estimate.problem.set();
@@ -173,7 +177,7 @@ pub fn fitted(estimate: &Estimate<'_>) -> Option<LampDrift> {
     let mut curve = Curve::of(&left, &columns[..DEGREES])?;
     let f = straight.f(before, 1).max(curve.f(before, DEGREES));
     if let Some(more) = Curve::of(&left, &columns)
-        && more.f(curve.chi2, 1) > TOLD_F
+        && more.f(curve.chi2, 1) > REPORTED_F
     {
         curve = more;
     }
@@ -224,21 +228,21 @@ pub fn fitted(estimate: &Estimate<'_>) -> Option<LampDrift> {
     numbers.iter().all(|v| v.is_finite()).then_some(lamp)
 }
 
-/// The drift that is told: the one that was taken off the observations, or the one that their residuals show.
+/// Returns the drift to report: the one that the observations were corrected for, or the one that their residuals show.
 pub(super) fn drift(estimate: &Estimate<'_>) -> Option<Drift> {
     let set = estimate.problem.set();
     let (lamp, remaining) = match set.lamp {
         Some(lamp) => (lamp, SHARE_OF_CORRECTION),
         None => {
             let lamp = fitted(estimate)?;
-            // No lamp that lights a series does so: what changes by more is no drift.
+            // No usable lamp changes more; a larger change has another cause.
             let plausible = lamp.change_over_series.abs() < PLAUSIBLE;
             let one_way = lamp
                 .t
                 .abs()
                 .max((lamp.change_over_series / lamp.change_std).abs());
             let stands_out =
-                lamp.f > TOLD_F && one_way > TOLD_T && lamp.steady_over_groups > GROUPS;
+                lamp.f > REPORTED_F && one_way > REPORTED_T && lamp.steady_over_groups > GROUPS;
             ((plausible && stands_out).then_some(lamp)?, 1.0)
         }
     };
@@ -248,8 +252,8 @@ pub(super) fn drift(estimate: &Estimate<'_>) -> Option<Drift> {
         let shares = times.shares(coefficients);
         left.column(|i| shares[i]).as_slice().to_vec()
     };
-    let taken_off: Vec<f64> = lamp.coefficients.iter().map(|d| remaining * d).collect();
-    let mut changes = vec![weighted(&taken_off)];
+    let correction: Vec<f64> = lamp.coefficients.iter().map(|d| remaining * d).collect();
+    let mut changes = vec![weighted(&correction)];
     let covariance = DMatrix::from_fn(DEGREES_MAX, DEGREES_MAX, |i, j| lamp.covariance[i][j]);
     let modes = SymmetricEigen::new(covariance);
     for (value, mode) in modes
@@ -262,12 +266,12 @@ pub(super) fn drift(estimate: &Estimate<'_>) -> Option<Drift> {
     }
     Some(Drift {
         lamp,
-        taken_off: set.lamp.is_some(),
+        is_corrected: set.lamp.is_some(),
         changes,
     })
 }
 
-/// The observations as a steady lamp would have made them, which say so; none where they bear no times.
+/// Returns the observations as under a steady lamp, marked as corrected; none if they have no times.
 pub(super) fn without(set: &ObservationSet, lamp: LampDrift) -> Option<ObservationSet> {
     let shares = Times::of(set)?.shares(&lamp.coefficients);
     let mut steady = set.clone();
@@ -281,8 +285,8 @@ pub(super) fn without(set: &ObservationSet, lamp: LampDrift) -> Option<Observati
 }
 
 impl Drift {
-    /// For the user.
-    pub fn told(&self) -> String {
+    /// Describes the drift for the user.
+    pub fn message(&self) -> String {
         let lamp = &self.lamp;
         let change = 100.0 * lamp.change_over_series.abs();
         let std = 100.0 * lamp.change_std;
@@ -295,20 +299,22 @@ impl Drift {
         };
         let advice = match lamp.alike > ALIKE {
             true => {
-                "over these poses time can hardly be told from the parameters: repeat the first pose last, and take white frames at \
-                 both ends"
+                "These poses hardly separate time from the parameters: repeat the first pose at the end, and measure the \
+                 white reference before and after the series."
             }
-            false => "let the lamp warm up, or take white frames at both ends",
+            false => {
+                "Let the lamp warm up, or measure the white reference before and after the series."
+            }
         };
-        let so = match self.taken_off {
+        let effect = match self.is_corrected {
             true => {
-                "a smooth curve in time is taken off them, and what is uncertain of it is in the budget's line drift"
+                "The signals are corrected by a smooth curve in time; the budget line `drift` has its uncertainty."
             }
-            false => "what that shifts is in the budget's line drift",
+            false => "The budget line `drift` contains the effect.",
         };
         format!(
-            "the lamp drifts: the signals {way} by {change:.decimals$} ± {std:.decimals$} % (standard uncertainty) over the \
-             {minutes:.0} min of the series (F = {:.0}); {so}; {advice}",
+            "The lamp drifts: the signals {way} by {change:.decimals$} ± {std:.decimals$} % (k = 1) over the \
+             {minutes:.0} min of the series (F = {:.0}). {effect} {advice}",
             lamp.f
         )
     }

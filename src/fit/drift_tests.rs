@@ -59,7 +59,7 @@ fn a_lamp_that_fades_is_told_and_taken_off_and_what_is_uncertain_of_it_is_in_the
         lamp.f > 100.0 && lamp.explains > 0.9 && lamp.t < -10.0,
         "{lamp:?}"
     );
-    assert!(found.told().contains("fell by"), "{}", found.told());
+    assert!(found.message().contains("fell by"), "{}", found.message());
     let steady = without(&set, lamp).expect("it has times");
     for estimate in [&before, &fitted_to(&steady, None)] {
         let u = uncertainty(estimate);

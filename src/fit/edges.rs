@@ -1,11 +1,12 @@
-//! Beyond the edges at which the closed form jumps.
+//! Edges at which the closed form is discontinuous.
 //!
-//! A rough wall that the camera sees, or the lamp lights, edge-on goes out all at once: what its slopes mirror does not
-//! fade with the cosine (`docs/sawtooth.md`, (a)). χ² has a step there, at which a descent ends although a deeper minimum
-//! may begin right behind it. Few fits come near one: a wide lobe has to be seen along a wall.
+//! When the camera sees, or the lamp lights, a rough wall edge-on, its light disappears at once: the mirror light of
+//! its slopes does not fade with the cosine (`docs/sawtooth.md`, (a)). χ² has a step there, at which a descent ends
+//! although a deeper minimum may begin right behind it. Few fits come near one, because a wide lobe has to be seen
+//! along a wall.
 //!
-//! Call [`beyond`] with a minimum; it gives places to descend from, behind the edges that are within reach. Where the
-//! deepest place is an edge itself, [`cleared`] keeps the answer off it.
+//! Call [`beyond`] with a minimum: it returns starting points behind the edges that are within reach. If the deepest
+//! point is on an edge itself, [`cleared`] moves the answer off it.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -13,26 +14,26 @@ use super::least_squares::{LeastSquares, sum_of_squares};
 use super::problem::{Problem, Quantity, Ready};
 use super::solver::Minimum;
 
-/// Edges behind which a descent is begun.
+/// Maximum number of edges behind which a descent starts.
 const EDGES_MAX: usize = 8;
-/// Change of a residual, in standard deviations, below which a jump is none.
+/// Change of a residual, in standard deviations, below which a jump is ignored.
 const JUMP_MIN: f64 = 0.05;
 /// Cosines of lamp and camera to facet, riser and pitch.
 const WALLS: usize = 6;
 /// Step of the differences (rad).
 const STEP: f64 = 1e-6;
-/// Share of the normal matrix's diagonal that is added to it: null directions cost little, not nothing.
+/// Share of the diagonal that is added to the normal matrix: null directions have a small cost instead of none.
 const DAMPING: f64 = 1e-9;
 
-/// Cosine to a wall below which a place lies on its edge: ten thousand roundings of a direction.
+/// Cosine to a wall below which a point is on its edge: ten thousand roundings of a direction.
 const CLEAR: f64 = 1e-12;
-/// Rise of χ², as a share of it, that keeping off an edge may cost.
+/// Accepted relative rise of χ² when a point is moved off an edge.
 const CLEARED_FOR: f64 = 1e-7;
-/// Singular value below which nothing turns a wall.
+/// Singular value below which no parameter turns a wall.
 const NO_SLOPE: f64 = 1e-6;
 
-/// Places just behind the edges that a minimum is near: an observation there may pay for the way with its whole
-/// residual.
+/// Returns points just behind the edges near a minimum. The rise of the cost on the way must not exceed the squared
+/// residual of an observation there.
 pub(super) fn beyond(problem: &Problem<'_>, at: &Minimum) -> Vec<Vec<f64>> {
     let (rows, columns) = (problem.residual_count(), problem.free().len());
     if at.residuals.len() != rows || at.jacobian.len() != rows * columns {
@@ -93,8 +94,8 @@ pub(super) fn beyond(problem: &Problem<'_>, at: &Minimum) -> Vec<Vec<f64>> {
     found.into_iter().map(|(_, start)| start).collect()
 }
 
-/// The same minimum, kept off the edges that it lies on, each on the side that it is on now. On an edge the last bit of an
-/// angle decides over a whole residual: who adds up the angles in another order would not find there what the descent found.
+/// Moves a minimum off the edges on which it lies, each to its present side. On an edge the last bit of an angle
+/// decides over a whole residual, so a program that adds the angles in another order would not reproduce the cost.
 pub(super) fn cleared(problem: &Problem<'_>, at: Minimum) -> Minimum {
     let (rows, columns) = (problem.residual_count(), problem.free().len());
     if at.residuals.len() != rows || !at.cost.is_finite() {
@@ -158,7 +159,7 @@ pub(super) fn cleared(problem: &Problem<'_>, at: Minimum) -> Minimum {
     }
 }
 
-/// The free quantities that turn walls, by their place.
+/// Free quantities that turn walls, with their positions.
 fn turning<'p>(problem: &'p Problem<'_>) -> impl Iterator<Item = (usize, &'p Quantity)> {
     let all = problem.free().iter().enumerate();
     all.filter(|(_, quantity)| turns_walls(**quantity))
@@ -171,7 +172,7 @@ fn turns_walls(quantity: Quantity) -> bool {
     )
 }
 
-/// The first place along a way at which an observation has an edge behind it, and its radiance has jumped.
+/// Returns the first point along a path at which an observation is behind an edge, if its radiance has jumped.
 fn behind(
     problem: &Problem<'_>,
     index: usize,
@@ -192,7 +193,7 @@ fn behind(
         (side, values.scale * problem.gradient(index, &ready).value)
     };
     let (side, _) = seen(from);
-    // The way is straight, the edge is not.
+    // The path is straight, but the edge is not.
     let shares = [1.0 + 1e-6, 1.0 + 1e-4, 1.01, 1.1];
     let share = shares.into_iter().find(|s| seen(&at(*s)).0 != side)?;
     let before = [1.0 - 1e-6, 1.0 - 1e-4, 0.99, 0.9]
@@ -218,7 +219,7 @@ mod tests {
     use crate::observation::{Observation, ObservationSet, Prior};
     use crate::units::Angle;
 
-    /// Steel of which one pose sees a wall nearly edge-on, in wide lobes and noise of 1.6 % of the peak.
+    /// Steel, with one pose that sees a wall nearly edge-on, wide lobes and noise of 1.6 % of the peak.
     fn series() -> ObservationSet {
         let text = include_str!("../../tests/data/behind_an_edge.csv");
         let rows = text.lines().skip(1).map(|row| {
@@ -253,12 +254,12 @@ mod tests {
             ..Default::default()
         };
         let fitted = estimate(&set, Variant::Sawtooth, &options, None, &cancel).unwrap();
-        // The best of 256 descents from around the truth has 33.14; before the edge none gets below 42.
+        // The best of 256 descents from around the truth has 33.14; before the edge none is below 42.
         let cost = fitted.minimum.cost;
         assert!(cost < 34.0, "{cost}");
     }
 
-    /// χ² of the samples by the plain closed form, the offsets added to the recorded angles.
+    /// χ² of the samples by the plain closed form, with the offsets added to the recorded angles.
     fn plainly(problem: &Problem<'_>, x: &[f64]) -> f64 {
         let (set, v) = (problem.set(), problem.unpack(x));
         let optics = crate::model::Optics::new(&set.rig, &set.material);
@@ -275,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn a_minimum_on_an_edge_is_kept_off_it_on_its_own_side() {
+    fn a_minimum_on_an_edge_moves_off_it_to_its_own_side() {
         let set = series();
         let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
         let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
@@ -302,7 +303,7 @@ mod tests {
         let mut jumps = 0;
         let (low, high) = (cosines(-0.2), cosines(0.2));
         for wall in (0..low.len()).filter(|k| low[*k] * high[*k] < 0.0) {
-            // To the two neighbouring numbers between which the wall comes into sight.
+            // Narrows to the two adjacent numbers between which the wall comes into view.
             let (mut one, mut other) = (-0.2_f64, 0.2_f64);
             while one.next_up() < other {
                 let middle = 0.5 * (one + other);
@@ -350,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn where_no_wall_is_seen_edge_on_nothing_is_looked_for() {
+    fn without_an_edge_on_wall_no_starts_are_returned() {
         let tilts = [-20.0, -10.0, 0.0, 10.0, 20.0];
         let grid = tilts
             .iter()

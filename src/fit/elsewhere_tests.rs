@@ -1,4 +1,5 @@
-//! Surfaces that a first look does not see: broad lobes pass for steep ridges, and scans that are their own mirror images.
+//! Surfaces that the first round of a search misses: broad lobes that resemble steep ridges, and scans that equal their
+//! own mirror images.
 
 use std::sync::atomic::AtomicBool;
 
@@ -20,7 +21,7 @@ fn poses(tilts: i32, step_deg: f64, azimuths_deg: &[f64]) -> impl Iterator<Item 
 }
 
 #[test]
-fn steep_ridges_without_a_white_reference_are_no_broad_lobe() {
+fn steep_ridges_without_a_white_reference_are_not_fitted_as_a_broad_lobe() {
     let azimuths: Vec<f64> = (0..12).map(|k| 30.0 * f64::from(k)).collect();
     for (theta_r_deg, alpha_u, alpha_v) in [
         (35.0f64, 0.15, 0.1),
@@ -47,7 +48,7 @@ fn steep_ridges_without_a_white_reference_are_no_broad_lobe() {
 }
 
 #[test]
-fn a_scan_along_one_line_of_azimuths_tells_of_its_mirror_image() {
+fn a_scan_along_one_line_of_azimuths_reports_its_mirror_image() {
     for line_deg in [30.0, 60.0, 135.0] {
         let truth = Values {
             theta_r: 0.2,
@@ -65,16 +66,20 @@ fn a_scan_along_one_line_of_azimuths_tells_of_its_mirror_image() {
         let e = estimate(&set, Variant::Sawtooth, &options, None, &cancel).unwrap();
         let found = e.values.folded().azimuth_offset;
         let image = -found - 2.0 * line_deg.to_radians();
-        let told = e.rivals.iter().any(|rival| {
+        let found_image = e.rivals.iter().any(|rival| {
             let there = e.problem.unpack(&rival.parameters).folded().azimuth_offset;
             Angle::from_rad(there - image).wrapped().rad().abs() < 0.02
         });
-        assert!(told, "{line_deg}: {found}, {} others", e.rivals.len());
+        assert!(
+            found_image,
+            "{line_deg}: {found}, {} others",
+            e.rivals.len()
+        );
     }
 }
 
 #[test]
-fn an_expanded_uncertainty_reaches_as_far_as_that_of_another_surface() {
+fn the_expanded_uncertainty_covers_another_surface_and_its_uncertainty() {
     let azimuths: Vec<f64> = (0..12).map(|k| 30.0 * f64::from(k)).collect();
     let set = painted(poses(9, 5.0, &azimuths), &TRUTH, 1e-3, 7);
     let cancel = AtomicBool::new(false);

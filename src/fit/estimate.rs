@@ -1,7 +1,8 @@
-//! One variant fitted to one set of observations: what is free, how far to search, and which of the ends counts.
+//! Fits one variant to one set of observations: selects the free quantities, the length of the search and the end to
+//! report.
 //!
-//! Call [`estimate`]. How far the model may miss, and so the weights, is `misfit`'s; that they fit what they are
-//! computed from is `settle`'s.
+//! Call [`estimate`]. `misfit` determines the model error and with it the weights; `settle` makes the weights
+//! consistent with the fit that they are computed from.
 
 use std::sync::atomic::AtomicBool;
 
@@ -26,13 +27,13 @@ use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::{ObservationSet, Prior};
 
-/// Rise of the cost up to which the near minima of a search are weighed again.
+/// Rise of the cost up to which the near minima of a search are compared again with the final weights.
 const RIVAL_RISE: f64 = 25.0;
-/// Edges of the closed form that are crossed one after the other.
+/// Number of edges of the closed form that are crossed one after the other.
 const EDGES_CROSSED: usize = 8;
-/// How often a search goes on from what its last steps came to.
+/// How often a search continues from the results of its last steps.
 const DEEPER_STILL: usize = 3;
-/// How many times smaller a misfit is that makes another end of the search the better one.
+/// Factor by which the model error of another end must be smaller for that end to be better.
 const FAR_LESS: f64 = 4.0;
 
 /// A fitted variant.
@@ -40,57 +41,56 @@ const FAR_LESS: f64 = 4.0;
 pub struct Estimate<'a> {
     /// The problem with its final weights and corrections.
     pub problem: Problem<'a>,
-    /// The minimum, in the solver's parameters.
+    /// The minimum, in the parameters of the solver.
     pub minimum: Minimum,
-    /// All values, θr signed as the solver left it (see [`Values::folded`]).
+    /// All values, with the sign of θr as the solver left it (see [`Values::folded`]).
     pub values: Values,
-    /// Discrepancy d, as a share of s (see `misfit`).
+    /// Model discrepancy d, as a share of s (see `misfit`).
     pub discrepancy: f64,
-    /// Standard uncertainty of each observation that stands for the model's misfit, d·s.
+    /// Standard uncertainty of each observation by the model error, d·s.
     pub misfit: Vec<f64>,
-    /// What the starts did.
+    /// Outcomes of the starts.
     pub starts: StartReport,
-    /// χ² per degree of freedom with counting noise alone.
+    /// χ² per degree of freedom with counting noise only.
     pub chi2_reduced_without_model: f64,
     /// Root mean square residual of the samples as a share of the largest signal.
     pub rms_residual: f64,
-    /// Free parameters without those that only move within a stated uncertainty.
+    /// Number of free parameters without those that only move within a stated uncertainty.
     pub fitted: usize,
-    /// How far the costly tier moved each free parameter (solver's units); zero without it.
+    /// Change of each free parameter by the costlier tier (units of the solver); zero without it.
     pub tier_shift: Vec<f64>,
-    /// Whether the data do not tell the tier from the closed form without it.
+    /// Whether the data cannot distinguish the tier from the closed form without it.
     pub tier_undecided: bool,
-    /// Weight that the loss left each observation, 1 where it counts in full.
+    /// Weight of each observation by the loss, 1 if it counts in full.
     pub loss_weights: Vec<f64>,
-    /// Whether the scatter is what noise, or a small misfit of the model, accounts for. If not, no
-    /// start may have found the lobe.
+    /// Whether noise, or a small model error, accounts for the scatter. Otherwise possibly no start found the lobe.
     pub explained: bool,
     /// Quantities that the user holds.
     pub held: Vec<Quantity>,
     /// Other minima that the data do not exclude at the coverage of the report.
     pub rivals: Vec<Minimum>,
-    /// What the ray tracer did, where the estimate hangs on it.
+    /// What the ray tracer did, if the estimate depends on it.
     pub traced: Option<Tracing>,
-    /// Where the tolerance allowed to leave the costly tier out: what it changes, as a share of the peak.
+    /// If the tolerance allowed leaving out the costlier tier: its effect, as a share of the peak.
     pub tier_left_out: Option<f64>,
-    /// Whether time was over before other explanations of the data had been looked for.
+    /// Whether the time limit ended the search for other explanations of the data.
     pub cut_short: bool,
-    /// What was done without, where there are very many observations.
+    /// What was left out because there are very many observations.
     pub thinned: Option<Thinned>,
-    /// What explains the residual that an ideal sawtooth leaves, most first.
+    /// What explains the residual that an ideal sawtooth leaves, largest share first.
     pub findings: Vec<Finding>,
-    /// Whether the residual was such that what real samples have was asked for.
+    /// Whether the residual was large enough to try the terms of real samples.
     pub investigated: bool,
 }
 
 impl Estimate<'_> {
-    /// Whether the costly tier's corrections are in use.
+    /// Whether the corrections of the costlier tier are in use.
     pub(super) fn takes_tier(&self) -> bool {
         self.tier_shift.iter().any(|s| *s != 0.0)
     }
 }
 
-/// What is free for a variant on a set, and the values of the rest.
+/// Returns the free quantities of a variant on a set, and the values of the others.
 #[must_use]
 pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>, Values) {
     let absolute = set.white_reference.is_some();
@@ -113,9 +113,9 @@ pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>
     let free = Quantity::ALL
         .into_iter()
         .filter(|q| match q {
-            // Metal sends nothing back from below. Printed lobe and free gain are one number.
+            // A metal returns no light from below. In the printed lobe, ρd and a free gain are one number.
             Quantity::RhoD => !metal && (absolute || variant == Variant::Sawtooth),
-            // The flats carry the gain; a reference without flats leaves it at 1.
+            // The flats determine the gain; a reference without flats fixes it at 1.
             Quantity::Scale => !absolute || !set.flats.is_empty(),
             _ => true,
         })
@@ -123,8 +123,8 @@ pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>
     (free, fixed)
 }
 
-/// Gain and stray light that the flats and the prior on stray light give at a tilt zero of 0, or
-/// 1 and the prior's mean without flats.
+/// Computes gain and stray light from the flats and the prior on stray light, at a tilt zero of 0. Without flats the
+/// result is 1 and the mean of the prior.
 fn from_flats(set: &ObservationSet) -> (f64, f64) {
     let prior = set.background;
     let Some(white) = set.white_reference.filter(|_| !set.flats.is_empty()) else {
@@ -153,11 +153,11 @@ fn from_flats(set: &ObservationSet) -> (f64, f64) {
     }
 }
 
-/// A costlier tier of the model: radiances to add to the closed form's at given values, one per
-/// observation; `None` where it has nothing to say.
+/// A costlier tier of the model: radiances to add to those of the closed form at given values, one per observation;
+/// `None` if it has no result.
 pub type Tier<'t> = &'t (dyn Fn(&Problem<'_>, &Values) -> Option<Vec<f64>> + Sync);
 
-/// Fits one variant. `None` where nothing could be evaluated at all.
+/// Fits one variant. Returns `None` if no point could be evaluated.
 #[must_use]
 pub fn estimate<'a>(
     set: &'a ObservationSet,
@@ -169,7 +169,8 @@ pub fn estimate<'a>(
     estimate_until(set, variant, options, tier, &|| false, cancel)
 }
 
-/// The same; once it is late no other explanations of the data are looked for, and the best so far is the answer.
+/// Like [`estimate`]. Once `late` returns true, the search for other explanations of the data ends and the best result
+/// so far is returned.
 #[must_use]
 pub fn estimate_until<'a>(
     set: &'a ObservationSet,
@@ -184,14 +185,15 @@ pub fn estimate_until<'a>(
         None => whole(set, variant, options, tier, late, cancel),
     };
     let found = fitted(options)?;
-    let stated = options.told.iter().any(|told| told.std > 0.0);
+    let stated = options.told.iter().any(|one| one.std > 0.0);
     let may = options.misfit && options.misfit_most.is_none() && found.discrepancy > 0.0;
     if !(stated && may) || late() {
         return Some(found);
     }
-    // A statement that the data deny must not pass for a misfit of the model, which would take their weight away (and
-    // hide that they deny it): how far the model misses is for the data alone to say, where they determine a surface.
-    let held = |told: &&Told| told.std == 0.0;
+    // A statement that contradicts the data must not be taken for a model error, which would reduce the weight of the
+    // data and hide the contradiction. The model error is therefore determined from the data only, if they determine a
+    // surface.
+    let held = |stated: &&Told| stated.std == 0.0;
     let alone = fitted(&FitOptions {
         told: options.told.iter().filter(held).copied().collect(),
         ..options.clone()
@@ -207,7 +209,7 @@ pub fn estimate_until<'a>(
     Some(bounded.unwrap_or(found))
 }
 
-/// Whether the data leave no direction open.
+/// Whether the data leave no direction undetermined.
 fn is_determined(e: &Estimate<'_>) -> bool {
     let end = &e.minimum;
     let rows = end.residuals.len();
@@ -216,28 +218,28 @@ fn is_determined(e: &Estimate<'_>) -> bool {
         .is_empty()
 }
 
-/// Something known beforehand that the data deny.
+/// A stated value that the data contradict.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Denial {
-    /// Of what.
+    /// The quantity.
     pub quantity: Quantity,
-    /// What was known.
+    /// The stated value.
     pub prior: Prior,
-    /// Whether the user stated it; else it is a certificate's or what a rig is like.
-    pub told: bool,
-    /// Between what was known and what the data say, in standard deviations of that difference.
+    /// Whether the user stated it; otherwise it comes from a certificate or is typical of a rig.
+    pub by_user: bool,
+    /// Difference between the stated value and the data, in standard deviations of that difference.
     pub deviations: f64,
-    /// Share that what was known has in the fitted value.
+    /// Share of the prior in the fitted value.
     pub leverage: f64,
 }
 
-/// Standard deviations between what was known and what the data say from which on that is told.
+/// Standard deviations between stated value and data above which a contradiction is reported.
 const DENIED: f64 = 4.0;
-/// Share of what is known of a parameter that its prior is taken to have at most: more would magnify rounding.
+/// Largest leverage of a prior; a larger one would amplify rounding.
 const LEVERAGE_MAX: f64 = 0.9996;
 
-/// What was known beforehand and the data deny. A residual r = (x − prior)/σ of leverage h, which the fit itself has
-/// pulled, is r/√(1 − h) standard deviations of the difference between data and prior.
+/// Lists stated values that the data contradict. A residual r = (x − prior)/σ with leverage h is reduced by its own
+/// influence on the fit; r/√(1 − h) is the difference between data and prior in its standard deviations.
 pub(super) fn denials(e: &Estimate<'_>) -> Vec<Denial> {
     let (problem, end) = (&e.problem, &e.minimum);
     let rows = end.residuals.len();
@@ -257,7 +259,10 @@ pub(super) fn denials(e: &Estimate<'_>) -> Vec<Denial> {
             (deviations > DENIED).then(|| Denial {
                 quantity: *quantity,
                 prior: *prior,
-                told: problem.told().iter().any(|(told, _)| told == quantity),
+                by_user: problem
+                    .stated()
+                    .iter()
+                    .any(|(stated, _)| stated == quantity),
                 deviations,
                 leverage,
             })
@@ -265,7 +270,7 @@ pub(super) fn denials(e: &Estimate<'_>) -> Vec<Denial> {
         .collect()
 }
 
-/// The same with every step on all observations.
+/// Like [`estimate_until`], with every step on all observations.
 pub(super) fn whole<'a>(
     set: &'a ObservationSet,
     variant: Variant,
@@ -291,7 +296,7 @@ pub(super) fn whole<'a>(
     if options.misfit && tier.is_some() && settled.narrow() && !search.over() {
         narrow = search.look_again(&settled.problem, &settled.minimum);
     }
-    // The weights of the starts may rank near minima wrongly; the final ones decide.
+    // The weights of the starts may rank near minima wrongly; the final weights decide.
     let mut rivals: Vec<Minimum> = Vec::new();
     let mut weights_moved = false;
     for other in &candidates {
@@ -356,7 +361,7 @@ pub(super) fn whole<'a>(
     Some(conclude(reached, variant, &weighing))
 }
 
-/// A search to its end.
+/// Runs a search to its end.
 fn looked_for<'s>(
     opening: &'s Opening<'_>,
     options: &FitOptions,
@@ -393,7 +398,7 @@ fn looked_for<'s>(
             break;
         }
         search.persist(problem, opening.likely());
-        // What is found late has images, too, and what they lead to is looked around again.
+        // Late results have images, too, and the search continues around what those lead to.
         if !same(before, cost(&search)) && !search.over() {
             search.images(problem);
         }
@@ -405,9 +410,9 @@ fn looked_for<'s>(
     search
 }
 
-/// Of the end under a robust loss and the one that its descent comes to from the fit without: the one that describes most
-/// observations better. A robust loss forgives whole groups of observations, so a surface that passes through half of them
-/// and misses the rest by far is a minimum too.
+/// Chooses between the end under a robust loss and the end of a descent from the fit without one: the end that
+/// describes most observations better. A robust loss can ignore whole groups of observations, so a surface that fits
+/// half of them and misses the others by far is also a minimum.
 fn of_most_observations<'a>(
     settled: Settled<'a>,
     variant: Variant,
@@ -439,11 +444,11 @@ fn of_most_observations<'a>(
     }
 }
 
-/// A surface that describes the data with no misfit, or far less of it, if there is one.
+/// Looks for a surface with no model error, or a much smaller one.
 ///
-/// The weights of the first search forgive every end a few per cent of the peak. Where few poses meet the
-/// lobe that is enough for surfaces far from the true one, so ends are looked for that need less. Once noise
-/// alone explains the data, and they leave the surface open, the deepest of the many minima counts.
+/// The weights of the first search allow every end an error of a few per cent of the peak. If few poses meet the lobe,
+/// surfaces far from the true one pass, so this looks for ends that need less. Once noise alone explains the data and
+/// they leave the surface undetermined, the deepest of the many minima counts.
 fn with_less_misfit<'a>(
     mut settled: Settled<'a>,
     search: &mut Search<'_>,
@@ -467,7 +472,7 @@ fn with_less_misfit<'a>(
                 return None;
             }
             let mut other = settled.clone();
-            // Most are no better, and creep along a valley: that is seen long before their last digit.
+            // Most ends are no better and creep along a valley, which shows long before convergence.
             other.settle_from(&end.parameters, weighing);
             if other.discrepancy >= less {
                 return None;
@@ -485,16 +490,16 @@ fn with_less_misfit<'a>(
         && !search.over()
     {
         search.noise_alone(&settled);
-        // Without a misfit no cost is suspicious.
+        // Without a model error every cost is plausible.
         search.persist(&settled.problem, f64::INFINITY);
         settled.minimum = search.best().cloned().unwrap_or(settled.minimum);
     }
     settled
 }
 
-/// Where a search and the descents after it have come to.
+/// State after a search and its descents.
 pub(super) struct Reached<'a> {
-    /// Whether time was over before the search was.
+    /// Whether the time limit ended the search.
     pub cut_short: bool,
     pub settled: Settled<'a>,
     pub shift: Vec<f64>,
@@ -504,7 +509,7 @@ pub(super) struct Reached<'a> {
     pub tier_left_out: Option<f64>,
 }
 
-/// The estimate at a settled minimum.
+/// Builds the estimate at a settled minimum.
 pub(super) fn conclude<'a>(
     reached: Reached<'a>,
     variant: Variant,
@@ -537,7 +542,7 @@ pub(super) fn conclude<'a>(
     let predicted = problem.predicted(&values);
     let loss_weights = loss_weights(&problem, &values, options.loss);
     if options.loss != Loss::Linear {
-        // The same point as the minimum of least squares, in which form the budget reads it.
+        // The same point as the minimum of least squares, which is the form that the budget uses.
         let sigma = lightened(&problem, &loss_weights);
         problem = problem.with_loss(Loss::Linear).with_sigma(sigma);
         let bounds = problem.bounds();
@@ -584,7 +589,7 @@ pub(super) fn conclude<'a>(
     }
 }
 
-/// Whether the poses are so few, or their azimuths, that near symmetries make near minima.
+/// Whether there are so few poses or azimuths that near symmetries cause near minima.
 pub(super) fn few_directions(set: &ObservationSet) -> bool {
     let mut azimuths: Vec<i64> = set
         .observations

@@ -1,4 +1,4 @@
-//! The fit's kernels at the ends of the doubles: finite in, then finite or refused by name out.
+//! Numerical kernels of the fit at the limits of doubles: finite input gives a finite result or a named failure.
 
 use std::sync::atomic::AtomicBool;
 
@@ -39,7 +39,7 @@ proptest! {
     #![proptest_config(cases(300))]
 
     #[test]
-    fn every_residual_is_bent_to_a_finite_one_and_weighs_between_nothing_and_all(r in any_double()) {
+    fn every_transformed_residual_is_finite_and_its_weight_is_from_0_to_1(r in any_double()) {
         for loss in [Loss::Linear, Loss::Huber, Loss::Tukey] {
             let (bent, slope) = loss.bent(r);
             prop_assert!(bent.is_finite() && (0.0..=1.0).contains(&slope), "{loss} {bent} {slope}");
@@ -49,7 +49,7 @@ proptest! {
     }
 
     #[test]
-    fn rows_are_reduced_to_a_finite_triangle_or_to_none(a in prop::collection::vec(any_double(), ROWS * COLUMNS)) {
+    fn rows_are_reduced_to_a_finite_triangle_or_to_nan(a in prop::collection::vec(any_double(), ROWS * COLUMNS)) {
         let r = triangle(a.clone(), ROWS, COLUMNS);
         prop_assert!(r.iter().all(|v| v.is_finite()) || r.iter().all(|v| v.is_nan()), "{r:?}");
         // Columns keep their lengths.
@@ -62,7 +62,7 @@ proptest! {
     }
 
     #[test]
-    fn a_descent_ends_at_numbers_or_says_why_not(a in prop::collection::vec(any_double(), ROWS * COLUMNS), y in prop::collection::vec(any_double(), ROWS), start in prop::collection::vec(any_double(), COLUMNS)) {
+    fn a_descent_ends_at_finite_values_or_reports_why_not(a in prop::collection::vec(any_double(), ROWS * COLUMNS), y in prop::collection::vec(any_double(), ROWS), start in prop::collection::vec(any_double(), COLUMNS)) {
         let problem = Linear { a, y };
         let settings = Settings { max_iterations: 60, ..Settings::default() };
         let m = minimise(&problem, &start, &Bounds::none(COLUMNS), &settings, &AtomicBool::new(false));

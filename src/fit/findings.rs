@@ -1,4 +1,4 @@
-//! What explains a residual: the known troubles of samples, detector and lamp, each with a stable code.
+//! Known causes of a residual in sample, detector and lamp, each with a stable code.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,32 +8,32 @@ use super::estimate::Estimate;
 use super::wedge::Across;
 use crate::wording::{counted, significant};
 
-/// A known trouble. Scripts compare the words.
+/// A known cause. Scripts compare its code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Code {
-    /// The facets' lobe has longer tails than Beckmann's.
+    /// The slope distribution of the facets has longer tails than Beckmann's.
     Tails,
-    /// The crests of the ridges are round.
+    /// The crests of the ridges are rounded.
     RoundedCrests,
-    /// Light that enters one facet leaves others.
+    /// Light that enters one facet leaves through others.
     Translucent,
-    /// The sample is inclined across the facets' lean, or the azimuth's zero is not what was stated.
+    /// The sample is tilted across the lean of the facets, or the stated zero of the azimuth is wrong.
     WedgeAcross,
-    /// The detector's counts are not proportional to the light.
+    /// The counts of the detector are not proportional to the light.
     NonLinear,
-    /// The lamp's light changed while the poses were taken.
+    /// The lamp changed while the poses were measured.
     LampDrift,
-    /// The index of refraction is not what was stated.
+    /// The refractive index differs from the stated one.
     Index,
-    /// A run of poses in time that does not fit the others.
+    /// A run of consecutive poses disagrees with the others.
     BadBlock,
-    /// One pose that does not fit the others.
+    /// A single pose disagrees with the others.
     BadPose,
 }
 
 impl Code {
-    /// All of them.
+    /// All codes.
     pub const ALL: [Code; 9] = [
         Code::Tails,
         Code::RoundedCrests,
@@ -46,7 +46,7 @@ impl Code {
         Code::BadPose,
     ];
 
-    /// The word that scripts compare.
+    /// The code as scripts compare it.
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
@@ -63,20 +63,20 @@ impl Code {
     }
 }
 
-/// A trouble that was found.
+/// A cause that was found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
-    /// Which.
+    /// Which one.
     pub code: Code,
-    /// Share of χ² that goes with it, 0 to 1.
+    /// Share of χ² that it explains, 0 to 1.
     pub explains: f64,
-    /// Ridge angle with it accounted for, less the one without, degrees; none where it cannot be told.
+    /// Change of the ridge angle in degrees when the cause is accounted for; none if it cannot be determined.
     pub change_of_theta_r_deg: Option<f64>,
-    /// What to do, for a person.
+    /// What the user should do.
     pub advice: String,
 }
 
-/// All that is found of an estimate: what its surface has, and what its detector, its lamp and single poses did.
+/// Returns all findings of an estimate: of the surface, the detector, the lamp and single poses.
 pub(super) fn all(
     e: &Estimate<'_>,
     drift: Option<&Drift>,
@@ -90,7 +90,7 @@ pub(super) fn all(
             explains: curve.explains,
             change_of_theta_r_deg: None,
             advice: format!(
-                "the camera's counts fall short by {:.1} % at full scale; the signals are corrected for it. Take two exposures or more                  of every pose, or stay below half of full scale",
+                "The camera reads {:.1} % low at full scale; the signals are corrected. Measure each pose at two or more exposures, or stay below half of full scale.",
                 100.0 * curve.c
             ),
         });
@@ -101,8 +101,9 @@ pub(super) fn all(
             code: Code::LampDrift,
             explains: lamp.explains,
             change_of_theta_r_deg: set.lamp.map(|_| moved.to_degrees()),
-            advice: "let the lamp warm up, or take the white reference at both ends of the series"
-                .to_owned(),
+            advice:
+                "Let the lamp warm up, or measure the white reference before and after the series."
+                    .to_owned(),
         });
     }
     if let Some(poses) = bad_poses(e) {
@@ -111,7 +112,7 @@ pub(super) fn all(
             explains: poses.explains,
             change_of_theta_r_deg: None,
             advice: format!(
-                "look at the frames of {}: {} robust standard deviations from the rest",
+                "Check the frames of {}: {} robust standard deviations from the others.",
                 named(e, &poses.observations),
                 significant(poses.deviations)
             ),
@@ -123,7 +124,7 @@ pub(super) fn all(
             explains: block.explains,
             change_of_theta_r_deg: None,
             advice: format!(
-                "the {} from {} on are {} % off, all one way: look for what happened then, and scan them again",
+                "The {} starting at {} deviate by {} %, all in one direction. Find out what changed then, and measure them again.",
                 counted(block.observations.len(), "pose"),
                 named(e, &block.observations[..1]),
                 significant(100.0 * block.share)
@@ -135,13 +136,13 @@ pub(super) fn all(
             code: Code::WedgeAcross,
             explains: 0.0,
             change_of_theta_r_deg: None,
-            advice: across.told().unwrap_or_default(),
+            advice: across.message().unwrap_or_default(),
         });
     }
     sorted(found)
 }
 
-/// Poses by their angles.
+/// Lists poses by their angles.
 fn named(e: &Estimate<'_>, observations: &[usize]) -> String {
     let all = &e.problem.set().observations;
     let each = observations.iter().map(|i| {
@@ -151,7 +152,7 @@ fn named(e: &Estimate<'_>, observations: &[usize]) -> String {
     each.collect::<Vec<_>>().join("; ")
 }
 
-/// Most first.
+/// Sorts findings by the share of χ² that they explain, largest first.
 pub(super) fn sorted(mut findings: Vec<Finding>) -> Vec<Finding> {
     findings.sort_by(|a, b| b.explains.total_cmp(&a.explains));
     findings

@@ -1,7 +1,7 @@
-//! The full forms of one observation with their slopes, for a register of surfaces.
+//! The full forms of one observation with their derivatives, for a register of surfaces.
 //!
-//! The directions are those of a far rig, turned by the offsets; the forms themselves are `model::lanes`'. `crew` descends on
-//! them.
+//! The directions are those of a far rig, rotated by the offsets; the forms themselves are in `model::lanes`. `crew`
+//! descends with them.
 
 use pulp::Simd;
 
@@ -13,10 +13,10 @@ use crate::model::lanes::{Lane, Slopes, paper, sawtooth};
 use crate::model::prepared::{OpticsTable, Prepared};
 use crate::model::{Surface, Variant};
 
-/// Numbers that place a surface and its signals: sine and cosine of tilt and azimuth offset, gain, background.
+/// Number of values that place a surface and its signals: sine and cosine of tilt and azimuth offset, gain, background.
 const PLACED: usize = 6;
 
-/// The sawtooth in full.
+/// The complete sawtooth.
 #[derive(Clone, Copy)]
 pub(super) struct Sawtooth(sawtooth::Optics);
 /// The printed lobe.
@@ -26,7 +26,7 @@ pub(super) struct Printed;
 /// A variant of the model for a register of surfaces.
 pub(super) trait Kind: Copy + Sync {
     const VARIANT: Variant;
-    /// Numbers that describe a surface.
+    /// Number of values that describe a surface.
     const NUMBERS: usize;
     fn new(prepared: &Prepared) -> Self;
     fn numbers(prepared: &Prepared, f: f64, h2: f64, to: &mut [f64]);
@@ -89,12 +89,12 @@ impl Kind for Printed {
     }
 }
 
-/// A variant's full form on a far rig.
+/// The full form of a variant on a far rig.
 #[derive(Clone, Copy)]
 pub(super) struct Full<K> {
     kind: K,
     table: OpticsTable,
-    /// Lamp along the camera's direction, in the tilt plane across it, and beside it.
+    /// Direction of the lamp: along the camera direction, across it in the tilt plane, and perpendicular to that plane.
     lamp: [f64; 3],
     /// Reflectance at the half angle, and |h|².
     f: f64,
@@ -149,7 +149,7 @@ impl<K: Kind> Form for Full<K> {
         };
         let prepared = Prepared::new(K::VARIANT, &surface, &self.table);
         K::numbers(&prepared, self.f, self.h2, &mut to[..K::NUMBERS]);
-        // θr < 0 is the surface turned by half a turn.
+        // θr < 0 is the surface rotated by 180°.
         let side = if theta_r < 0.0 { -1.0 } else { 1.0 };
         let (so, co) = tilt.sin_cos();
         let (sp, cp) = turn.sin_cos();
@@ -179,8 +179,8 @@ impl<K: Kind> Form for Full<K> {
         ];
         let o = [sin * sp, sin * cp, cos];
         let g = self.kind.partials(simd, shape, &i, &o);
-        // Tilting turns a rig direction (x, y, z) about +y at the rate (z, 0, −x); turning the sample turns (u, v) at the
-        // rate (v, −u).
+        // The tilt rotates a rig direction (x, y, z) about +y at the rate (z, 0, −x); the rotation of the sample
+        // rotates (u, v) at the rate (v, −u).
         macro_rules! turned {
             ($w:expr, $g:expr, $x:expr) => {
                 (

@@ -1,4 +1,4 @@
-//! Profile-likelihood and bootstrap intervals put into a report, in its units.
+//! Adds profile-likelihood and bootstrap intervals to a report, in its units.
 
 use std::sync::atomic::AtomicBool;
 
@@ -12,7 +12,7 @@ use super::profile::{bootstrap, central, profile};
 use super::report::{COVERAGE, COVERAGE_FACTOR, FitReport, Parameter};
 use crate::units::Angle;
 
-/// Ends of an interval at the report's coverage; an end that no value is beyond is null.
+/// Ends of an interval at the coverage of the report; null for an open end.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
     /// Lower end.
@@ -22,7 +22,7 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// The interval around both.
+    /// The smallest interval that contains both.
     fn with(self, other: Self) -> Self {
         Interval {
             lower: self.lower.zip(other.lower).map(|(a, b)| a.min(b)),
@@ -31,9 +31,9 @@ impl Interval {
     }
 }
 
-/// Adds the intervals that the options ask for; a profile covers the other minima that the data do not
-/// exclude; no further bootstrap series is drawn once `enough` says so. Where a profile comes upon a better minimum, the
-/// report says so and stays as it is.
+/// Adds the requested intervals. A profile covers the other minima that the data do not exclude. No further bootstrap
+/// series is drawn once `enough` returns true. If a profile finds a better minimum, a warning is added and the report
+/// stays unchanged.
 pub fn add(
     report: &mut FitReport,
     e: &Estimate<'_>,
@@ -56,10 +56,10 @@ pub fn add(
     };
     if options.bootstrap > 0 && drawn.len() < options.bootstrap as usize {
         report.warnings.push(format!(
-            "{} of {} bootstrap series reached no minimum{} and are left out",
+            "{} of {} bootstrap series reached no minimum{} and were omitted. Check the interval against the budget.",
             options.bootstrap as usize - drawn.len(),
             options.bootstrap,
-            if enough() { " within the time" } else { "" }
+            if enough() { " within the time limit" } else { "" }
         ));
     }
     let mut better = false;
@@ -91,7 +91,7 @@ pub fn add(
     }
     if better {
         report.warnings.push(
-            "a profile found a better minimum than the reported one: fit again with more starts"
+            "A profile found a better minimum than the reported one. Fit again with more starts."
                 .to_owned(),
         );
     }
@@ -103,7 +103,7 @@ fn parameter(report: &mut FitReport, quantity: Quantity) -> Option<&mut Paramete
         Quantity::ThetaR => &mut p.theta_r_deg,
         Quantity::AlphaU => &mut p.alpha_u,
         Quantity::AlphaV => &mut p.alpha_v,
-        // Without an absolute scale these hang on the model; the report gives no numbers for them.
+        // Without an absolute scale these depend on the model, and the report has no numbers for them.
         Quantity::RhoD => Some(&mut p.rho_d).filter(|p| p.value.is_some())?,
         Quantity::Background => &mut p.background,
         Quantity::AzimuthOffset => &mut p.azimuth_offset_deg,
@@ -114,19 +114,19 @@ fn parameter(report: &mut FitReport, quantity: Quantity) -> Option<&mut Paramete
     })
 }
 
-/// From the solver's units to the report's.
+/// Conversion from the units of the solver to those of the report.
 struct Reading {
     quantity: Quantity,
-    /// θr is negative there.
+    /// Whether θr is negative in the solver.
     mirrored: bool,
-    /// Of the azimuth, added to make the report's branch.
+    /// Added to the azimuth to reach the branch of the report.
     shift: f64,
-    /// Of the stray light, per radiance.
+    /// Divisor of the stray light, for the unit of radiance.
     gain: f64,
 }
 
 impl Reading {
-    /// For intervals around `values`; azimuths come out on the branch of the estimate's.
+    /// For intervals around `values`. Azimuths are on the branch of the estimate.
     fn new(e: &Estimate<'_>, values: &Values, quantity: Quantity) -> Self {
         let absolute = e.problem.set().white_reference.is_some();
         let home = e.values.folded().azimuth_offset;
@@ -156,7 +156,7 @@ impl Reading {
             if self.mirrored {
                 std::mem::swap(&mut lower, &mut upper);
             }
-            // Below 0 lies the same surface, turned by half a circle.
+            // Values below 0 are the same surface, rotated by 180°.
             lower = lower.map(|l| l.max(0.0));
         }
         Interval { lower, upper }
@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_interval_around_two_is_open_where_one_of_them_is() {
+    fn a_combined_interval_is_open_where_either_is_open() {
         let narrow = Interval {
             lower: Some(1.0),
             upper: Some(2.0),

@@ -1,13 +1,13 @@
-//! Several scans of one sample, fitted together: one surface and one index, while gain, stray light
-//! and the zeros of the stages are each scan's own.
+//! Fits several scans of one sample together: one surface and one index, while each scan has its own gain, stray light
+//! and zeros of the stages.
 //!
-//! Every scan is fitted alone first. From each of these surfaces the others look for their own zeros
-//! again (a scan of few azimuths alone may have taken a mirror image), all are descended together,
-//! and the best is kept. What the data say of the model's misfit is judged scan by scan.
+//! Every scan is first fitted alone. From each of these surfaces the other scans search for their own zeros again (a
+//! scan of few azimuths may have found a mirror image alone), all are descended together, and the best result is kept.
+//! The model error is estimated scan by scan.
 //!
-//! The one function to call is [`fit_joint`]. A white reference of the same certificate errs alike in all
-//! scans, and so do the stages of the same rig. Scans that disagree by more than their
-//! own uncertainties have that scatter in the line `model`.
+//! Call [`fit_joint`]. A white reference with the same certificate has the same error in all scans, and so have the
+//! stages of the same rig. If scans disagree by more than their own uncertainties, the line `model` includes that
+//! scatter.
 
 mod reporting;
 
@@ -31,7 +31,7 @@ use super::{FitOptions, Loss, VariantChoice};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 
-/// What all scans of one sample have in common.
+/// Quantities that all scans of one sample share.
 const SHARED: [Quantity; 9] = [
     Quantity::ThetaR,
     Quantity::AlphaU,
@@ -43,8 +43,8 @@ const SHARED: [Quantity; 9] = [
     Quantity::Tail,
     Quantity::CrestRadius,
 ];
-/// Why the common report has no gain, stray light or offsets.
-pub(crate) const EACH_ITS_OWN: &str = "each scan has its own: see scans";
+/// The reason why the common report has no gain, stray light or offsets.
+pub(crate) const EACH_ITS_OWN: &str = "each scan has its own value; see scans";
 /// Passes of tier and refit.
 const TIER_PASSES: usize = 4;
 
@@ -53,39 +53,39 @@ const TIER_PASSES: usize = 4;
 pub struct Scan<'a> {
     /// Folder or number.
     pub name: &'a str,
-    /// What it observed.
+    /// Its observations.
     pub set: &'a ObservationSet,
 }
 
-/// Why scans cannot be fitted together.
+/// The reason why scans cannot be fitted together.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum JointError {
     /// One scan, or none.
-    #[error("a joint fit needs at least two scans; fit a single scan without joining")]
+    #[error("a joint fit needs at least two scans; fit a single scan by itself")]
     TooFew,
-    /// The manifests name different materials.
-    #[error("{first} and {other} state different materials, but one sample has one")]
+    /// The manifests state different materials.
+    #[error("{first} and {other} state different materials; join only scans of one sample")]
     Materials {
         /// A scan.
         first: String,
-        /// Another one.
+        /// Another scan.
         other: String,
     },
-    /// An option that works on one scan alone.
-    #[error("{0} works on one scan alone; leave it out, or fit the scans one by one")]
+    /// An option for single scans.
+    #[error("{0} is only for single scans; leave it out, or fit the scans one by one")]
     OneScanOnly(&'static str),
-    /// A scan cannot be fitted at all.
-    #[error("{0} gives no fit by itself: {1}")]
+    /// A scan cannot be fitted.
+    #[error("{0} cannot be fitted by itself: {1}")]
     NoFit(String, String),
-    /// The cancel flag was raised.
+    /// The cancel flag was set.
     #[error("the fit was cancelled")]
     Cancelled,
 }
 
-/// The common answer and each scan's own.
+/// The common result and that of each scan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JointReport {
-    /// The surface; what each scan has of its own is null here.
+    /// The surface; the values that each scan has for itself are null here.
     #[serde(flatten)]
     pub report: FitReport,
     /// The scans in the order given.
@@ -99,19 +99,19 @@ pub struct ScanReport {
     pub name: String,
     /// Ridge angle of this scan fitted alone.
     pub theta_r_alone_deg: Option<f64>,
-    /// Its standard uncertainty there.
+    /// Its standard uncertainty in that fit.
     pub theta_r_alone_std: Option<f64>,
-    /// The joint answer in this scan: the common surface, its own offsets, residuals, warnings.
+    /// The joint result for this scan: the common surface, its own offsets, residuals, warnings.
     #[serde(flatten)]
     pub report: FitReport,
 }
 
-/// Fits scans of one sample together. `auto` takes the variant `sawtooth`; priors and fixed values on
-/// what is each scan's own hold for every one of them.
+/// Fits scans of one sample together. `auto` selects the variant `sawtooth`. Priors and held values of quantities that
+/// each scan has for itself apply to every scan.
 ///
 /// # Errors
-/// [`JointError`]: too few scans, different materials, options for single scans, a scan that gives no
-/// fit, cancelled. A fit that fails is no error: the report's status says so.
+/// [`JointError`]: too few scans, different materials, options for single scans, a scan that cannot be fitted,
+/// cancelled. A fit that fails is not an error; the status of the report shows it.
 pub fn fit_joint(
     scans: &[Scan<'_>],
     options: &FitOptions,
@@ -133,7 +133,7 @@ pub fn fit_joint(
                 Some(_) => None,
                 None => estimate_until(scan.set, variant, options, tier, late, cancel),
             };
-            let reason = || refusal.unwrap_or_else(|| "no start has a value".to_owned());
+            let reason = || refusal.unwrap_or_else(|| "No start has a finite cost.".to_owned());
             fitted.ok_or_else(|| JointError::NoFit(scan.name.to_owned(), reason()))
         })
         .collect::<Result<_, _>>()?;
@@ -167,7 +167,7 @@ fn check(scans: &[Scan<'_>], options: &FitOptions) -> Result<(), JointError> {
             "the variant traced",
             options.variant == VariantChoice::Traced,
         ),
-        ("the ray tracer as a judge", options.judge),
+        ("the check by the ray tracer", options.judge),
         ("a profile", options.profile),
         ("a bootstrap", options.bootstrap > 0),
     ];
@@ -177,7 +177,7 @@ fn check(scans: &[Scan<'_>], options: &FitOptions) -> Result<(), JointError> {
     }
 }
 
-/// All scans as one problem; rows below each other.
+/// All scans as one problem, with their rows stacked.
 struct Stacked<'j, 'a> {
     problems: &'j [Problem<'a>],
     columns: &'j [Vec<usize>],
@@ -211,21 +211,21 @@ impl LeastSquares for &Stacked<'_, '_> {
     }
 }
 
-/// A joint fit under way.
+/// A joint fit in progress.
 struct Joint<'e, 'a> {
     alone: &'e [Estimate<'a>],
     options: &'e FitOptions,
     cancel: &'e AtomicBool,
     problems: Vec<Problem<'a>>,
     discrepancies: Vec<f64>,
-    /// For each scan's free quantities the column of the joint parameters.
+    /// For the free quantities of each scan, the columns of the joint parameters.
     columns: Vec<Vec<usize>>,
     n: usize,
     minimum: Minimum,
 }
 
 impl<'e, 'a> Joint<'e, 'a> {
-    /// The best of the descents from each scan's own surface.
+    /// Starts from the best of the descents from each scan's own surface.
     fn new(alone: &'e [Estimate<'a>], options: &'e FitOptions, cancel: &'e AtomicBool) -> Self {
         let mut common: Vec<Quantity> = Vec::new();
         for q in alone.iter().flat_map(|e| e.problem.free()) {
@@ -254,7 +254,7 @@ impl<'e, 'a> Joint<'e, 'a> {
                 let own = e.problem.set().observations.iter().map(|o| o.sigma);
                 let sigma = own.zip(&e.misfit).map(|(o, m)| o.hypot(*m)).collect();
                 let problem = e.problem.clone().with_loss(options.loss).with_sigma(sigma);
-                // What is known of the common surface is known once.
+                // Priors on the common surface count once.
                 match scan {
                     0 => problem,
                     _ => problem.without_priors(&SHARED),
@@ -320,7 +320,7 @@ impl<'e, 'a> Joint<'e, 'a> {
         self.minimum = minimise(&stacked, start, &bounds, &Settings::default(), self.cancel);
     }
 
-    /// Rounds of discrepancies, weights and refit.
+    /// Runs rounds of discrepancies, weights and refit.
     fn settle(&mut self) {
         for _ in 0..ROUNDS {
             let mut still = true;
@@ -353,7 +353,7 @@ impl<'e, 'a> Joint<'e, 'a> {
         }
     }
 
-    /// A scan's share of what was fitted.
+    /// Number of fitted parameters attributed to a scan.
     fn fitted(&self, scan: usize) -> usize {
         let alone = self.alone[scan].fitted;
         let free = self.problems[scan].free();
@@ -369,7 +369,8 @@ impl<'e, 'a> Joint<'e, 'a> {
         pairs.map(|(p, o)| p - o.signal).collect()
     }
 
-    /// The tier's corrections at the common surface: one surface has one model, so all scans take them where one does.
+    /// Applies the corrections of the tier at the common surface. One surface has one model, so all scans use them if
+    /// one does.
     fn correct(&mut self, tier: Tier<'_>) {
         if !self.alone.iter().any(Estimate::takes_tier) {
             return;
@@ -385,7 +386,7 @@ impl<'e, 'a> Joint<'e, 'a> {
         }
     }
 
-    /// The scans at the joint minimum, each as an estimate of its own.
+    /// Returns the scans at the joint minimum, each as a separate estimate.
     fn parts(&mut self) -> Vec<Estimate<'a>> {
         let loss = self.options.loss;
         let mut weights = Vec::new();
@@ -393,7 +394,7 @@ impl<'e, 'a> Joint<'e, 'a> {
             let problem = &self.problems[scan];
             let w = loss_weights(problem, &self.values(scan), loss);
             if loss != Loss::Linear {
-                // The same point as the minimum of least squares, in which form the budget reads it.
+                // The same point as the minimum of least squares, which is the form that the budget uses.
                 let sigma = lightened(problem, &w);
                 self.problems[scan] = problem.clone().with_loss(Loss::Linear).with_sigma(sigma);
             }
@@ -465,7 +466,7 @@ impl<'e, 'a> Joint<'e, 'a> {
     }
 }
 
-/// The box of all scans: of what is common, where their boxes overlap.
+/// Bounds of all scans; for common parameters the intersection of their bounds.
 fn bounds(stacked: &Stacked<'_, '_>) -> Bounds {
     let mut all = Bounds::none(stacked.n);
     for (problem, columns) in stacked.problems.iter().zip(stacked.columns) {
@@ -478,8 +479,8 @@ fn bounds(stacked: &Stacked<'_, '_>) -> Bounds {
     all
 }
 
-/// A scan's own values for a given surface: gain, stray light and zeros that fit it best, looked for
-/// from those of the scan alone, its near minima and their mirror images.
+/// Finds the values that a scan has for itself on a given surface: the best gain, stray light and zeros. The search
+/// starts from those of the scan alone, its near minima and their mirror images.
 fn zeros_for(
     problem: &Problem<'_>,
     surface: &Values,

@@ -1,4 +1,4 @@
-//! Scans of one sample that the closed form painted, each mounted anew.
+//! Scans of one sample computed from the closed form, each mounted separately.
 
 use std::sync::atomic::AtomicBool;
 
@@ -12,7 +12,7 @@ use crate::fit::report::Status;
 use crate::geometry::Pose;
 use crate::material::Material;
 
-/// A scan of the sample, mounted with these zeros; five tilts at every azimuth.
+/// A scan of the sample mounted with these zeros; five tilts at every azimuth.
 fn scan(seed: u64, azimuths: &[f64], zeros_deg: [f64; 2]) -> ObservationSet {
     let poses = azimuths
         .iter()
@@ -57,7 +57,7 @@ fn known(parameter: &Parameter) -> (f64, f64) {
 }
 
 #[test]
-fn three_mountings_give_one_surface_and_each_its_own_zeros() {
+fn three_mountings_give_one_surface_and_separate_zeros() {
     let zeros = [[2.0, -0.5], [-6.0, 1.0], [9.0, 0.3]];
     let turns: [&[f64]; 3] = [
         &[0.0, 90.0, 180.0, 270.0],
@@ -70,12 +70,12 @@ fn three_mountings_give_one_surface_and_each_its_own_zeros() {
     let joint = joined(&sets, &options()).expect("three scans of one sample");
     assert_eq!(joint.report.status, Status::Converged);
     let (theta, std) = known(&joint.report.parameters.theta_r_deg);
-    // Four standard uncertainties: passed by one seed in 16,000.
+    // Four standard uncertainties: exceeded by one seed in 16,000.
     assert!((theta - TRUTH.theta_r.to_degrees()).abs() < 4.0 * std);
     for (scan, zeros) in joint.scans.iter().zip(zeros) {
         let own = &scan.report.parameters;
         let alone = scan.theta_r_alone_std.expect("each is known alone");
-        // Never less sure than any scan alone.
+        // Never less certain than any single scan.
         assert!(std < alone, "{std} {alone}");
         assert_eq!(own.theta_r_deg, joint.report.parameters.theta_r_deg);
         for (found, zero) in [
@@ -90,7 +90,7 @@ fn three_mountings_give_one_surface_and_each_its_own_zeros() {
     assert_eq!(joint.report.n_observations, 50);
     assert_eq!(joint.report.parameters.tilt_offset_deg.value, None);
     let text = crate::fit::text::joint(&joint, false);
-    // What is each scan's own is known, with its uncertainty, and not called undetermined.
+    // The values that each scan has for itself are reported with their uncertainty, not as undetermined.
     assert!(!text.contains("not determined"), "{text}");
     let row = text
         .lines()
@@ -100,7 +100,7 @@ fn three_mountings_give_one_surface_and_each_its_own_zeros() {
 }
 
 #[test]
-fn a_scan_with_itself_is_that_scan_with_its_noise_less_by_the_root_of_two() {
+fn a_scan_joined_with_itself_has_its_noise_reduced_by_the_root_of_two() {
     let set = scan(21, &[0.0, 90.0, 180.0, 270.0], [3.0, 0.5]);
     let joint = joined(&[set.clone(), set], &options()).expect("two scans");
     let (theta, _) = known(&joint.report.parameters.theta_r_deg);
@@ -120,36 +120,36 @@ fn a_scan_with_itself_is_that_scan_with_its_noise_less_by_the_root_of_two() {
         .map(|e| uncertainty(&e).budgets[0])
         .expect("it has a minimum");
     let ratio = one.counting.to_degrees() / both;
-    // Exact but for the prior on the stray light, which each scan has of its own.
+    // Exact except for the prior on the stray light, which each scan has for itself.
     assert!((ratio - 2f64.sqrt()).abs() < 1e-6, "{ratio}");
-    // The same certificate in both: no average makes it smaller.
+    // The same certificate in both: averaging does not reduce it.
     let reference = |p: &Parameter| p.budget.map_or(f64::NAN, |b| b.reference);
     let shared = reference(&joint.report.parameters.theta_r_deg);
     assert!((shared / one.reference.to_degrees() - 1.0).abs() < 1e-6);
 }
 
 #[test]
-fn scans_of_two_samples_are_told_apart_and_widen_the_model_line() {
+fn scans_of_two_samples_are_reported_and_widen_the_model_line() {
     let turns = [0.0, 90.0, 180.0, 270.0];
     let (mut one, mut other) = (scan(31, &turns, [0.0, 0.0]), scan(32, &turns, [0.0, 0.0]));
-    // Without stray light that could be it, more light from everywhere is a brighter surface.
+    // A common increase that the prior excludes as stray light is a brighter surface.
     for o in &mut other.observations {
         o.signal += 0.01;
     }
     one.background.std = 1e-5;
     other.background.std = 1e-5;
     let joint = joined(&[one, other], &options()).expect("two scans");
-    let told = &joint.report.warnings;
+    let warnings = &joint.report.warnings;
     assert!(
-        told.iter().any(|w| w.contains("disagree on ρd")),
-        "{told:?}"
+        warnings.iter().any(|w| w.contains("disagree on ρd")),
+        "{warnings:?}"
     );
     let (rho_d, std) = known(&joint.report.parameters.rho_d);
     assert!((rho_d - 0.3).abs() < 2.0 * std, "{rho_d} {std}");
 }
 
 #[test]
-fn what_is_held_holds_for_all_and_what_cannot_be_is_refused_by_name() {
+fn held_values_apply_to_all_scans_and_invalid_requests_are_refused_by_name() {
     let turns = [0.0, 90.0, 180.0, 270.0];
     let sets = [scan(41, &turns, [0.0, 0.0]), scan(42, &turns, [4.0, 0.0])];
     let held = FitOptions {
@@ -170,7 +170,7 @@ fn what_is_held_holds_for_all_and_what_cannot_be_is_refused_by_name() {
     let refused = joined(&glass, &options()).expect_err("two materials");
     assert_eq!(
         refused.to_string(),
-        "first and second state different materials, but one sample has one"
+        "first and second state different materials; join only scans of one sample"
     );
     let traced = FitOptions {
         variant: VariantChoice::Traced,

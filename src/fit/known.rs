@@ -1,15 +1,14 @@
-//! What is known before a fit: certificates, stray light, the user's word; and what all observations share.
+//! Knowledge available before a fit (certificates, stray light, stated values) and errors that all observations share.
 
 use super::quantity::Quantity;
 use crate::material::Material;
 use crate::observation::{ObservationSet, Prior};
 
-/// What is known before the fit of those free quantities about which something is; what the user
-/// tells replaces a certificate.
+/// Returns the priors of the free quantities that have one. A value that the user states replaces a certificate.
 pub(super) fn priors(
     set: &ObservationSet,
     free: &[Quantity],
-    told: &[(Quantity, Prior)],
+    user: &[(Quantity, Prior)],
 ) -> Vec<(Quantity, Prior)> {
     let (eta, k) = set.material.index();
     let (eta_std, k_std) = match set.material {
@@ -30,7 +29,7 @@ pub(super) fn priors(
         _ => None,
     };
     let stated = |q: &Quantity| {
-        let by_user = told.iter().find(|(t, _)| t == q).map(|(_, prior)| *prior);
+        let by_user = user.iter().find(|(t, _)| t == q).map(|(_, prior)| *prior);
         by_user.or_else(|| of(q))
     };
     free.iter()
@@ -38,7 +37,7 @@ pub(super) fn priors(
         .collect()
 }
 
-/// Quantities that are known within an uncertainty and fitted within it.
+/// Quantities with a certified uncertainty, which are fitted within it.
 #[must_use]
 pub fn certified(set: &ObservationSet) -> Vec<Quantity> {
     priors(set, &[Quantity::Eta, Quantity::K], &[])
@@ -55,8 +54,7 @@ pub fn reference_std(set: &ObservationSet) -> f64 {
         .map_or(0.0, |w| w.reflectance_std / w.reflectance)
 }
 
-/// Relative standard uncertainty of the lamp between flats and samples: the largest that an
-/// observation states.
+/// Relative standard uncertainty of the lamp between flats and samples: the largest of all observations.
 #[must_use]
 pub fn drift_std(set: &ObservationSet) -> f64 {
     set.observations

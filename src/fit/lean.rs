@@ -1,22 +1,22 @@
-//! The lean form of one observation with its slopes, for a register of starts or of observations.
+//! The lean form of one observation with its derivatives, for a register of starts or of observations.
 //!
-//! The light that the facets reflect once, and a flat Lambertian surface for all diffuse light (see
-//! [`crate::model::prepared::Prepared::lean`]); the riser's share is left out, and it is said where
-//! that is not nothing. With the lamp at infinity the half angle, and with it the reflectance F, is
-//! one number for all poses; the directions are turned by the offsets:
+//! It contains the light that the facets reflect once, and a flat Lambertian surface for all diffuse light (see
+//! [`crate::model::prepared::Prepared::lean`]). It omits the light from the riser and reports where that is not zero.
+//! With the lamp at infinity the half angle, and with it the reflectance F, is the same for all poses; the directions
+//! are rotated by the offsets:
 //!
 //! ```text
 //! L = F |h|⁴/(4π o_n) · G · exp(−q)/(h_m⁴ √(ab)) + ρd/π · i_n,   G = cos θr − sin θr t
 //! q = x²/a + y²/b, x = h_u/h_m, y = h_e/h_m, a = αu² + R²/8, b = αv² + R²/8, t = max(0, i_e/i_m, o_e/o_m)
 //! ```
 //!
-//! Every derivative to an angle is a turn of h and of the direction that t belongs to:
-//! ∂ ln D = −2x(∂h_u − x ∂h_m)/(a h_m) − 2y(∂h_e − y ∂h_m)/(b h_m) − 4 ∂h_m/h_m.
+//! Every derivative by an angle is a rotation of h and of the direction that t belongs to: ∂ ln D = −2x(∂h_u − x
+//! ∂h_m)/(a h_m) − 2y(∂h_e − y ∂h_m)/(b h_m) − 4 ∂h_m/h_m.
 //!
-//! `crew` has starts as lanes; [`evaluate`] has observations.
+//! In `crew` the lanes are starts; in [`evaluate`] they are observations.
 //!
-//! *Conditioning.* The same divisions as the full form, without the terms that cancel. Lanes end descents that are refined
-//! elsewhere on QR: a tenth of their digits would do.
+//! *Conditioning.* The same divisions as in the full form, without the terms that cancel. Lanes end descents that are
+//! refined elsewhere by QR, so a tenth of their digits would suffice.
 
 use std::f64::consts::{FRAC_1_PI, PI};
 
@@ -26,24 +26,24 @@ use super::problem::{Problem, Quantity, Values};
 use crate::model::fresnel::reflectance;
 use crate::model::lanes::{Lane, Numbers};
 
-/// What the form knows slopes to, in the order of their columns.
+/// Quantities with derivatives, in the order of their columns.
 pub(super) const COLUMNS: [Quantity; N] = Quantity::ALL;
 pub(super) const N: usize = 8;
-/// Numbers that describe a surface.
+/// Number of values that describe a surface.
 pub(super) const SHAPE: usize = 14;
-/// Numbers of one observation: sine and cosine of tilt and azimuth, signal, weight.
+/// Number of values of one observation: sine and cosine of tilt and azimuth, signal, weight.
 pub(super) const ROW: usize = 6;
 
-/// Column of each free quantity; `None` where the form does not know one.
+/// Returns the column of each free quantity; `None` if the form does not support one.
 pub(super) fn columns(problem: &Problem<'_>) -> Option<Vec<usize>> {
     let column = |q: &Quantity| COLUMNS.iter().position(|c| c == q);
     problem.free().iter().map(column).collect()
 }
 
-/// What neither pose nor surface changes.
+/// Values that depend on neither pose nor surface.
 #[derive(Clone, Copy)]
 pub(super) struct Optics {
-    /// Lamp along the camera's direction, in the tilt plane across it, and beside it.
+    /// Direction of the lamp: along the camera direction, across it in the tilt plane, and perpendicular to that plane.
     lamp: [f64; 3],
     /// F |h|⁴/(4π).
     gloss: f64,
@@ -68,7 +68,7 @@ impl Optics {
         }
     }
 
-    /// A surface as [`row`] wants it, from its values by [`COLUMNS`].
+    /// Describes a surface for [`row`], from its values by [`COLUMNS`].
     pub(super) fn shape(&self, x: &[f64; N]) -> [f64; SHAPE] {
         let side = if x[0] < 0.0 { -1.0 } else { 1.0 };
         let (s, c) = x[0].abs().sin_cos();
@@ -95,24 +95,24 @@ impl Optics {
     }
 }
 
-/// The observations as [`row`] wants them.
+/// Describes the observations for [`row`].
 pub(super) fn rows(problem: &Problem<'_>) -> impl Iterator<Item = [f64; ROW]> {
     let observations = problem.set().observations.iter();
     let all = observations.zip(problem.sigma()).zip(problem.poses());
     all.map(|((o, sigma), [tilt, turn])| [tilt.0, tilt.1, turn.0, turn.1, o.signal, 1.0 / sigma])
 }
 
-/// Weighted residual and slopes.
+/// Weighted residual and derivatives.
 #[derive(Clone, Copy)]
 pub(super) struct Row<S: Simd> {
     pub(super) residual: Lane<S>,
-    /// By [`COLUMNS`]; that to θr is to |θr|.
+    /// By [`COLUMNS`]; the first derivative is by |θr|.
     pub(super) slopes: [Lane<S>; N],
-    /// 1 where the riser's share is not nothing.
+    /// 1 where the light from the riser is not zero.
     pub(super) riser: Lane<S>,
 }
 
-/// One observation of one surface per lane.
+/// Evaluates one observation of one surface per lane.
 #[inline(always)]
 pub(super) fn row<S: Simd>(
     simd: S,
@@ -120,7 +120,7 @@ pub(super) fn row<S: Simd>(
     pose: &[Lane<S>; ROW],
     shape: &[Lane<S>; SHAPE],
 ) -> Row<S> {
-    // Macros instead of closures: what is not inlined is not compiled for the instruction set.
+    // Macros instead of closures: code that is not inlined is not compiled for the instruction set.
     macro_rules! k {
         ($x:expr) => {
             Lane::splat(simd, $x)
@@ -185,7 +185,7 @@ pub(super) fn row<S: Simd>(
     let per2 = per_hm * per_hm;
     let base = seen.select((qx + qy).exp_neg() * per2 * per2 * norm * per_oz, zero);
     let value = base * g;
-    // ln D for a change of h, and what hides for a change of its direction.
+    // ln D for a change of h, and the shadowing for a change of its direction.
     let four_q = two * (qx + qy) - k!(4.0);
     macro_rules! turned {
         ($hu:expr, $he:expr, $hm:expr, $we:expr, $wm:expr, $bare:expr, $more:expr) => {{
@@ -222,7 +222,7 @@ pub(super) fn row<S: Simd>(
     let radiance = value + diffuse;
     let residual = weight * (scale.mul_add(radiance, background) - signal);
     let gain = weight * scale;
-    // The riser's lobe about −e: to be looked at where it is above e⁻⁴⁰ of its peak.
+    // The lobe of the riser about −e: not zero where it exceeds e⁻⁴⁰ of its peak.
     let riser = ie.less(zero).and(oe.less(zero));
     let narrow = (hu * hu)
         .mul_add(per_a, hm * hm * per_b)
@@ -245,9 +245,9 @@ pub(super) fn row<S: Simd>(
     }
 }
 
-/// Residuals and derivatives of the lean problem's observations at `values`, as
-/// [`super::least_squares::LeastSquares::evaluate`] wants them, `m` rows per column. `false` where this
-/// form does not know the problem or lacks something at these values: nothing useful is written then.
+/// Writes residuals and derivatives of the lean problem's observations at `values` in the form of
+/// [`super::least_squares::LeastSquares::evaluate`], `m` rows per column. Returns `false` if this form does not support
+/// the problem or omits light at these values; the results are then invalid.
 pub(super) fn evaluate(
     problem: &Problem<'_>,
     values: &Values,

@@ -1,11 +1,11 @@
-//! What the solver asks of a problem, and the small dense algebra both share.
+//! The interface between solver and problem, and the small dense algebra that both use.
 //!
 //! Matrices are column-major slices: entry (i, j) of an m × n matrix is `a[i + j * m]`.
 //!
-//! *Conditioning.* Householder reflections are stable column by column, whatever the columns' lengths; the sign of α is opposed to
-//! that of the leading entry, so its subtraction adds. Columns outside 1e±140 are brought near 1 by a power of two first: their
-//! squares would leave the range of doubles, and a reflection made of those is none. A pivot that is 0 or not finite refuses
-//! the solution; small pivots are for the caller to judge, who knows the scales.
+//! *Conditioning.* Householder reflections are stable column by column for any column lengths; the sign of α is
+//! opposite to that of the leading entry, so its subtraction adds. Columns outside 1e±140 are first scaled to about 1
+//! by a power of two, because their squares would leave the range of doubles and invalidate the reflection. A pivot
+//! that is 0 or not finite makes the solution fail. The caller, who knows the scales, has to judge small pivots.
 
 /// A nonlinear least-squares problem: minimise the sum of squared residuals.
 pub trait LeastSquares {
@@ -15,9 +15,9 @@ pub trait LeastSquares {
     /// Number of residuals m.
     fn n_residuals(&self) -> usize;
 
-    /// Writes the m residuals at `parameters` and, where asked for, the exact derivatives
-    /// ∂residual i/∂parameter j as a column-major m × n matrix. Residuals are already divided by
-    /// their standard uncertainty; an entry that is not finite refuses the point.
+    /// Writes the m residuals at `parameters` and, if requested, the exact derivatives ∂residual i/∂parameter j as a
+    /// column-major m × n matrix. Residuals are divided by their standard uncertainty. An entry that is not finite
+    /// rejects the point.
     fn evaluate(&self, parameters: &[f64], residuals: &mut [f64], jacobian: &mut [f64]);
 }
 
@@ -33,8 +33,8 @@ pub fn sum_of_squares(values: &[f64]) -> f64 {
     values.iter().map(|v| v * v).sum()
 }
 
-/// Householder QR in place: the upper triangle of the m × n matrix `a` (m ≥ n) becomes R, `rhs`
-/// becomes Qᵀ rhs. What is below the diagonal afterwards is scratch.
+/// Computes a Householder QR in place: the upper triangle of the m × n matrix `a` (m ≥ n) becomes R, `rhs` becomes Qᵀ
+/// rhs. The part below the diagonal is overwritten with scratch values.
 pub fn householder(a: &mut [f64], m: usize, n: usize, rhs: &mut [f64]) {
     debug_assert!(a.len() == m * n && rhs.len() == m && m >= n);
     for k in 0..n {
@@ -61,8 +61,8 @@ pub fn householder(a: &mut [f64], m: usize, n: usize, rhs: &mut [f64]) {
     }
 }
 
-/// A power of two that brings a column's entries near 1 where their squares would leave the range of doubles: a
-/// reflection does not know how long its vector is, but one of lost digits is no reflection.
+/// Returns the power of two that scales a column to about 1 if its squares would leave the range of doubles. A
+/// reflection does not depend on the length of its vector, but one of lost digits is invalid.
 fn unit_of(column: &[f64]) -> f64 {
     let largest = column.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
     if (1e-140..1e140).contains(&largest) || largest == 0.0 || !largest.is_finite() {
@@ -80,7 +80,7 @@ fn reflect(v: &[f64], beta: f64, target: &mut [f64]) {
     }
 }
 
-/// Solves R x = b for the upper triangle of an m × n matrix; `false` where R is singular.
+/// Solves R x = b for the upper triangle of an m × n matrix; returns `false` if R is singular.
 pub fn solve_upper(r: &[f64], m: usize, n: usize, b: &mut [f64]) -> bool {
     for j in (0..n).rev() {
         let pivot = r[j + j * m];
@@ -95,7 +95,7 @@ pub fn solve_upper(r: &[f64], m: usize, n: usize, b: &mut [f64]) -> bool {
     b[..n].iter().all(|v| v.is_finite())
 }
 
-/// Solves Rᵀ x = b for the upper triangle of an m × n matrix; `false` where R is singular.
+/// Solves Rᵀ x = b for the upper triangle of an m × n matrix; returns `false` if R is singular.
 pub fn solve_upper_transposed(r: &[f64], m: usize, n: usize, b: &mut [f64]) -> bool {
     for j in 0..n {
         let pivot = r[j + j * m];
@@ -116,8 +116,8 @@ mod tests {
 
     #[test]
     fn an_overdetermined_system_is_solved_in_the_least_squares_sense() {
-        // Line through (0,1), (1,3), (2,5), (3,7.4): normal equations give 0.94 and 2.12 … by hand:
-        // n=4, Σx=6, Σxx=14, Σy=16.4, Σxy=35.2 → slope = (4·35.2−6·16.4)/20 = 2.12, cut = 0.92.
+        // Line through (0,1), (1,3), (2,5), (3,7.4). By hand: n=4, Σx=6, Σxx=14, Σy=16.4, Σxy=35.2 → slope =
+        // (4·35.2−6·16.4)/20 = 2.12, intercept = 0.92.
         let mut a = vec![1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 2.0, 3.0];
         let mut y = vec![1.0, 3.0, 5.0, 7.4];
         householder(&mut a, 4, 2, &mut y);
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_singular_triangle_is_refused() {
+    fn a_singular_triangle_has_no_solution() {
         let r = vec![1.0, 0.0, 2.0, 0.0];
         assert!(!solve_upper(&r, 2, 2, &mut [1.0, 1.0]));
         assert!(!solve_upper_transposed(&r, 2, 2, &mut [1.0, 1.0]));

@@ -1,37 +1,39 @@
-//! What is left of the residuals at a minimum once the parameters have taken up all they can.
+//! The part of the residuals at a minimum that the parameters cannot explain.
 //!
-//! A suspect (a drift, a bad pose, a bad block) is a column beside the derivatives. What the parameters would explain of it is
-//! projected out, so one linear step tells what it would take of χ² if all were fitted anew.
+//! A suspected cause (a drift, a bad pose, a bad block) is a column next to the derivatives. The part that the
+//! parameters would explain is projected out, so one linear step gives the decrease of χ² if everything were fitted
+//! again.
 //!
-//! *Conditioning.* Derivatives are scaled to length 1 and spanned by the singular vectors above 1e-10 of the greatest, so null
-//! directions take nothing. A column that the parameters explain to 1 − 1e-8 of its square is rounding, and no suspect.
+//! *Conditioning.* Derivatives are scaled to length 1 and spanned by the singular vectors above 1e-10 of the greatest,
+//! so null directions explain nothing. A column that the parameters explain to 1 − 1e-8 of its square is rounding and
+//! is ignored.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::estimate::Estimate;
 use super::problem::Quantity;
 
-/// Share of a column's square that has to be left of it.
+/// Smallest share of a column's square that has to remain.
 const LEFT_MIN: f64 = 1e-8;
-/// Singular value, over the greatest, below which a direction is null.
+/// Singular value, relative to the greatest, below which a direction is null.
 const NULL: f64 = 1e-10;
 
-/// Weighted residuals (observation less model) that no parameter explains.
+/// Weighted residuals (observation minus model) that no parameter explains.
 #[derive(Debug, Clone)]
 pub(super) struct Leftover {
-    /// Orthonormal directions that are taken up, as columns.
+    /// Orthonormal directions that are projected out, as columns.
     basis: Vec<DVector<f64>>,
     /// One per row of the problem: observations, flats, priors.
     pub residuals: DVector<f64>,
-    /// Derivatives as they were put in, the gain's among them.
+    /// Derivatives before scaling, including that of the gain.
     pub jacobian: Vec<f64>,
-    /// Signals over their weights: what a relative change of an observation changes.
+    /// Signals divided by their standard uncertainties: the effect of a relative change of an observation.
     relative: Vec<f64>,
 }
 
 impl Leftover {
-    /// Of an estimate; `None` where its minimum has no numbers. The gain of the samples over the flats is always among what
-    /// is taken up.
+    /// Computes it for an estimate; `None` if its minimum has values that are not finite. The gain of the samples
+    /// relative to the flats is always among the projected directions.
     pub fn of(estimate: &Estimate<'_>) -> Option<Leftover> {
         let problem = &estimate.problem;
         let minimum = &estimate.minimum;
@@ -85,7 +87,7 @@ impl Leftover {
         Some(all)
     }
 
-    /// The column of a relative change of each observation.
+    /// Builds the column of a relative change of each observation.
     pub fn column(&self, of: impl Fn(usize) -> f64) -> DVector<f64> {
         let rows = self.relative.iter().enumerate().map(|(i, r)| r * of(i));
         let mut column: Vec<f64> = rows.collect();
@@ -93,7 +95,7 @@ impl Leftover {
         DVector::from_vec(column)
     }
 
-    /// What of a column is not taken up; nothing where that is rounding.
+    /// Returns the part of a column that remains after the projection; zero if it is rounding.
     pub fn without(&self, column: &DVector<f64>) -> DVector<f64> {
         let mut left = column.clone();
         // Twice is enough (Kahan and Parlett).
@@ -109,7 +111,7 @@ impl Leftover {
         }
     }
 
-    /// Takes a column up as well; no if nothing of it is left to be.
+    /// Projects out one more column; returns `false` if nothing of it remains.
     pub fn take(&mut self, column: &DVector<f64>) -> bool {
         let left = self.without(column);
         let Some(direction) = left.try_normalize(0.0) else {
@@ -121,12 +123,12 @@ impl Leftover {
         true
     }
 
-    /// Sum of squares that is left.
+    /// Remaining sum of squares.
     pub fn chi2(&self) -> f64 {
         self.residuals.norm_squared()
     }
 
-    /// Rows less what is taken up.
+    /// Rows minus projected directions.
     pub fn freedom(&self) -> f64 {
         self.residuals.len().saturating_sub(self.basis.len()) as f64
     }
@@ -136,7 +138,7 @@ impl Leftover {
         self.basis.iter().map(|d| d[i] * d[i]).sum()
     }
 
-    /// Observations of the sample; their rows come first.
+    /// Number of sample observations; their rows come first.
     pub fn observations(&self) -> usize {
         self.relative.len()
     }

@@ -1,14 +1,13 @@
-//! How hard a residual pulls: least squares, or a loss that outliers cannot drag along.
+//! Weight of residuals: least squares, or a loss that limits the influence of outliers.
 //!
-//! A loss ρ turns each residual r of the sample into r̃ = sign(r) √ρ(r), so that Σ r̃² is the loss
-//! itself and the solver stays a least-squares solver with exact derivatives. At the minimum the
-//! same estimate is that of least squares with weights w = ρ'(r)/(2r) (Huber 1964; Beaton and Tukey
-//! 1974), in which form the budget reads it. Residuals come here divided by their standard
-//! uncertainty; flats and priors are never touched.
+//! A loss ρ replaces each residual r of the sample by r̃ = sign(r) √ρ(r). Then Σ r̃² is the loss itself, and the solver
+//! remains a least-squares solver with exact derivatives. At the minimum the estimate equals that of least squares with
+//! weights w = ρ'(r)/(2r) (Huber 1964; Beaton and Tukey 1974); the budget uses this form. The residuals passed here are
+//! divided by their standard uncertainty. Flats and priors are not transformed.
 //!
-//! *Conditioning.* Tukey's ρ = c²/3 (1 − (1 − u)³) is taken as r² (1 − u + u²/3), which keeps its digits at small r; beyond its
-//! end r̃ is a constant and its derivative 0, so an outlier of any size spoils no sum. Huber's √ρ is a root of |r| less half the
-//! limit, never small there.
+//! *Conditioning.* Tukey's ρ = c²/3 (1 − (1 − u)³) is computed as r² (1 − u + u²/3), which keeps its digits at small r.
+//! Beyond its limit r̃ is constant with derivative 0, so an outlier of any size harms no sum. Huber's √ρ is the root of
+//! |r| minus half the limit, which is never small there.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,11 +18,11 @@ pub enum Loss {
     /// Least squares.
     #[default]
     Linear,
-    /// Quadratic up to 1.345 standard uncertainties, linear beyond: 95 % efficient on normal
-    /// errors, bounded pull of each outlier.
+    /// Quadratic up to 1.345 standard uncertainties, linear beyond: 95 % efficient for normal errors, with limited
+    /// influence of each outlier.
     Huber,
-    /// Tukey's biweight, 4.685 standard uncertainties wide: 95 % efficient on normal errors, no
-    /// pull at all from far outliers.
+    /// Tukey's biweight, 4.685 standard uncertainties wide: 95 % efficient for normal errors; distant outliers have no
+    /// influence.
     Tukey,
 }
 
@@ -31,14 +30,14 @@ const HUBER: f64 = 1.345;
 const TUKEY: f64 = 4.685;
 
 impl Loss {
-    /// r̃ and dr̃/dr.
+    /// Returns r̃ and dr̃/dr.
     #[must_use]
     pub fn bent(self, r: f64) -> (f64, f64) {
         match self {
             Loss::Linear => (r, 1.0),
             Loss::Huber if r.abs() <= HUBER => (r, 1.0),
             Loss::Huber => {
-                // √(c (2|r| − c)) with no product that could pass the largest double.
+                // √(c (2|r| − c)), without a product that could overflow.
                 let bent = (2.0 * HUBER).sqrt() * (r.abs() - 0.5 * HUBER).sqrt();
                 (bent.copysign(r), HUBER / bent)
             }
@@ -47,14 +46,14 @@ impl Loss {
                 if u >= 1.0 {
                     return ((TUKEY / 3f64.sqrt()).copysign(r), 0.0);
                 }
-                // ρ = c²/3 (1 − (1 − u)³) = r² (1 − u + u²/3): without the cancellation at small r.
+                // ρ = c²/3 (1 − (1 − u)³) = r² (1 − u + u²/3), without cancellation at small r.
                 let root = (1.0 - u + u * u / 3.0).sqrt();
                 (r * root, (1.0 - u) * (1.0 - u) / root)
             }
         }
     }
 
-    /// The weight that least squares would have to give the residual.
+    /// Returns the equivalent least-squares weight of the residual.
     #[must_use]
     pub fn weight(self, r: f64) -> f64 {
         match self {
@@ -102,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn small_residuals_count_in_full_and_far_ones_pull_as_they_should() {
+    fn small_residuals_count_in_full_and_distant_ones_have_limited_influence() {
         for loss in [Loss::Linear, Loss::Huber, Loss::Tukey] {
             assert!((loss.bent(1e-6).0 - 1e-6).abs() < 1e-17);
         }

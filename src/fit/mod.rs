@@ -1,18 +1,30 @@
-//! Fits the reflectance model to observations and says how sure the answer is.
+//! Fits the reflectance model to observations and reports the result with its uncertainty. Call [`fit`].
 //!
-//! Assumptions, before any code: residuals are divided by their standard uncertainty; what all
-//! observations share (white reference, angle zeros, lamp drift) is no part of that uncertainty and
-//! is propagated apart; the closed forms are wrong by more than the counting noise, so the scatter
-//! that they leave is a term of the uncertainty of its own.
+//! Assumptions:
 //!
-//! The one function to call is [`fit`]. Rooms within: [`least_squares`] what a problem is ·
-//! [`solver`] bounded Levenberg–Marquardt · [`quantity`] what can be looked for · [`problem`] the
-//! observation model, with what is `known` before · [`loss`] how residuals count · [`start`] where to begin and [`search`] how far
-//! to look (`crew`: all starts at once, on the form of `lean` or on the `full` one; `candidates`: from where else;
-//! `projection`: amplitudes solved for) · [`estimate`] one variant (`opening`: what it begins with) · [`thin`] of very many observations ·
-//! `misfit` how far it misses and `settle` its weights · [`tier`] the costlier model as an offset · [`traced`] the ray tracer
-//! in its place · [`covariance`] and [`budget`] how sure (`drift`: of the lamp; `blunders`: of single poses and runs of them, by what is `leftover`) · [`profile`] and [`intervals`] without the parabola · [`variants`] the choice · [`reporting`] the report ·
-//! [`joint`] several scans · [`trail`] against time · [`outlook`] how long beforehand · [`report`] the answer's form. It knows neither frames nor files nor the clock.
+//! - Residuals are divided by their standard uncertainty.
+//! - Errors that all observations share (white reference, angle zeros, lamp drift) are not part of that uncertainty.
+//!   They are propagated separately.
+//! - The model error of the closed forms exceeds the counting noise. The scatter that it leaves is a separate term of
+//!   the uncertainty.
+//!
+//! Modules:
+//!
+//! - The problem: [`least_squares`] (definition), [`solver`] (bounded Levenberg–Marquardt), [`quantity`] (what can be
+//!   fitted), [`problem`] (observation model, with `known` inputs), [`loss`] (how residuals count).
+//! - The search: [`start`] (starting points), [`search`] (how long to search), `crew` (descends from all starts at
+//!   once, with the derivatives of `lean` or `full`), `candidates` (further starts), `projection` (eliminates
+//!   amplitudes).
+//! - One variant: [`estimate`], with `opening` (initial state), [`thin`] (very many observations), `misfit` (model
+//!   error), `settle` (its weights), [`tier`] (the costlier model as an offset), [`traced`] (the ray tracer in its
+//!   place).
+//! - The uncertainty: [`covariance`], [`budget`], `drift` (of the lamp), `blunders` (single poses and runs of them),
+//!   `leftover` (the residual that they use), [`profile`] and [`intervals`] (intervals without the linear
+//!   approximation).
+//! - The answer: [`variants`] (selection), [`reporting`] (estimate to report), [`report`] (its form), [`joint`]
+//!   (several scans), [`trail`] (progress against time), [`outlook`] (forecast of the duration).
+//!
+//! This module uses no frames, no files and no clock.
 
 use std::sync::atomic::AtomicBool;
 
@@ -79,67 +91,66 @@ pub use report::FitReport;
 use traced::{TracingOptions, Watch};
 use trail::Time;
 
-/// Which variant the report shall hang on.
+/// Variant that the report is based on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum VariantChoice {
-    /// As printed.
+    /// The lobe as printed in the paper.
     Paper,
-    /// The sawtooth in full.
+    /// The complete sawtooth.
     Sawtooth,
-    /// The sawtooth corrected by the ray tracer.
+    /// The sawtooth, corrected by the ray tracer.
     Traced,
-    /// Paper where it is clearly better by QAIC, else sawtooth.
+    /// `paper` if it is clearly better by QAIC, otherwise `sawtooth`.
     #[default]
     Auto,
 }
 
-/// What a fit may be told.
+/// Options of a fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FitOptions {
-    /// Which variant the report shall hang on; all are fitted and listed.
+    /// Variant that the report is based on. All variants are fitted and listed.
     pub variant: VariantChoice,
-    /// Starts of a search's first look, per variant.
+    /// Starts of the first round of a search, per variant.
     pub starts: usize,
-    /// Whether a search ends with its first look, so that no more starts are tried than `starts`. Else it goes on where
-    /// that look leaves a doubt.
+    /// Whether a search ends after its first round of `starts` starts. Otherwise it continues while that round leaves a
+    /// doubt.
     pub starts_alone: bool,
-    /// Seed of the scrambled Sobol set that starts come from.
+    /// Seed of the scrambled Sobol sequence of the starts.
     pub seed: u32,
-    /// Whether the model may be wrong: its misfit is then estimated from the scatter, weighs the
-    /// observations and is part of every uncertainty. Without it the observations' own
-    /// uncertainties are the whole truth, as they are for data that the model itself painted.
+    /// Whether to allow for a model error. It is then estimated from the scatter, enters the weights and is part of
+    /// every uncertainty. Without it the uncertainties of the observations are taken as complete, which is true of data
+    /// computed from the model itself.
     pub misfit: bool,
-    /// The most that the model may miss, as a share of s (see `misfit`), whatever the scatter says; none where that
-    /// is for the scatter to say.
+    /// Upper limit of the model error as a share of s (see `misfit`). Without a limit the scatter decides.
     pub misfit_most: Option<f64>,
     /// How residuals count.
     pub loss: Loss,
-    /// What is known beforehand, beside the certificates of the series.
+    /// Values that the user states, in addition to the certificates of the series.
     pub told: Vec<Told>,
-    /// Whether profile-likelihood intervals are wanted.
+    /// Whether to compute profile-likelihood intervals.
     pub profile: bool,
-    /// Series drawn for bootstrap intervals; 0 for none.
+    /// Number of resampled series for bootstrap intervals; 0 for none.
     pub bootstrap: u32,
-    /// Share of the peak that may be left out of the model where that saves time: the integrated second
-    /// bounce, where it changes less. Without it nothing is.
+    /// Share of the peak below which the integrated second bounce may be left out to save time. If omitted, nothing is
+    /// left out.
     pub tolerance: Option<f64>,
-    /// Whether the ray tracer is asked how wrong the variant is: the difference to `traced` then is
-    /// the model's line of the budget.
+    /// Whether to estimate the model error with the ray tracer. The difference to `traced` is then the line `model` of
+    /// the budget.
     pub judge: bool,
-    /// How the ray tracer works, where it is asked.
+    /// Settings of the ray tracer, where it is used.
     pub tracer: TracingOptions,
 }
 
-/// What the user knows of a quantity before the fit.
+/// A value that the user states before the fit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Told {
-    /// Of what.
+    /// The quantity.
     pub quantity: Quantity,
     /// Its value in natural units: angles in radians, θr ≥ 0.
     pub value: f64,
-    /// Its standard uncertainty; 0 holds it fixed.
+    /// Its standard uncertainty in the same unit; 0 holds the value fixed.
     pub std: f64,
 }
 
@@ -163,16 +174,15 @@ impl Default for FitOptions {
     }
 }
 
-/// Fits a set of observations. Whatever is wrong with them is a status of the report, never a panic;
-/// `cancel` stops it within one evaluation of the model.
+/// Fits a set of observations. A defect of the data gives a status of the report, never a panic. `cancel` stops the fit
+/// within one evaluation of the model.
 #[must_use]
 pub fn fit(set: &ObservationSet, options: &FitOptions, cancel: &AtomicBool) -> FitReport {
     fit_watched(set, options, None, &|_| true, None, cancel)
 }
 
-/// [`fit`] with what the ray tracer may be told: a profile to trace on instead of the ideal sawtooth,
-/// and a watcher that sees how it gets on and may end it early; and with a clock, where a descent is to be
-/// retraced or the bootstrap to be cut short.
+/// Like [`fit`], with a profile to trace instead of the ideal sawtooth, a watcher that follows the ray tracer and may
+/// end it early, and a clock. The clock is needed to retrace a descent and to limit the time of the bootstrap.
 #[must_use]
 pub fn fit_watched(
     set: &ObservationSet,

@@ -1,7 +1,7 @@
-//! How the search of one variant begins, and how long it is to go on.
+//! Begins the search of one variant and decides how long it continues.
 //!
-//! Call [`Opening::new`], then [`Opening::search`], which has its quick look behind it; [`Opening::rounds`] says what is to
-//! follow.
+//! Call [`Opening::new`], then [`Opening::search`], which runs the first round; [`Opening::rounds`] returns the number
+//! of rounds to follow.
 
 use std::sync::atomic::AtomicBool;
 
@@ -16,24 +16,24 @@ use super::{FitOptions, Told};
 use crate::model::Variant;
 use crate::observation::{ObservationSet, Prior};
 
-/// Discrepancy with which the starts are run, before the data have told it.
+/// Discrepancy for the starts, before it is estimated from the data.
 const FIRST_DISCREPANCY: f64 = 0.03;
-/// χ² per observation at the first weights above which more starts are worth their time.
+/// χ² per observation with the first weights above which more starts are worth their time.
 const SUSPICIOUS: f64 = 0.1;
-/// χ² per observation at the first weights that no surface far from the right one comes to: a misfit of 0.3 %.
+/// χ² per observation with the first weights that no surface far from the right one reaches: a model error of 0.3 %.
 const WELL_MET: f64 = 0.01;
 /// Rounds of a thorough search.
 pub(super) const THOROUGH_ROUNDS: usize = 3;
-/// The same where no end describes the data.
+/// The same if no end describes the data.
 const PATIENT_ROUNDS: usize = 8;
 
-/// What a search of one variant begins with.
+/// Initial state of the search of one variant.
 pub(super) struct Opening<'a> {
-    /// The problem with all that may move.
+    /// The problem with all free quantities.
     pub problem: Problem<'a>,
-    /// The same with the index at its nominal value and weights that forgive a few per cent of the peak.
+    /// The same with the nominal index and weights that allow errors of a few per cent of the peak.
     first: Problem<'a>,
-    /// Values of what no start varies.
+    /// Values that no start varies.
     pub fixed: Values,
     own: Vec<f64>,
     scale: Vec<f64>,
@@ -42,7 +42,7 @@ pub(super) struct Opening<'a> {
 
 impl<'a> Opening<'a> {
     pub(super) fn new(set: &'a ObservationSet, variant: Variant, options: &FitOptions) -> Self {
-        let (free, fixed) = with_told(free_quantities(set, variant), &options.told);
+        let (free, fixed) = without_held(free_quantities(set, variant), &options.told);
         let priors: Vec<(Quantity, Prior)> = options
             .told
             .iter()
@@ -55,7 +55,7 @@ impl<'a> Opening<'a> {
         let scale = misfit_scale(set);
         let own: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
         let fitted = free.len();
-        // Flats at their full weight would drag a start about for the last digit of gain and tilt.
+        // With their full weight the flats would slow the starts down for the last digit of gain and tilt.
         let loose = set
             .flats
             .iter()
@@ -65,7 +65,7 @@ impl<'a> Opening<'a> {
             .with_flat_sigma(loose.collect())
             .with_priors(&priors)
             .with_loss(options.loss);
-        // The starts leave the index at its nominal value; from here on it may move.
+        // The starts use the nominal index; from here on it is free.
         let mut free = first.free().to_vec();
         let held = |q: &Quantity| {
             options
@@ -105,7 +105,7 @@ impl<'a> Opening<'a> {
         }
     }
 
-    /// A search that has had its quick look, and is to end once it is late.
+    /// Returns a search after its first round, with a time limit.
     pub(super) fn search<'s>(
         &'s self,
         options: &FitOptions,
@@ -125,15 +125,15 @@ impl<'a> Opening<'a> {
         search
     }
 
-    /// Whether the best end misses by so much, or poses look from so few directions, that another surface may do better: a
-    /// broad lobe in the wrong place comes within a per cent of the peak to what steep ridges send back.
+    /// Whether another surface may fit better: the best end leaves large residuals, or the poses have few directions. A
+    /// broad lobe in the wrong place describes the light of steep ridges to within one per cent of the peak.
     fn may_be_elsewhere(&self, search: &Search<'_>) -> bool {
         let cost = search.best().map_or(f64::INFINITY, |m| m.cost);
         let (observations, _) = self.counts();
         few_directions(self.problem.set()) || cost > WELL_MET * observations
     }
 
-    /// Thorough rounds that a search is to have in all, as far as its ends so far tell.
+    /// Total number of thorough rounds, judged from the ends so far.
     pub(super) fn rounds(&self, search: &Search<'_>, options: &FitOptions) -> usize {
         if options.starts_alone || self.enough(search, options) {
             0
@@ -150,19 +150,18 @@ impl<'a> Opening<'a> {
         };
         let (observations, freedom) = self.counts();
         if options.misfit {
-            // The full closed form misses real samples by far less than the first weights allow:
-            // more than that says that no start found the lobe. The printed form often misses by
-            // so much anyway.
+            // The complete closed form describes real samples far better than the first weights require. If it does
+            // not, no start found the lobe. The printed lobe often leaves as much in any case.
             let explained = best.cost <= SUSPICIOUS * observations;
             (explained || self.problem.variant() == Variant::Paper) && search.confirmed(2)
         } else {
-            // An end that is no minimum lies in a valley, and there may be a deeper one.
+            // An end that is not a minimum lies in a valley, where there may be a deeper one.
             let settled = best.ending.is_success() && search.confirmed(2);
             best.cost <= freedom * chance(freedom, LIKELY) && settled
         }
     }
 
-    /// Whether the best end is one that noise, or a small misfit, allows: if not, there is a better one.
+    /// Whether noise, or a small model error, explains the best end. Otherwise there is a better one.
     fn plausible(&self, search: &Search<'_>, options: &FitOptions) -> bool {
         let cost = search.best().map_or(f64::INFINITY, |m| m.cost);
         let (observations, freedom) = self.counts();
@@ -173,19 +172,19 @@ impl<'a> Opening<'a> {
         }
     }
 
-    /// Cost of an end at the observations' own weights above which there may well be a deeper one.
+    /// Cost of an end with the observations' own weights above which a deeper one is likely.
     pub(super) fn likely(&self) -> f64 {
         let (_, freedom) = self.counts();
         freedom * chance(freedom, SELDOM)
     }
 
-    /// Observations, and degrees of freedom.
+    /// Number of observations and degrees of freedom.
     fn counts(&self) -> (f64, f64) {
         let observations = self.own.len();
         (observations as f64, freedom(observations, self.fitted))
     }
 
-    /// The best end of a search with the weights that it is to be settled on.
+    /// Combines the best end of a search with the weights to settle it with.
     pub(super) fn settling(&self, best: Minimum, options: &FitOptions) -> Settled<'a> {
         Settled {
             minimum: best,
@@ -199,12 +198,12 @@ impl<'a> Opening<'a> {
     }
 }
 
-/// Takes what the user holds fixed out of what is free.
-fn with_told(
+/// Removes the quantities that the user holds from the free ones.
+fn without_held(
     (mut free, mut fixed): (Vec<Quantity>, Values),
-    told: &[Told],
+    stated: &[Told],
 ) -> (Vec<Quantity>, Values) {
-    for t in told.iter().filter(|t| t.std == 0.0) {
+    for t in stated.iter().filter(|t| t.std == 0.0) {
         free.retain(|q| *q != t.quantity);
         fixed.set_natural(t.quantity, t.value);
     }

@@ -1,5 +1,5 @@
-//! What a fit may be told, on series that the closed form painted: losses, held values, priors,
-//! intervals, and the budget against propagated distributions.
+//! Options of a fit on series computed from the closed form: losses, held values, priors, intervals, and the budget
+//! against propagated distributions.
 
 use std::sync::atomic::AtomicBool;
 
@@ -71,8 +71,8 @@ fn run<'a>(set: &'a ObservationSet, options: &FitOptions) -> Estimate<'a> {
 }
 
 #[test]
-fn a_stated_number_of_starts_is_the_most_that_a_search_tries() {
-    // So few poses that a search looks far around by itself.
+fn a_stated_number_of_starts_limits_a_search() {
+    // With so few poses a search always extends far around.
     let poses =
         (0..15).map(|k| Pose::from_deg(f64::from(k % 5) * 10.0 - 20.0, f64::from(k / 5) * 90.0));
     let set = painted(poses, &TRUTH, NOISE, 3);
@@ -121,14 +121,14 @@ fn three_outliers_in_ten_do_not_move_a_robust_fit() {
             .to_degrees()
     };
     let (linear, huber, tukey) = (error(Loss::Linear), error(Loss::Huber), error(Loss::Tukey));
-    // A noise of 1e-3 leaves some 0.02°; outliers of half the peak have to be worth many of that.
+    // A noise of 1e-3 leaves about 0.02°; outliers of half the peak must have a many times larger effect.
     assert!(tukey < 0.1, "{tukey}");
     assert!(huber < 0.5 * linear, "{huber} {linear}");
     assert!(linear > 0.3, "the outliers do harm: {linear}");
 }
 
 #[test]
-fn without_outliers_a_robust_loss_comes_to_the_surface_that_all_observations_show() {
+fn without_outliers_a_robust_loss_finds_the_surface_of_least_squares() {
     let truth = Values {
         alpha_u: 0.09,
         alpha_v: 0.24,
@@ -166,7 +166,7 @@ fn without_outliers_a_robust_loss_comes_to_the_surface_that_all_observations_sho
 }
 
 #[test]
-fn a_held_value_stays_and_is_told_as_such() {
+fn a_held_value_stays_and_has_no_uncertainty() {
     let set = series(3);
     let held = FitOptions {
         told: vec![Told {
@@ -184,7 +184,7 @@ fn a_held_value_stays_and_is_told_as_such() {
 }
 
 #[test]
-fn a_gain_that_is_told_is_reported_as_it_was_used() {
+fn a_held_gain_is_reported_as_it_was_used() {
     let mut set = series(3);
     set.white_reference = Some(crate::observation::WhiteReference {
         reflectance: 0.99,
@@ -204,7 +204,7 @@ fn a_gain_that_is_told_is_reported_as_it_was_used() {
 }
 
 #[test]
-fn a_prior_pulls_by_its_weight_and_stands_in_the_budget() {
+fn a_prior_pulls_by_its_weight_and_is_in_the_budget() {
     let set = series(4);
     let free = run(&set, &options());
     let j = free
@@ -215,7 +215,7 @@ fn a_prior_pulls_by_its_weight_and_stands_in_the_budget() {
     let j = j.expect("ρd is free");
     let std = uncertainty(&free).covariance.matrix[(j, j)].sqrt();
     let (value, mean) = (free.values.rho_d, free.values.rho_d + 3.0 * std);
-    let told = FitOptions {
+    let with_prior = FitOptions {
         told: vec![Told {
             quantity: Quantity::RhoD,
             value: mean,
@@ -223,7 +223,7 @@ fn a_prior_pulls_by_its_weight_and_stands_in_the_budget() {
         }],
         ..options()
     };
-    let pulled = run(&set, &told);
+    let pulled = run(&set, &with_prior);
     // Two equal weights meet half way, up to the curvature of the model within three deviations.
     let way = (pulled.values.rho_d - value) / (mean - value);
     assert!((way - 0.5).abs() < 0.02, "{way}");
@@ -232,13 +232,13 @@ fn a_prior_pulls_by_its_weight_and_stands_in_the_budget() {
 }
 
 #[test]
-fn what_is_told_of_an_offset_is_told_of_the_zero_of_its_stage() {
+fn a_prior_on_an_offset_applies_to_the_zero_of_its_stage() {
     let mut set = series(4);
     for o in &mut set.observations {
         o.shared.theta_c_zero = Angle::from_deg(0.02);
         o.shared.phi_s_zero = Angle::from_deg(0.02);
     }
-    let told = |std: f64| FitOptions {
+    let stated = |std: f64| FitOptions {
         told: vec![Told {
             quantity: Quantity::TiltOffset,
             value: TRUTH.tilt_offset,
@@ -254,27 +254,27 @@ fn what_is_told_of_an_offset_is_told_of_the_zero_of_its_stage() {
     let known = Angle::from_deg(0.001).rad();
     for other in [Quantity::ThetaR, Quantity::AzimuthOffset] {
         let before = std(&options(), other);
-        for std_told in [known, 0.0] {
-            let after = std(&told(std_told), other);
-            // A little more for want of a zero that evens out a stage whose scale errs; not several times as much.
+        for prior_std in [known, 0.0] {
+            let after = std(&stated(prior_std), other);
+            // Slightly more, because no zero then compensates a scale error of the stage; not several times as much.
             assert!(
                 after <= 1.05 * before,
                 "{other:?}: {before} before, {after} knowing more"
             );
         }
     }
-    let tilt = std(&told(known), Quantity::TiltOffset);
+    let tilt = std(&stated(known), Quantity::TiltOffset);
     assert!(tilt <= 1.5 * known, "{tilt} for {known}");
-    // A word that says less than the stage's own certificate takes nothing from it.
+    // A statement less accurate than the certificate of the stage does not change it.
     let (before, after) = (
         std(&options(), Quantity::TiltOffset),
-        std(&told(0.5), Quantity::TiltOffset),
+        std(&stated(0.5), Quantity::TiltOffset),
     );
     assert!((after / before - 1.0).abs() < 0.01, "{before} {after}");
 }
 
 #[test]
-fn where_the_model_is_straight_profile_and_bootstrap_agree_with_the_budget() {
+fn where_the_model_is_linear_profile_and_bootstrap_agree_with_the_budget() {
     let set = series(5);
     let asked = FitOptions {
         profile: true,
@@ -300,13 +300,13 @@ fn where_the_model_is_straight_profile_and_bootstrap_agree_with_the_budget() {
     );
     let drawn = p.bootstrap.expect("asked for");
     let width = drawn.upper.expect("closed") - drawn.lower.expect("closed");
-    // The ends of 95.45 % of 200 draws scatter by 9 % of the half width each; three of that.
+    // The ends of 95.45 % of 200 draws scatter by 9 % of the half width each; three times that.
     assert!((width / (2.0 * half) - 1.0).abs() < 0.2, "{width} {half}");
 }
 
 #[test]
-fn the_budget_is_what_distributions_propagate_to() {
-    // JCGM 101: draw every source from its distribution, fit, look at the spread.
+fn the_budget_agrees_with_propagated_distributions() {
+    // JCGM 101: draw every source from its distribution, fit, and compare the spread.
     let mut set = series(6);
     for o in &mut set.observations {
         o.shared = SharedErrors {
@@ -372,13 +372,13 @@ fn the_budget_is_what_distributions_propagate_to() {
     }
     for (j, q) in e.problem.free().iter().enumerate() {
         if *q == Quantity::Background {
-            // Its budget adds the certificate, on whose scale it is stated.
+            // Its budget adds the certificate that defines its scale.
             continue;
         }
         let n = DRAWS as f64;
         let spread = ((sums[j][1] - sums[j][0] * sums[j][0] / n) / (n - 1.0)).sqrt();
         let stated = u.budgets[j].combined();
-        // The spread of 300 draws is known to 4 %; four of that.
+        // The spread of 300 draws is known to 4 %; four times that.
         assert!(
             (spread / stated - 1.0).abs() < 0.16,
             "{q:?}: {spread} drawn, {stated} stated"
@@ -388,11 +388,11 @@ fn the_budget_is_what_distributions_propagate_to() {
 }
 
 #[test]
-fn a_retraced_descent_ends_at_the_minimum_and_a_bootstrap_without_time_draws_nothing() {
+fn a_retraced_descent_ends_at_the_minimum_and_a_bootstrap_past_the_time_limit_draws_nothing() {
     let set = series(4);
     let cancel = AtomicBool::new(false);
     let ticks = std::sync::atomic::AtomicU32::new(0);
-    // A clock that moves on by a second whenever it is looked at.
+    // A clock that advances by a second at each reading.
     let now = || f64::from(ticks.fetch_add(1, std::sync::atomic::Ordering::Relaxed));
     let time = Time {
         now: &now,
@@ -401,7 +401,7 @@ fn a_retraced_descent_ends_at_the_minimum_and_a_bootstrap_without_time_draws_not
     };
     let tracer = Tracer {
         time: Some(time),
-        ..Tracer::UNTOLD
+        ..Tracer::PLAIN
     };
     let options = FitOptions {
         bootstrap: 50,
@@ -434,7 +434,7 @@ fn a_retraced_descent_ends_at_the_minimum_and_a_bootstrap_without_time_draws_not
 }
 
 #[test]
-fn a_wedge_of_the_sample_is_ridge_angle_and_a_turn_of_the_lean_or_said_to_be_left_out() {
+fn a_stated_wedge_is_in_the_budget_and_an_unstated_one_is_listed_as_left_out() {
     let bare = series(5);
     let stated = ObservationSet {
         wedge_std: Some(Angle::from_deg(0.1)),
@@ -442,16 +442,16 @@ fn a_wedge_of_the_sample_is_ridge_angle_and_a_turn_of_the_lean_or_said_to_be_lef
     };
     let [without, with] =
         [&bare, &stated].map(|set| fit_with_tier(set, &options(), None, &AtomicBool::new(false)));
-    let told = |r: &super::FitReport| r.left_out.iter().any(|l| l.what.contains("wedge"));
-    assert!(told(&without) && !told(&with));
+    let listed = |r: &super::FitReport| r.left_out.iter().any(|l| l.what.contains("wedge"));
+    assert!(listed(&without) && !listed(&with));
     assert_eq!(without.reference_plane, ReferencePlane::Turntable);
     assert_eq!(with.reference_plane, ReferencePlane::Sample);
-    // The azimuth's own uncertainty is without what it says of the wedge.
+    // The uncertainty of the azimuth itself excludes the wedge.
     let of = |r: &super::FitReport| r.wedge_across.unwrap().azimuth_std_deg;
     assert!((of(&with) / of(&without) - 1.0).abs() < 1e-9);
     let text = |r: &super::FitReport| super::text::table(r, false);
-    assert!(text(&without).contains("those to the turntable"));
-    assert!(text(&with).contains("those to the sample's plane"));
+    assert!(text(&without).contains("refer to the turntable"));
+    assert!(text(&with).contains("refer to the plane of the sample"));
     let line = |p: &super::report::Parameter| p.budget.unwrap().wedge;
     let p = &with.parameters;
     assert!((line(&p.theta_r_deg) - 0.1).abs() < 1e-12);
@@ -466,7 +466,7 @@ fn a_wedge_of_the_sample_is_ridge_angle_and_a_turn_of_the_lean_or_said_to_be_lef
 }
 
 #[test]
-fn half_of_an_error_of_the_lamps_angle_is_tilt_offset_as_refits_show_or_said_to_be_left_out() {
+fn a_stated_lamp_angle_error_is_in_the_budget_and_an_unstated_one_is_listed_as_left_out() {
     let fitted =
         |set: &ObservationSet| fit_with_tier(set, &options(), None, &AtomicBool::new(false));
     let bare = series(5);
@@ -476,9 +476,9 @@ fn half_of_an_error_of_the_lamps_angle_is_tilt_offset_as_refits_show_or_said_to_
         ..bare.clone()
     };
     let [without, with] = [&bare, &stated].map(fitted);
-    let told = |r: &super::FitReport| r.left_out.iter().any(|l| l.what.contains("theta_l"));
-    assert!(told(&without) && !told(&with));
-    // What the budget's line says is what a fit to the same signals finds with the lamp elsewhere.
+    let listed = |r: &super::FitReport| r.left_out.iter().any(|l| l.what.contains("theta_l"));
+    assert!(listed(&without) && !listed(&with));
+    // The line of the budget equals the result of a fit to the same signals with the lamp moved.
     let moved = fitted(&bare.with_lamp_moved(Angle::from_deg(std)));
     let parameters = |r: &super::FitReport| {
         let p = &r.parameters;
@@ -498,7 +498,7 @@ fn half_of_an_error_of_the_lamps_angle_is_tilt_offset_as_refits_show_or_said_to_
 }
 
 #[test]
-fn a_prior_that_the_data_deny_is_named_and_one_that_they_bear_out_is_not() {
+fn only_a_prior_that_the_data_contradict_is_reported() {
     let set = series(5);
     let warned = |mean: f64, std: f64| {
         let options = FitOptions {
@@ -507,7 +507,7 @@ fn a_prior_that_the_data_deny_is_named_and_one_that_they_bear_out_is_not() {
         };
         let report = fit_with_tier(&set, &options, None, &AtomicBool::new(false));
         let mut warnings = report.warnings.iter();
-        warnings.any(|w| w.contains("the data deny what was stated of θr"))
+        warnings.any(|w| w.contains("contradict the stated θr"))
     };
     let truth = TRUTH.theta_r.to_degrees();
     for std in [0.5, 0.05, 0.005] {
@@ -517,25 +517,25 @@ fn a_prior_that_the_data_deny_is_named_and_one_that_they_bear_out_is_not() {
 }
 
 #[test]
-fn a_prior_that_the_data_deny_does_not_pass_for_a_misfit_of_the_model() {
+fn a_contradicted_prior_does_not_count_as_model_error() {
     let set = series(5);
     let value = |misfit: bool| {
-        let told = super::told::known("theta_r_deg", TRUTH.theta_r.to_degrees() + 2.0, 0.05);
+        let prior = super::told::known("theta_r_deg", TRUTH.theta_r.to_degrees() + 2.0, 0.05);
         let options = FitOptions {
-            told: vec![told.unwrap()],
+            told: vec![prior.unwrap()],
             misfit,
             ..options()
         };
         let report = fit_with_tier(&set, &options, None, &AtomicBool::new(false));
         report.parameters.theta_r_deg.value.unwrap()
     };
-    // The data are of the model: whether it may be wrong makes no difference.
+    // The data come from the model, so allowing for a model error makes no difference.
     let (free, strict) = (value(true), value(false));
     assert!((free - strict).abs() < 1e-4, "{free} {strict}");
 }
 
 #[test]
-fn few_poses_that_the_printed_form_explains_are_not_put_down_to_the_sawtooth() {
+fn few_poses_that_the_printed_form_explains_select_paper() {
     let poses = [-20.0, -10.0, 0.0, 10.0, 20.0]
         .into_iter()
         .flat_map(|tilt| [0.0, 90.0, 180.0].map(|azimuth| Pose::from_deg(tilt, azimuth)));
@@ -547,14 +547,14 @@ fn few_poses_that_the_printed_form_explains_are_not_put_down_to_the_sawtooth() {
     let theta_r = &report.parameters.theta_r_deg;
     let off = (theta_r.value.unwrap() - TRUTH.theta_r.to_degrees()).abs();
     assert!(off < 2.0 * theta_r.expanded.unwrap(), "{theta_r:?}");
-    let unexplained = |w: &String| w.contains("no variant explains");
+    let unexplained = |w: &String| w.contains("No variant explains");
     assert!(!report.notes.iter().any(unexplained), "{:?}", report.notes);
 }
 
 #[test]
-fn a_search_that_is_late_says_what_was_not_looked_for() {
+fn a_search_ended_by_the_time_limit_lists_what_was_left_out() {
     let set = series(5);
-    // So few poses are always looked at thoroughly.
+    // So few poses always have a thorough search.
     let few = ObservationSet {
         observations: set.observations[..24].to_vec(),
         ..set
@@ -568,7 +568,7 @@ fn a_search_that_is_late_says_what_was_not_looked_for() {
         };
         let tracer = Tracer {
             time: Some(time),
-            ..Tracer::UNTOLD
+            ..Tracer::PLAIN
         };
         let report = fit_with_tracer(&few, &options(), None, &tracer, &cancel);
         let mut left = report.left_out.iter();

@@ -1,9 +1,9 @@
-//! How long a fit of given observations will take, before it is done.
+//! Forecasts the duration of a fit.
 //!
-//! A search goes on for as long as the data leave it in doubt, so nothing but the data tells what it will do. Call
-//! [`outlook`]: it takes the fit's own quick look, settles where that ends, sees from there which rounds are to follow,
-//! and tries a small share of one round and one integration. [`likely`] makes observations at poses that nobody
-//! has read yet, from those that were. The clock is the caller's.
+//! A search continues while the data leave a doubt, so its duration depends on the data. Call [`outlook`]: it runs the
+//! first round of the fit, settles its result, derives the rounds that will follow, and times a small share of one
+//! round and one integration. [`likely`] extrapolates observations at poses that were not read yet from those that
+//! were. The caller provides the clock.
 
 use std::sync::atomic::AtomicBool;
 
@@ -32,42 +32,42 @@ use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::{Observation, ObservationSet};
 
-/// Candidates that are descended to tell what one costs, and shapes whose roughnesses are looked at.
+/// Candidates that are descended to time one, and shapes whose roughnesses are scanned.
 const TRIED: usize = 8;
 const SCANNED: usize = 2;
-/// One of so many starts of a round that nothing recommends is descended for it.
+/// The forecast descends one in this many of the unselected starts of a round.
 const PLAIN_TRIED: u32 = 24;
-/// Descents of a thorough round for each of its starts: every third is descended twice.
+/// Descents per start of a thorough round: every third start is descended twice.
 const DESCENTS: f64 = 4.0 / 3.0;
-/// Ends that a round's images lead to.
+/// Ends reached from the images of a round.
 const IMAGES: f64 = 7.0;
-/// Descents in settling an end again on other weights: such ends lie in valleys.
+/// Descents needed to settle an end again with other weights: such ends are in valleys.
 const SETTLING: f64 = 10.0;
-/// Passes of tier and refit from where a search ends.
+/// Passes of tier and refit from the end of a search.
 const PASSES: f64 = 3.5;
-/// Passes of tier and refit from another end: it is farther from where it leads, on a surface that costs more.
+/// Passes of tier and refit from another end. It starts farther from its minimum, on a surface that costs more.
 const TRIAL_PASSES: f64 = 8.0;
-/// Rounds beyond the calm ones of a search that persists.
+/// Rounds before the calm ones in a search that persists.
 const BEFORE_CALM: usize = 2;
-/// Evaluations of all observations where there are very many, per variant.
+/// Evaluations of all observations of very large series, per variant.
 const EVALUATIONS_OF_ALL: f64 = 40.0;
 /// Series drawn to time a bootstrap.
 const DRAWN: u32 = 20;
 
-/// What a fit will take, s.
+/// Forecast of the duration of a fit, s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outlook {
-    /// Searches, settling and integrated double reflections, of both closed variants.
+    /// Searches, settling and integrated double reflections of both closed variants.
     pub search_s: f64,
     /// Profile-likelihood intervals.
     pub profile_s: f64,
     /// Bootstrap intervals.
     pub bootstrap_s: f64,
-    /// Where the quick look of the sawtooth ended.
+    /// End of the first round of the sawtooth.
     pub values: Values,
 }
 
-/// What of a fit is looked at, and by whose clock.
+/// Inputs of a forecast.
 struct Look<'o> {
     options: &'o FitOptions,
     now: &'o dyn Fn() -> f64,
@@ -75,7 +75,7 @@ struct Look<'o> {
 }
 
 impl Look<'_> {
-    /// What some work gives, and its seconds.
+    /// Runs some work and returns its result and its seconds.
     fn timed<T>(&self, work: impl FnOnce() -> T) -> (T, f64) {
         let before = (self.now)();
         let found = work();
@@ -83,8 +83,8 @@ impl Look<'_> {
     }
 }
 
-/// What a fit of these observations will take by the clock `now` (s), the ray tracer's passes left out. `None` where
-/// there is nothing to fit.
+/// Forecasts the duration of a fit of these observations by the clock `now` (s), without the passes of the ray tracer.
+/// Returns `None` if there is nothing to fit.
 #[must_use]
 pub fn outlook(
     set: &ObservationSet,
@@ -130,7 +130,7 @@ pub fn outlook(
 }
 
 impl Look<'_> {
-    /// Where the quick look of a variant ends, settled, and the seconds of its whole estimate.
+    /// Returns the settled end of a variant's first round, and the seconds of its complete estimate.
     fn variant<'a>(
         &self,
         set: &'a ObservationSet,
@@ -184,7 +184,7 @@ impl Look<'_> {
             if settled.discrepancy > DOUBTFUL {
                 trials += TRIALS;
             }
-            // On plastic with polarisation and without.
+            // Plastic is fitted with polarisation and without.
             let ways = match settled.problem.set().material {
                 Material::Dielectric { .. } => 2.0,
                 Material::Conductor { .. } => 1.0,
@@ -199,7 +199,7 @@ impl Look<'_> {
         Some((settled, seconds))
     }
 
-    /// What the pieces of a round cost, from a few of each.
+    /// Times the parts of a round from a few of each.
     fn costs(&self, problem: &Problem<'_>, fallback: &Values) -> Costs {
         let wanted = Wanted {
             scanned: SCANNED,
@@ -215,7 +215,7 @@ impl Look<'_> {
             ends.filter(usable).collect::<Vec<Minimum>>()
         });
         let bounds = problem.bounds();
-        // Enough for all lanes of all processors.
+        // Enough to fill all lanes of all processors.
         let count = (descended_in_round(problem) / PLAIN_TRIED).max(TRIED as u32);
         let plain = candidates::plain(problem, fallback, count, self.options.seed);
         let (_, plain_s) = self.timed(|| descend(problem, &plain, &|| false, cancel));
@@ -233,7 +233,7 @@ impl Look<'_> {
         }
     }
 
-    /// Seconds of all profiles, from one.
+    /// Forecasts the seconds of all profiles from one.
     fn profiles(&self, main: &Settled<'_>) -> f64 {
         let (problem, minimum) = (&main.problem, &main.minimum);
         let rows = problem.residual_count();
@@ -253,7 +253,7 @@ impl Look<'_> {
         count as f64 * one_s
     }
 
-    /// Seconds of all drawn series, from a few.
+    /// Forecasts the seconds of all drawn series from a few.
     fn draws(&self, main: &Settled<'_>) -> f64 {
         let wanted = self.options.bootstrap;
         if wanted == 0 {
@@ -275,21 +275,21 @@ impl Look<'_> {
     }
 }
 
-/// Seconds of one of many that are done on all processors.
+/// Seconds per item when many items run on all processors.
 struct Costs {
     residuals: usize,
-    /// A candidate judged with its best amplitudes.
+    /// Judging a candidate with its best amplitudes.
     judged_s: f64,
-    /// A descent that only has to come near.
+    /// A descent that only has to come near a minimum.
     rough_s: f64,
-    /// The same from a start that nothing recommends, one of very many.
+    /// The same from one of the many unselected starts.
     plain_s: f64,
-    /// One whose end counts.
+    /// A descent to full accuracy.
     fine_s: f64,
 }
 
 impl Costs {
-    /// A round of candidates.
+    /// Seconds of a round of candidates.
     fn thorough(&self, effort: Effort) -> f64 {
         let judged = f64::from(POOL) + effort.scanned as f64 * f64::from(SCAN * SCAN);
         let starts = effort.starts(self.residuals) as f64;
@@ -298,7 +298,7 @@ impl Costs {
             + REFINED_THOROUGHLY as f64 * self.fine_s
     }
 
-    /// The same with other roughnesses and images of its best ends.
+    /// Seconds of the same with other roughnesses and the images of its best ends.
     fn round(&self, effort: Effort) -> f64 {
         let again = effort.rescanned as f64;
         self.thorough(effort)
@@ -308,8 +308,8 @@ impl Costs {
     }
 }
 
-/// Observations at all of `poses`, as the surface that `few` of them show would give them, missed by as much as those
-/// are. `None` where those few show none.
+/// Predicts observations at all of `poses` from the surface that `few` of them show, with the same relative model
+/// error. Returns `None` if those few determine no surface.
 #[must_use]
 pub fn likely(
     few: &ObservationSet,
@@ -371,8 +371,8 @@ mod tests {
             .collect()
     }
 
-    /// By a clock that goes on by a second at each look, so that pieces of work are counted.
-    fn told(set: &ObservationSet, options: &FitOptions) -> Option<Outlook> {
+    /// Forecasts with a clock that advances by a second at each reading, so that it counts pieces of work.
+    fn forecast(set: &ObservationSet, options: &FitOptions) -> Option<Outlook> {
         let ticks = Cell::new(0.0);
         let now = || {
             ticks.set(ticks.get() + 1.0);
@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_data_leave_in_doubt_is_foreseen_to_take_longer() {
+    fn doubtful_data_are_forecast_to_take_longer() {
         let seen = painted(grid(9, 12).into_iter(), &TRUTH, 1e-3, 1);
         let narrow = Values {
             alpha_u: 0.02,
@@ -397,7 +397,7 @@ mod tests {
         };
         let missed = painted(grid(4, 6).into_iter(), &narrow, 1e-3, 1);
         let options = FitOptions::default();
-        let (clear, doubtful) = (told(&seen, &options), told(&missed, &options));
+        let (clear, doubtful) = (forecast(&seen, &options), forecast(&missed, &options));
         let (clear, doubtful) = (clear.unwrap(), doubtful.unwrap());
         assert!(doubtful.search_s > clear.search_s, "{clear:?} {doubtful:?}");
         assert_eq!((clear.profile_s, clear.bootstrap_s), (0.0, 0.0));
@@ -405,25 +405,25 @@ mod tests {
     }
 
     #[test]
-    fn intervals_are_foreseen_where_they_are_asked_for_and_nothing_where_nothing_can_be_fitted() {
+    fn only_requested_intervals_are_forecast_and_nothing_if_no_fit_is_possible() {
         let seen = painted(grid(9, 12).into_iter(), &TRUTH, 1e-3, 1);
         let options = FitOptions {
             profile: true,
             bootstrap: 200,
             ..FitOptions::default()
         };
-        let all = told(&seen, &options).unwrap();
-        // One profile is tried for all, and twenty series for two hundred.
+        let all = forecast(&seen, &options).unwrap();
+        // One profile is timed for all, and 20 series for 200.
         assert!(
             all.profile_s >= 6.0 && (all.bootstrap_s - 10.0).abs() < 1e-9,
             "{all:?}"
         );
         let two = painted(grid(2, 1).into_iter(), &TRUTH, 1e-3, 1);
-        assert_eq!(told(&two, &options), None);
+        assert_eq!(forecast(&two, &options), None);
     }
 
     #[test]
-    fn a_sixth_of_the_poses_tells_what_the_others_are_like() {
+    fn a_fifth_of_the_poses_predicts_the_others() {
         let all = painted(grid(9, 12).into_iter(), &TRUTH, 1e-3, 1);
         let few = painted(grid(9, 12).into_iter().step_by(5), &TRUTH, 1e-3, 1);
         let options = FitOptions::default();

@@ -1,4 +1,4 @@
-//! Series that the closed forms painted, for tests of fits.
+//! Synthetic series computed from the closed forms, for tests of fits.
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -9,7 +9,7 @@ use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::{Observation, ObservationSet, Prior, WhiteReference};
 
-/// Plastic as a lab meets it.
+/// A typical plastic sample.
 pub const TRUTH: Values = Values {
     theta_r: 0.17,
     alpha_u: 0.12,
@@ -24,8 +24,8 @@ pub const TRUTH: Values = Values {
     real: crate::model::extended::Real::NONE,
 };
 
-/// Plastic on an absolute scale, painted with `truth` by the sawtooth's closed form; every observation has the noise `noise` as a share of the
-/// brightest.
+/// Plastic on an absolute scale, computed from `truth` with the closed form of the sawtooth. Every observation has the
+/// noise `noise`, as a share of the brightest.
 pub fn painted(
     poses: impl Iterator<Item = Pose>,
     truth: &Values,
@@ -35,7 +35,7 @@ pub fn painted(
     painted_by(Variant::Sawtooth, poses, truth, noise, seed)
 }
 
-/// The same by any of the closed forms.
+/// The same with any of the closed forms.
 pub fn painted_by(
     variant: Variant,
     poses: impl Iterator<Item = Pose>,

@@ -1,4 +1,4 @@
-//! What is fitted: the observation model and its parameters.
+//! The observation model and its parameters.
 //!
 //! ```text
 //! sample   signal = g · [factor · L(θc + Δθc, φs + Δφs; η, k) + correction] + B
@@ -6,16 +6,15 @@
 //! priors   B, η, k as stated
 //! ```
 //!
-//! L is the variant's radiance, g the gain of the signals (1 where the white reference is exact; the
-//! flats carry it), B the stray light, which is in samples and flats alike, Δθc and Δφs the zeros of the
-//! stages. B always has a prior: left to the sample alone it is nearly collinear with the diffuse
-//! term. The index is fitted within its uncertainty, so that data which cannot tell it from the
-//! diffuse term get no weight in it; the white reference's certificate is taken as it stands. The
-//! corrections are fixed numbers per observation: what a costlier tier of the model makes of the closed
-//! form, as a factor and as radiance added.
+//! L is the radiance of the variant and g the gain of the signals (1 if the white reference is exact; the flats
+//! determine it). B is the stray light in samples and flats; Δθc and Δφs are the zeros of the stages. B always has a
+//! prior, because the sample alone leaves it nearly collinear with the diffuse term. The index is fitted within its
+//! uncertainty, so that data which cannot separate it from the diffuse term do not move it. The certificate of the
+//! white reference is not fitted. The corrections are fixed numbers per observation: the effect of a costlier tier on
+//! the closed form, as a factor and as an added radiance.
 //!
-//! Inside, θr is signed and the roughnesses are logarithms: the fit may pass through θr = 0 and
-//! comes out on the other side as (−θr, φs + 180°), which is the same surface.
+//! Inside, θr is signed and the roughnesses are logarithms. The fit may pass through θr = 0 and continues as (−θr, φs +
+//! 180°), which is the same surface.
 
 mod residuals;
 
@@ -37,20 +36,20 @@ use crate::model::{Gradient, Optics, Surface, Variant};
 use crate::observation::{ObservationSet, Prior};
 use crate::units::Angle;
 
-/// Least and greatest gain as multiples of the brightest signal. A lobe that all poses miss by far could be lifted without
-/// end until the skirt of it is the signal; what lies 43 decades below a lobe's top the fit's form of the model has as 0,
-/// and with the narrowest lobe this stays a share of 1e-12 of the brightest signal.
+/// Smallest and largest gain as multiples of the brightest signal. Without a limit, a lobe that all poses miss by far
+/// could be scaled up until its skirt equals the signal. The fit's form of the model is 0 from 43 decades below the top
+/// of a lobe; for the narrowest lobe this limit stays a share of 1e-12 of the brightest signal.
 const GAIN: (f64, f64) = (1e-12, 1e24);
 /// Steepest ridge that a fit considers, rad.
 pub const THETA_R_MAX: f64 = 75.0 * PI / 180.0;
 /// Smoothest facet that a fit considers.
 pub const ALPHA_MIN: f64 = 1e-4;
-/// Largest zero of the tilt that a fit considers.
+/// Largest zero of the tilt that a fit considers, rad.
 pub const TILT_OFFSET_MAX: f64 = 15.0 * PI / 180.0;
 /// Roughest facet that a fit considers.
 pub const ALPHA_MAX: f64 = 2.0;
 
-/// One least-squares problem: a set of observations, a variant, weights and what is free.
+/// A least-squares problem: a set of observations, a variant, weights and the free quantities.
 #[derive(Debug, Clone)]
 pub struct Problem<'a> {
     set: &'a ObservationSet,
@@ -63,19 +62,19 @@ pub struct Problem<'a> {
     correction: Vec<f64>,
     optics: OpticsTable,
     priors: Vec<(Quantity, Prior)>,
-    /// What the user knows beside the certificates.
-    told: Vec<(Quantity, Prior)>,
+    /// Priors of the user, in addition to the certificates.
+    stated: Vec<(Quantity, Prior)>,
     loss: Loss,
     lean: bool,
     logarithmic: bool,
     polarised: bool,
-    /// The walls of a surface that has more than an ideal sawtooth; those terms are left out without them.
+    /// Walls of a surface that deviates from an ideal sawtooth; without them those terms are omitted.
     walls: Option<Arc<Walls>>,
     /// Sines and cosines of the recorded poses: (θc, φs with the known zeros), one per observation.
     poses: Vec<[(f64, f64); 2]>,
 }
 
-/// The model at one set of values, ready for every observation.
+/// The model at one set of values, prepared for every observation.
 #[derive(Debug, Clone, Copy)]
 pub struct Ready {
     prepared: Prepared,
@@ -89,8 +88,8 @@ pub struct Ready {
 }
 
 impl<'a> Problem<'a> {
-    /// A problem with the observations' own uncertainties and no correction; `fixed` gives what is
-    /// not free.
+    /// Makes a problem with the uncertainties of the observations and no correction; `fixed` has the values of all
+    /// quantities that are not free.
     #[must_use]
     pub fn new(
         set: &'a ObservationSet,
@@ -101,7 +100,7 @@ impl<'a> Problem<'a> {
         Problem {
             variant,
             priors: priors(set, &free, &[]),
-            told: Vec::new(),
+            stated: Vec::new(),
             loss: Loss::Linear,
             lean: false,
             logarithmic: false,
@@ -126,63 +125,61 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The same problem with other free quantities.
+    /// Sets other free quantities.
     #[must_use]
     pub fn with_free(mut self, free: Vec<Quantity>) -> Self {
-        self.priors = priors(self.set, &free, &self.told);
+        self.priors = priors(self.set, &free, &self.stated);
         self.free = free;
         self
     }
 
-    /// The same problem with other values of what is not free.
+    /// Sets other values of the quantities that are not free.
     #[must_use]
     pub fn with_fixed(mut self, fixed: Values) -> Self {
         self.fixed = fixed;
         self
     }
 
-    /// The same problem without what is known beforehand of some quantities: another problem that
-    /// is solved together with this one states it.
+    /// Removes the priors of some quantities: another problem, solved together with this one, contains them.
     #[must_use]
     pub fn without_priors(mut self, of: &[Quantity]) -> Self {
-        self.told.retain(|(q, _)| !of.contains(q));
+        self.stated.retain(|(q, _)| !of.contains(q));
         self.priors.retain(|(q, _)| !of.contains(q));
         self
     }
 
-    /// The same problem with priors of the user, in natural units: angles in radians, θr ≥ 0,
-    /// roughness as it is. Those on quantities that are not free are ignored.
+    /// Sets priors of the user in natural units: angles in radians, θr ≥ 0, roughness itself. Priors on quantities that
+    /// are not free are ignored.
     #[must_use]
-    pub fn with_priors(mut self, told: &[(Quantity, Prior)]) -> Self {
-        self.told = told.to_vec();
-        self.priors = priors(self.set, &self.free, &self.told);
+    pub fn with_priors(mut self, stated: &[(Quantity, Prior)]) -> Self {
+        self.stated = stated.to_vec();
+        self.priors = priors(self.set, &self.free, &self.stated);
         self
     }
 
-    /// The same problem with another loss on the sample's residuals.
+    /// Sets the loss of the sample residuals.
     #[must_use]
     pub fn with_loss(mut self, loss: Loss) -> Self {
         self.loss = loss;
         self
     }
 
-    /// The same problem with the closed form's lean stand-in, to look for the lobe with.
+    /// Selects the cheaper form of the closed form for finding the lobe.
     #[must_use]
     pub fn with_lean(mut self, lean: bool) -> Self {
         self.lean = lean;
         self
     }
 
-    /// The same problem with signals compared on a scale that is logarithmic above the noise and
-    /// linear below.
+    /// Compares signals on a scale that is logarithmic above the noise and linear below.
     #[must_use]
     pub fn with_logarithmic(mut self, logarithmic: bool) -> Self {
         self.logarithmic = logarithmic;
         self
     }
 
-    /// The same problem on a series drawn from it: `set` differs in its signals alone, and what the
-    /// priors state is drawn around `values` with `normal`.
+    /// Returns the same problem for a series drawn from it: `set` differs only in its signals, and the means of the
+    /// priors are drawn around `values` with `normal`.
     #[must_use]
     pub fn drawn<'s>(
         &self,
@@ -201,36 +198,36 @@ impl<'a> Problem<'a> {
         problem
     }
 
-    /// The same problem with other standard uncertainties of the observations.
+    /// Sets other standard uncertainties of the observations.
     #[must_use]
     pub fn with_sigma(mut self, sigma: Vec<f64>) -> Self {
         self.sigma = sigma;
         self
     }
 
-    /// The same problem with other standard uncertainties of the flats.
+    /// Sets other standard uncertainties of the flats.
     #[must_use]
     pub fn with_flat_sigma(mut self, sigma: Vec<f64>) -> Self {
         self.flat_sigma = sigma;
         self
     }
 
-    /// The same problem with radiances added to the closed form's, one per observation.
+    /// Sets radiances to add to the closed form, one per observation.
     #[must_use]
     pub fn with_correction(mut self, correction: Vec<f64>) -> Self {
         self.correction = correction;
         self
     }
 
-    /// The same problem for light as nature has it, or as a renderer that knows no polarisation.
+    /// Selects physical light, or light without polarisation as in a renderer.
     #[must_use]
     pub fn with_polarisation(mut self, polarised: bool) -> Self {
         self.polarised = polarised;
         self
     }
 
-    /// The same problem of a surface that may have more than an ideal sawtooth ([`crate::model::extended`]), its walls rough as
-    /// those of the given values; they stay as they are while the values move.
+    /// Allows deviations from an ideal sawtooth ([`crate::model::extended`]). The roughness of the walls is that of the
+    /// given values and stays fixed while the values move.
     #[must_use]
     pub fn with_walls_of(mut self, values: &Values) -> Self {
         let mut surface = values.surface();
@@ -240,20 +237,19 @@ impl<'a> Problem<'a> {
         self
     }
 
-    /// Whether the surface may have more than an ideal sawtooth.
+    /// Whether deviations from an ideal sawtooth are allowed.
     #[must_use]
     pub fn is_extended(&self) -> bool {
         self.walls.is_some()
     }
 
-    /// Whether what is added to the closed form follows polarisation from one facet to the next.
+    /// Whether the correction of the closed form follows polarisation from one facet to the next.
     #[must_use]
     pub fn is_polarised(&self) -> bool {
         self.polarised
     }
 
-    /// The same problem with the closed form's radiances multiplied by `factor` before the
-    /// correction is added, one per observation.
+    /// Sets factors of the closed form, applied before the correction, one per observation.
     #[must_use]
     pub fn with_factor(mut self, factor: Vec<f64>) -> Self {
         self.factor = factor;
@@ -272,19 +268,19 @@ impl<'a> Problem<'a> {
         self.variant
     }
 
-    /// What the solver moves, in its order.
+    /// The free quantities in the order of the solver.
     #[must_use]
     pub fn free(&self) -> &[Quantity] {
         &self.free
     }
 
-    /// Standard uncertainties that the sample's residuals are divided by.
+    /// Standard uncertainties that divide the sample residuals.
     #[must_use]
     pub fn sigma(&self) -> &[f64] {
         &self.sigma
     }
 
-    /// Standard uncertainties that the flats' residuals are divided by.
+    /// Standard uncertainties that divide the flat residuals.
     #[must_use]
     pub fn flat_sigma(&self) -> &[f64] {
         &self.flat_sigma
@@ -302,10 +298,10 @@ impl<'a> Problem<'a> {
         &self.priors
     }
 
-    /// What the user knows beside the certificates.
+    /// Priors of the user, in addition to the certificates.
     #[must_use]
-    pub fn told(&self) -> &[(Quantity, Prior)] {
-        &self.told
+    pub fn stated(&self) -> &[(Quantity, Prior)] {
+        &self.stated
     }
 
     /// The optics at the nominal index.
@@ -313,7 +309,7 @@ impl<'a> Problem<'a> {
         &self.optics
     }
 
-    /// The optics at given values, as the model wants them.
+    /// Returns the optics of the model at given values.
     #[must_use]
     pub fn optics(&self, values: &Values) -> OpticsTable {
         let nominal = self.optics.optics;
@@ -327,13 +323,13 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// The solver's vector for given values.
+    /// Converts values to the vector of the solver.
     #[must_use]
     pub fn pack(&self, values: &Values) -> Vec<f64> {
         self.free.iter().map(|q| values.inner(*q)).collect()
     }
 
-    /// All values for a solver's vector.
+    /// Converts a vector of the solver to all values.
     #[must_use]
     pub fn unpack(&self, x: &[f64]) -> Values {
         let mut values = self.fixed;
@@ -343,28 +339,28 @@ impl<'a> Problem<'a> {
         values
     }
 
-    /// The box in which the solver stays.
+    /// The bounds of the solver.
     #[must_use]
     pub fn bounds(&self) -> Bounds {
         let (eta, k) = self.set.material.index();
         let signals = self.set.observations.iter().map(|o| o.signal.abs());
         let brightest = signals.fold(0.0, f64::max);
         let range = |q: &Quantity| match q {
-            // Where the azimuth is held, θr cannot change sides.
+            // If the azimuth is held, θr cannot change its sign.
             Quantity::ThetaR if !self.free.contains(&Quantity::AzimuthOffset) => (0.0, THETA_R_MAX),
             Quantity::ThetaR => (-THETA_R_MAX, THETA_R_MAX),
             Quantity::AlphaU | Quantity::AlphaV => (ALPHA_MIN.ln(), ALPHA_MAX.ln()),
-            // The printed lobe's amplitude A = F + (ρd/π)(1 − F)² stays positive; its ρd may pass 1,
-            // which says that the variant is wrong here.
+            // The amplitude of the printed lobe, A = F + (ρd/π)(1 − F)², stays positive. Its ρd may exceed 1, which
+            // shows that the variant does not describe the sample.
             Quantity::RhoD => match self.variant {
                 Variant::Paper => {
                     let f = normal_reflectance(eta, k);
                     (-0.99 * PI * f / ((1.0 - f) * (1.0 - f)), 1e3)
                 }
-                // Not 0: there the model leaves the diffuse terms and their derivatives out.
+                // Not 0, where the model omits the diffuse terms and their derivatives.
                 Variant::Sawtooth => (1e-9, 1.0),
             },
-            // In the signals' own unit, whatever it is.
+            // In the unit of the signals.
             Quantity::Scale => {
                 let unit = brightest.max(f64::MIN_POSITIVE);
                 (GAIN.0 * unit, GAIN.1 * unit)
@@ -381,7 +377,7 @@ impl<'a> Problem<'a> {
         Bounds { lower, upper }
     }
 
-    /// Everything that no pose changes, for [`Problem::gradient`].
+    /// Prepares everything that does not depend on the pose, for [`Problem::gradient`].
     #[must_use]
     pub fn ready(&self, values: &Values) -> Ready {
         let mut surface = values.surface();
@@ -412,9 +408,9 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Directions of one observation in the sample frame, and sine and cosine of v's azimuth: those
-    /// of [`crate::geometry::RigGeometry::directions`] with the offsets added by the angle sums. Of
-    /// an observation with one view, those of the view; of one with several, those of the rig's centre.
+    /// Computes the directions of one observation in the sample frame, and sine and cosine of v's azimuth. They equal
+    /// those of [`crate::geometry::RigGeometry::directions`]; the offsets are added by the angle sums. An observation
+    /// with one view uses the view; one with several views uses the centre of the rig.
     #[must_use]
     pub fn directions(&self, index: usize, ready: &Ready) -> (Directions, f64, f64) {
         if let Some([view]) = self.set.views.get(index).map(Vec::as_slice) {
@@ -428,15 +424,15 @@ impl<'a> Problem<'a> {
         self.on_sample(index, ready, incident, Vector3::new(s, 0.0, c))
     }
 
-    /// The same of one of an observation's views.
+    /// The same for one view of an observation.
     fn of_view(&self, index: usize, ready: &Ready, view: &Directions) -> (Directions, f64, f64) {
         let (so, co) = ready.tilt;
-        // Tilting turns (x, y, z) about +y towards +x.
+        // The tilt rotates (x, y, z) about +y towards +x.
         let tilted = |w: Vector3<f64>| Vector3::new(w.x * co + w.z * so, w.y, w.z * co - w.x * so);
         self.on_sample(index, ready, tilted(view.incident), tilted(view.outgoing))
     }
 
-    /// Rig directions at the true tilt, turned into the sample frame of observation `index`.
+    /// Rotates rig directions at the true tilt into the sample frame of observation `index`.
     fn on_sample(
         &self,
         index: usize,
@@ -456,8 +452,8 @@ impl<'a> Problem<'a> {
         (directions, sin, cos)
     }
 
-    /// Radiance with all derivatives for one observation, the sign of θr taken care of; of a near
-    /// camera's observation the weighted sum over its views.
+    /// Computes the radiance of one observation with all derivatives, for either sign of θr. For a near camera this is
+    /// the weighted sum over the views.
     #[must_use]
     pub fn gradient(&self, index: usize, ready: &Ready) -> Gradient {
         let one = |(directions, sin, cos): (Directions, f64, f64)| {
@@ -483,7 +479,7 @@ impl<'a> Problem<'a> {
         g
     }
 
-    /// Of one pair of directions, θr ≥ 0.
+    /// The same for one pair of directions, θr ≥ 0.
     fn partials(&self, directions: &Directions, ready: &Ready) -> Partials {
         let Some(walls) = &self.walls else {
             return ready.prepared.partials(directions);
@@ -505,7 +501,7 @@ impl<'a> Problem<'a> {
         )
     }
 
-    /// [`Problem::gradient`] with what a costlier tier makes of it: factor and correction.
+    /// [`Problem::gradient`] with factor and correction of the costlier tier.
     #[must_use]
     pub fn corrected(&self, index: usize, ready: &Ready) -> Gradient {
         let mut g = Gradient::ZERO;
@@ -514,14 +510,14 @@ impl<'a> Problem<'a> {
         g
     }
 
-    /// Radiance in the directions of [`Problem::directions`] alone, views left aside.
+    /// Radiance in the directions of [`Problem::directions`] only, without the views.
     #[must_use]
     pub fn at_centre(&self, index: usize, ready: &Ready) -> f64 {
         let directions = self.directions(index, ready).0;
         self.partials(&directions, ready).value
     }
 
-    /// The same of an ideal sawtooth with these walls.
+    /// The same for an ideal sawtooth with these walls.
     #[must_use]
     pub fn ideal_at_centre(&self, index: usize, ready: &Ready) -> f64 {
         let ideal = Ready {
@@ -531,7 +527,7 @@ impl<'a> Problem<'a> {
         self.at_centre(index, &ideal)
     }
 
-    /// Cosines of lamp and camera to the normals of facet, riser and pitch, in the directions of
+    /// Cosines between lamp or camera and the normals of facet, riser and pitch, in the directions of
     /// [`Problem::directions`].
     pub(super) fn wall_cosines(&self, index: usize, ready: &Ready) -> [f64; 6] {
         let directions = self.directions(index, ready).0;
@@ -541,7 +537,7 @@ impl<'a> Problem<'a> {
         [a, b, d, e, f, g]
     }
 
-    /// Signals of the sample that the model expects.
+    /// Sample signals that the model expects.
     #[must_use]
     pub fn predicted(&self, values: &Values) -> Vec<f64> {
         let ready = self.ready(values);
@@ -550,7 +546,7 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
-    /// The same observations seen by a rig whose lamp stands elsewhere; `set` is not to differ in anything else.
+    /// Returns the same problem for a rig with the lamp at another place; `set` must differ in nothing else.
     pub(super) fn seen_by<'s>(&self, set: &'s ObservationSet) -> Problem<'s>
     where
         'a: 's,
@@ -561,8 +557,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Cosine of the lamp's incidence on the white reference at flat `index`, and its derivative
-    /// with respect to the tilt.
+    /// Cosine of the incidence on the white reference at flat `index`, and its derivative with respect to the tilt.
     #[must_use]
     pub fn flat_cosine(&self, index: usize, values: &Values) -> (f64, f64) {
         let tilt = self.set.flats[index].theta_c + Angle::from_rad(values.tilt_offset);
@@ -576,7 +571,7 @@ impl<'a> Problem<'a> {
         values.scale * self.reflectance() / PI * cosine + values.background
     }
 
-    /// Whether this is a far rig's by least squares, without corrections.
+    /// Whether this is a least-squares problem of a far rig without corrections.
     pub(super) fn is_plain(&self) -> bool {
         self.set.views.is_empty()
             && self.loss == Loss::Linear
@@ -586,12 +581,12 @@ impl<'a> Problem<'a> {
             && self.walls.is_none()
     }
 
-    /// Sines and cosines of the recorded tilts and azimuths, known zeros included.
+    /// Sines and cosines of the recorded tilts and azimuths, including the known zeros.
     pub(super) fn poses(&self) -> &[[(f64, f64); 2]] {
         &self.poses
     }
 
-    /// Of the white reference; 1 without one.
+    /// Reflectance of the white reference; 1 without one.
     pub(super) fn reflectance(&self) -> f64 {
         self.set.white_reference.map_or(1.0, |w| w.reflectance)
     }

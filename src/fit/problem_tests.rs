@@ -74,7 +74,7 @@ fn offsets_by_angle_sums_give_the_directions_of_the_rig() {
 }
 
 #[test]
-fn views_of_the_rigs_own_directions_change_nothing_but_the_weight() {
+fn views_with_the_directions_of_the_rig_only_change_the_weight() {
     let far = set();
     let mut near = set();
     near.views = far
@@ -103,7 +103,7 @@ fn views_of_the_rigs_own_directions_change_nothing_but_the_weight() {
 }
 
 #[test]
-fn a_negative_ridge_angle_is_the_same_surface_turned_by_half_a_circle() {
+fn a_negative_ridge_angle_is_the_same_surface_rotated_by_180_degrees() {
     let set = set();
     let p = Problem::new(&set, Variant::Sawtooth, Quantity::ALL.to_vec(), VALUES);
     let mut turned = VALUES;

@@ -1,13 +1,12 @@
-//! Intervals that do not trust the parabola: profile likelihood and parametric bootstrap.
+//! Intervals without the linear approximation: profile likelihood and parametric bootstrap.
 //!
-//! *Profile*: a parameter is moved away from its best value and all others are fitted again until
-//! the cost has risen by the square of the coverage factor (Venzon and Moolgavkar 1988). The
-//! interval follows bent valleys and is open where no value can be excluded. *Bootstrap*: series are
-//! drawn from the fitted model with the uncertainties of the observations, and fitted. Both speak of
-//! the independent errors only (counting and the model's scatter); the shared sources of the budget
-//! are none of their business.
+//! *Profile*: a parameter is moved away from its best value and all others are fitted again until the cost has risen by
+//! the square of the coverage factor (Venzon and Moolgavkar 1988). The interval follows curved valleys and is open
+//! where no value can be excluded. *Bootstrap*: series are drawn from the fitted model with the uncertainties of the
+//! observations, and fitted. Both cover only the independent errors (counting and scatter of the model), not the shared
+//! sources of the budget.
 //!
-//! Calls: [`profile`] and [`bootstrap`]. Values are in the solver's units.
+//! Calls: [`profile`] and [`bootstrap`]. Values are in the units of the solver.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -22,21 +21,21 @@ use super::thin::minimise;
 /// An interval whose ends may be open.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
-    /// Lower end; `None` where no value down to the parameter's bound is excluded.
+    /// Lower end; `None` if no value down to the bound of the parameter is excluded.
     pub lower: Option<f64>,
     /// Upper end.
     pub upper: Option<f64>,
-    /// A point of lower cost than the one that was thought the minimum, met on the way.
+    /// A point found on the way with a lower cost than the assumed minimum.
     pub better: Option<Minimum>,
 }
 
 /// Refits per side before an end counts as open.
 const REFITS: u32 = 24;
-/// How near √(rise) has to be met, relative.
+/// Relative tolerance for √(rise).
 const CLOSE: f64 = 2e-3;
 
-/// The interval of free parameter `j` within which the refitted cost stays less than `rise` above
-/// that of `minimum`; `guess` is a first idea of its half width.
+/// Finds the interval of free parameter `j` within which the refitted cost is less than `rise` above that of `minimum`.
+/// `guess` is a first estimate of its half width.
 #[must_use]
 pub fn profile(
     problem: &Problem<'_>,
@@ -72,7 +71,7 @@ pub fn profile(
         for _ in 0..REFITS {
             let x = match outside {
                 None => (inside + sign * step).clamp(bounds.lower[j], bounds.upper[j]),
-                // √rise grows nearly in proportion to the distance; kept off the ends.
+                // √rise grows nearly in proportion to the distance; the ends are avoided.
                 Some((far, high)) => {
                     let share = ((target - depth) / (high - depth)).clamp(0.1, 0.9);
                     inside + share * (far - inside)
@@ -89,7 +88,7 @@ pub fn profile(
             if (height - target).abs() <= CLOSE * target {
                 return Some(x);
             }
-            // Two ends of a jump: a bend of the model within rounding.
+            // Both ends of a step: a discontinuity of the model within rounding.
             if let Some((far, _)) = outside
                 && (far - inside).abs() <= 1e-12 * far.abs()
             {
@@ -122,7 +121,7 @@ pub fn profile(
                 return None;
             }
         }
-        // Never past the target: open. Between two values: the outer one is safe.
+        // The target was never passed: open. Between two values the outer one is safe.
         outside.map(|(far, _)| far)
     };
     let (lower, upper) = (side(-1.0), side(1.0));
@@ -133,7 +132,7 @@ pub fn profile(
     }
 }
 
-/// Refits with one parameter held, each from where the last one ended.
+/// Refits with one parameter held, each from the end of the last one.
 struct Walk<'p> {
     problem: &'p Problem<'p>,
     bounds: &'p Bounds,
@@ -145,7 +144,7 @@ struct Walk<'p> {
 impl Walk<'_> {
     fn to(&mut self, x: f64) -> Minimum {
         let mut bounds = self.bounds.clone();
-        // Held by its box, so that its prior, if any, still counts.
+        // Held by its bounds, so that its prior, if any, still counts.
         bounds.lower[self.j] = x;
         bounds.upper[self.j] = x;
         let mut start = self.last.clone();
@@ -159,8 +158,8 @@ impl Walk<'_> {
     }
 }
 
-/// Parameters of `count` series drawn from the model at `minimum`, one row per refit that reached a
-/// minimum; reproducible for a seed as long as `enough` never says that no more are wanted.
+/// Returns the parameters of `count` series drawn from the model at `minimum`, one row per refit that reached a
+/// minimum. Reproducible for a seed while `enough` returns false.
 #[must_use]
 pub fn bootstrap(
     problem: &Problem<'_>,
@@ -206,8 +205,8 @@ pub fn bootstrap(
         .collect()
 }
 
-/// The central `coverage` share of a sample, by linear interpolation between order statistics;
-/// `None` of fewer than 20 values.
+/// Returns the ends of the central `coverage` share of a sample, by linear interpolation between order statistics;
+/// `None` for fewer than 20 values.
 #[must_use]
 pub fn central(mut sample: Vec<f64>, coverage: f64) -> Option<(f64, f64)> {
     if sample.len() < 20 {

@@ -1,32 +1,32 @@
-//! Variable projection: the amplitudes of the signals are solved for, not searched for.
+//! Variable projection: the amplitudes of the signals are solved for instead of searched.
 //!
 //! ```text
 //! signal = g · [single reflections + ρd · diffuse light] + B
 //! ```
 //!
-//! is linear in (g, g·ρd, B) but for light that goes from wall to wall more than once, so for every
-//! shape (ridge angle, roughnesses, zeros of the stages) the best amplitudes are one small linear
-//! least-squares problem with 0 ≤ g·ρd ≤ g (Golub and Pereyra 1973). A search over shapes alone has
-//! three dimensions less, and a start needs no idea of how bright the sample is. [`settle`] gives one
-//! shape its amplitudes; [`Projected`] is the least-squares problem over shapes with Kaufman's
-//! derivative (1975). Neither knows of starts. The answer of a search with them is refined on the
+//! This is linear in (g, g·ρd, B), except for light that travels from wall to wall more than once. For every shape
+//! (ridge angle, roughnesses, zeros of the stages) the best amplitudes are therefore a small linear least-squares
+//! problem with 0 ≤ g·ρd ≤ g (Golub and Pereyra 1973). A search over shapes only has three dimensions less, and its
+//! starts need no estimate of the brightness. [`settle`] computes the amplitudes of one shape; [`Projected`] is the
+//! least-squares problem over shapes with Kaufman's derivative (1975). The result of such a search is refined on the
 //! problem itself, whose diffuse part is not quite linear.
 //!
-//! *Conditioning.* The amplitudes' columns (single reflections, diffuse light, background) are nearly parallel where a lobe is
-//! broad: a background and a Lambertian differ by a cosine over the tilts. They are solved for by QR, and a column of which
-//! less than 1e-10 is left beside the others says nothing new and gets no derivative; between that and 1 an amplitude may be
-//! poor while the cost, which is all that a search over shapes compares, keeps its digits.
+//! *Conditioning.* The columns of the amplitudes (single reflections, diffuse light, background) are nearly parallel if
+//! a lobe is broad: a background and a Lambertian differ by a cosine over the tilts. They are solved for by QR. A
+//! column with less than 1e-10 of its length beside the others adds no information and gets no derivative. Between that
+//! limit and 1 an amplitude may be inaccurate, but the cost, which is all that a search over shapes compares, keeps its
+//! digits.
 
 use super::least_squares::{LeastSquares, householder, solve_upper, sum_of_squares};
 use super::problem::{Problem, Quantity, Values};
 use super::solver::Bounds;
 
-/// Diffuse reflectance at which the diffuse light is linearised where none is stated.
+/// Diffuse reflectance for the linearisation of the diffuse light if none is stated.
 const MIDDLE: f64 = 0.3;
-/// Length of what is left of a column, as a share of itself, below which it says nothing new.
+/// Relative length of the remainder of a column below which it adds no information.
 const NOTHING_NEW: f64 = 1e-10;
 
-/// Where the amplitudes stand among the free quantities.
+/// Positions of the amplitudes among the free quantities.
 #[derive(Debug, Clone, Copy)]
 struct Amplitudes {
     scale: Option<usize>,
@@ -53,13 +53,13 @@ impl Amplitudes {
         [self.scale, self.rho_d, self.background].contains(&Some(position))
     }
 
-    /// Puts the best amplitudes into `x`, given residuals `r` and derivatives `j` there; returns the
-    /// cost that the linear problem expects, and which amplitudes no bound holds.
+    /// Writes the best amplitudes to `x`, given residuals `r` and derivatives `j` there. Returns the cost that the
+    /// linear problem predicts, and the amplitudes that are not at a bound.
     fn solve(&self, x: &mut [f64], r: &[f64], j: &[f64]) -> (f64, Vec<usize>) {
         let m = r.len();
         let column = |k: usize| &j[k * m..(k + 1) * m];
         let background = self.background.map(|k| column(k).to_vec());
-        // The signal's parts at gain 1: what does not hang on ρd, and what is proportional to it.
+        // Parts of the signal at gain 1: independent of ρd, and proportional to it.
         let (gain, rho_d) = (
             self.scale.map_or(1.0, |k| x[k]),
             self.rho_d.map_or(0.0, |k| x[k]),
@@ -78,7 +78,7 @@ impl Amplitudes {
                 None => column(k).to_vec(),
             }
         });
-        // Residuals with all amplitudes at 0, the fixed gain's single reflections left in.
+        // Residuals with all amplitudes at 0; the single reflections of a fixed gain remain.
         let mut dark = r.to_vec();
         let mut take = |c: Option<&Vec<f64>>, by: f64| {
             if let Some(c) = c {
@@ -111,7 +111,7 @@ impl Amplitudes {
             let [g, gd, _] = found;
             let inside = g > 0.0 && gd >= low * g && gd <= high * g;
             if !inside {
-                // The least of the two edges; a gain below 0 is none.
+                // The better one of the two edges; a gain below 0 is not allowed.
                 let mut edges: Vec<(f64, [f64; 3], f64)> = [low, high]
                     .into_iter()
                     .filter_map(|share| {
@@ -137,7 +137,7 @@ impl Amplitudes {
         } else if single.is_some() && found[0] <= 0.0 {
             return (f64::INFINITY, Vec::new());
         }
-        // A lobe that all poses miss by far, lifted until its skirt is the signal.
+        // A lobe that all poses miss by far, scaled up until its skirt equals the signal.
         if found[0] > self.scale_max {
             return (f64::INFINITY, Vec::new());
         }
@@ -164,8 +164,8 @@ impl Amplitudes {
     }
 }
 
-/// Least squares of `dark` + Σ factor·column: the cost and the factors, 0 where there is no column or
-/// it says nothing that the others do not.
+/// Solves the least squares of `dark` + Σ factor·column. Returns the cost and the factors, which are 0 without a column
+/// or if a column adds no information.
 fn least(dark: &[f64], columns: &[Option<&Vec<f64>>; 3]) -> (f64, [f64; 3]) {
     let m = dark.len();
     let present: Vec<(usize, &Vec<f64>)> = columns
@@ -192,8 +192,8 @@ fn least(dark: &[f64], columns: &[Option<&Vec<f64>>; 3]) -> (f64, [f64; 3]) {
     }
 }
 
-/// The values with the amplitudes that suit their shape best, and the cost that the linear problem
-/// expects there; infinite where no gain above 0 and within its bounds helps.
+/// Returns the values with the best amplitudes for their shape, and the cost that the linear problem predicts; infinite
+/// if no positive gain within its bounds improves the fit.
 pub(super) fn settle(problem: &Problem<'_>, values: &Values) -> (f64, Values) {
     let bounds = problem.bounds();
     let amplitudes = Amplitudes::of(problem, &bounds);
@@ -205,7 +205,7 @@ pub(super) fn settle(problem: &Problem<'_>, values: &Values) -> (f64, Values) {
     (cost, problem.unpack(&x))
 }
 
-/// The values with a diffuse part that is inside its bounds, so that it has a derivative.
+/// Returns the values with a diffuse part inside its bounds, so that it has a derivative.
 fn inner(problem: &Problem<'_>, values: &Values) -> Values {
     let mut values = *values;
     if problem.free().contains(&Quantity::RhoD) && !(0.01..=0.99).contains(&values.rho_d) {
@@ -214,7 +214,7 @@ fn inner(problem: &Problem<'_>, values: &Values) -> Values {
     values
 }
 
-/// A problem over shapes alone.
+/// A problem over shapes only.
 #[derive(Debug)]
 pub(super) struct Projected<'p, 'a> {
     problem: &'p Problem<'a>,
@@ -224,7 +224,7 @@ pub(super) struct Projected<'p, 'a> {
 }
 
 impl<'p, 'a> Projected<'p, 'a> {
-    /// `reference` gives the amplitudes at which the signals are linearised.
+    /// `reference` has the amplitudes at which the signals are linearised.
     pub(super) fn new(problem: &'p Problem<'a>, reference: &Values) -> Self {
         let amplitudes = Amplitudes::of(problem, &problem.bounds());
         Projected {
@@ -237,7 +237,7 @@ impl<'p, 'a> Projected<'p, 'a> {
         }
     }
 
-    /// The shape's part of the problem's bounds.
+    /// Bounds of the shape.
     pub(super) fn bounds(&self) -> Bounds {
         let all = self.problem.bounds();
         let of = |b: &[f64]| self.shape.iter().map(|k| b[*k]).collect();
@@ -247,12 +247,12 @@ impl<'p, 'a> Projected<'p, 'a> {
         }
     }
 
-    /// The shape in a vector of all free quantities.
+    /// Extracts the shape from a vector of all free quantities.
     pub(super) fn shape(&self, x: &[f64]) -> Vec<f64> {
         self.shape.iter().map(|k| x[*k]).collect()
     }
 
-    /// All free quantities of a shape, its best amplitudes among them.
+    /// Returns all free quantities of a shape with its best amplitudes.
     pub(super) fn whole(&self, shape: &[f64]) -> Vec<f64> {
         let (n, m) = (self.problem.n_parameters(), self.problem.n_residuals());
         let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
@@ -284,12 +284,12 @@ impl LeastSquares for &Projected<'_, '_> {
         let mut j = vec![0.0; m * n];
         let (x, loose) = self.amplify(shape, residuals, &mut j);
         if loose.is_empty() {
-            // No gain above 0 and within its bounds fits: not a point for the solver.
+            // No positive gain within its bounds fits: the solver must reject this point.
             residuals.fill(f64::NAN);
             return;
         }
         self.problem.evaluate(&x, residuals, &mut j);
-        // Kaufman: of the shape's derivatives, what the amplitudes cannot do themselves.
+        // Kaufman: the part of the shape derivatives that the amplitudes cannot produce.
         let mut basis: Vec<Vec<f64>> = Vec::new();
         for k in loose {
             let mut c = j[k * m..(k + 1) * m].to_vec();
@@ -311,7 +311,7 @@ impl LeastSquares for &Projected<'_, '_> {
     }
 }
 
-/// Takes out of `from` its part along the unit vector `along`.
+/// Subtracts from `from` its part along the unit vector `along`.
 fn remove(from: &mut [f64], along: &[f64]) {
     let dot: f64 = from.iter().zip(along).map(|(a, b)| a * b).sum();
     from.iter_mut().zip(along).for_each(|(v, b)| *v -= dot * b);
@@ -325,9 +325,9 @@ mod tests {
     use crate::model::Variant;
     use crate::units::Angle;
 
-    /// Of flat facets without diffuse light for what rougher plastic showed from a few tilts, under a point lamp.
+    /// Cost of flat facets without diffuse light, for the signals of rougher plastic at a few tilts under a point lamp.
     fn cost_of(alpha: f64) -> f64 {
-        // The lamp stands 10° beside the camera: half vectors 2.5° and more from the normal.
+        // The lamp is 10° beside the camera: half vectors at 2.5° and more from the normal.
         let poses = [-2.5, 2.5, 7.5, 12.5].map(|theta_c| Pose {
             theta_c: Angle::from_deg(theta_c),
             phi_s: Angle::ZERO,
@@ -350,8 +350,8 @@ mod tests {
     }
 
     #[test]
-    fn the_skirt_of_a_lobe_that_all_poses_miss_by_far_is_no_signal() {
-        // e^-39 of the lobe's top, which a real one may still have, and e^-119.
+    fn the_skirt_of_a_lobe_far_from_all_poses_cannot_explain_the_signal() {
+        // e^-39 of the top of the lobe, which a real one may still have, and e^-119.
         assert!(cost_of(0.007).is_finite());
         assert_eq!(cost_of(0.004), f64::INFINITY);
     }

@@ -1,4 +1,4 @@
-//! What a fit can look for, and values of all of it.
+//! The quantities that a fit can determine, and their values.
 
 use std::f64::consts::PI;
 
@@ -8,7 +8,7 @@ use crate::model::Surface;
 use crate::model::extended::Real;
 use crate::units::Angle;
 
-/// What a fit can look for, in the order in which reports list it.
+/// A quantity that a fit can determine, in the order of the reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantity {
@@ -32,16 +32,16 @@ pub enum Quantity {
     Eta,
     /// Imaginary part of the index, within its uncertainty.
     K,
-    /// Share τ of a body's light that leaves evenly over the ridges.
+    /// Share τ of the body's light that leaves evenly over the ridges.
     Translucency,
-    /// Tail ι of the facets' slopes, 0 for Beckmann.
+    /// Tail ι of the slope distribution, 0 for Beckmann.
     Tail,
-    /// Radius of the crests over the facets' length.
+    /// Radius of the crests divided by the length of the facets.
     CrestRadius,
 }
 
 impl Quantity {
-    /// Those that a report lists.
+    /// The quantities that every report lists.
     pub const ALL: [Quantity; 8] = [
         Quantity::ThetaR,
         Quantity::AlphaU,
@@ -53,7 +53,7 @@ impl Quantity {
         Quantity::TiltOffset,
     ];
 
-    /// Those of [`Real`], which only samples that need them are fitted with.
+    /// The quantities of [`Real`], fitted only for samples that need them.
     pub const REAL: [Quantity; 3] = [
         Quantity::Translucency,
         Quantity::Tail,
@@ -61,7 +61,7 @@ impl Quantity {
     ];
 }
 
-/// Values of all quantities in natural units: angles in radians, θr signed, roughness as is.
+/// Values of all quantities in natural units: angles in radians, θr signed, roughness itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Values {
     /// Signed ridge angle θr, rad.
@@ -74,7 +74,7 @@ pub struct Values {
     pub rho_d: f64,
     /// Gain g: signal per unit of radiance.
     pub scale: f64,
-    /// Stray light B, in the signals' unit.
+    /// Stray light B, in the unit of the signals.
     pub background: f64,
     /// Zero of the rotation stage Δφs, rad.
     pub azimuth_offset: f64,
@@ -84,12 +84,12 @@ pub struct Values {
     pub eta: f64,
     /// Imaginary part of the index.
     pub k: f64,
-    /// What real samples have beside an ideal sawtooth.
+    /// Deviations of real samples from an ideal sawtooth.
     pub real: Real,
 }
 
 impl Values {
-    /// One of them, as the solver sees it (roughnesses as logarithms).
+    /// Returns a value in the units of the solver (roughnesses as logarithms).
     #[must_use]
     pub fn inner(&self, quantity: Quantity) -> f64 {
         match quantity {
@@ -109,7 +109,7 @@ impl Values {
         }
     }
 
-    /// One of them as people state it: θr ≥ 0 with its azimuth, roughness as it is.
+    /// Returns a value as users state it: θr ≥ 0 with its azimuth, roughness itself.
     #[must_use]
     pub fn natural(&self, quantity: Quantity) -> f64 {
         match quantity {
@@ -119,7 +119,7 @@ impl Values {
         }
     }
 
-    /// Puts back what [`Values::natural`] gives.
+    /// Sets a value in the form of [`Values::natural`].
     pub fn set_natural(&mut self, quantity: Quantity, value: f64) {
         match quantity {
             Quantity::AlphaU => self.alpha_u = value,
@@ -128,7 +128,7 @@ impl Values {
         }
     }
 
-    /// Puts back what [`Values::inner`] gives.
+    /// Sets a value in the form of [`Values::inner`].
     pub fn set_inner(&mut self, quantity: Quantity, value: f64) {
         match quantity {
             Quantity::ThetaR => self.theta_r = value,
@@ -147,7 +147,7 @@ impl Values {
         }
     }
 
-    /// The same surface with θr ≥ 0 and the azimuth in (−180°, 180°].
+    /// Returns the same surface with θr ≥ 0 and the azimuth in (−180°, 180°].
     #[must_use]
     pub fn folded(mut self) -> Self {
         if self.theta_r < 0.0 {
@@ -158,7 +158,7 @@ impl Values {
         self
     }
 
-    /// The surface as the model wants it, θr as it stands.
+    /// Converts to the surface of the model, with θr signed.
     #[must_use]
     pub fn surface(&self) -> Surface {
         Surface {

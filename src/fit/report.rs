@@ -1,7 +1,7 @@
-//! The answer of a fit, in the form that `fit --json`, the store and the HTTP interface share.
+//! The result of a fit, in the form that `fit --json`, the store and the HTTP interface share.
 //!
-//! A parameter that the data cannot tell has null for its numbers and a `note` with the reason. A
-//! budget's parts combine in quadrature to `std`; `expanded` = `coverage_factor` · `std`.
+//! A parameter that the data do not determine has null instead of numbers and a `note` with the reason. The parts of a
+//! budget combine in quadrature to `std`; `expanded` = `coverage_factor` · `std`.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,28 +15,28 @@ pub use crate::model::LeftOut;
 use crate::observation::RejectedFrame;
 use crate::trace::ridge_map::RidgeFacts;
 
-/// How a fit ended, as a word that scripts compare.
+/// How a fit ended. Scripts compare the word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
-    /// At a minimum, all free parameters determined, none at its bound.
+    /// At a minimum. All free parameters are determined and none is at a bound.
     Converged,
-    /// At a minimum with a parameter held by its bound; `warnings` names it.
+    /// At a minimum with a parameter at a bound; `warnings` names it.
     AtBound,
-    /// At a minimum, but the data leave a direction open; `warnings` names the parameters.
+    /// At a minimum, but the data leave a direction undetermined; `warnings` names the parameters.
     RankDeficient,
     /// No start reached a minimum.
     Stalled,
-    /// An observation or the model's value for it is not a finite number.
+    /// An observation, or the value of the model for it, is not finite.
     NotFinite,
-    /// Fewer observations than free parameters and one.
+    /// Fewer observations than free parameters plus one.
     TooFewObservations,
     /// Stopped by the user.
     Cancelled,
 }
 
 impl Status {
-    /// All of them.
+    /// All statuses.
     pub const ALL: [Status; 7] = [
         Status::Converged,
         Status::AtBound,
@@ -48,20 +48,20 @@ impl Status {
     ];
 }
 
-/// The names that the forms use for the variants.
+/// Names of the variants in the JSON form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum VariantName {
-    /// As printed.
+    /// The lobe as printed in the paper.
     Paper,
-    /// The sawtooth in full.
+    /// The complete sawtooth.
     Sawtooth,
-    /// The sawtooth corrected by the ray tracer.
+    /// The sawtooth, corrected by the ray tracer.
     Traced,
 }
 
 impl VariantName {
-    /// All of them.
+    /// All variants.
     pub const ALL: [VariantName; 3] = [
         VariantName::Paper,
         VariantName::Sawtooth,
@@ -79,20 +79,20 @@ impl std::fmt::Display for VariantName {
     }
 }
 
-/// One parameter with its uncertainty.
+/// A parameter with its uncertainty.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
-    /// Best value, in the parameter's unit (degrees in keys with `_deg`; roughness as tangent of slope).
+    /// Best value in the unit of the parameter (degrees in keys with `_deg`; roughness as the tangent of a slope).
     pub value: Option<f64>,
-    /// Standard uncertainty with everything known in it, same unit.
+    /// Combined standard uncertainty, same unit.
     pub std: Option<f64>,
     /// Expanded uncertainty, same unit.
     pub expanded: Option<f64>,
-    /// Expanded over standard uncertainty.
+    /// Expanded uncertainty divided by standard uncertainty.
     pub coverage_factor: Option<f64>,
-    /// Effective degrees of freedom (Welch–Satterthwaite); null where practically infinite.
+    /// Effective degrees of freedom (Welch–Satterthwaite); null if practically infinite.
     pub degrees_of_freedom: Option<f64>,
-    /// Whether the data can tell it.
+    /// Whether the data determine it.
     pub identifiable: bool,
     /// Parts of the standard uncertainty.
     pub budget: Option<Budget>,
@@ -102,13 +102,13 @@ pub struct Parameter {
     /// Bootstrap interval of the independent errors, on request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bootstrap: Option<Interval>,
-    /// Why it is null or fixed, for the user.
+    /// Why the value is null or fixed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
 }
 
 impl Parameter {
-    /// A parameter that the data cannot tell, with the reason.
+    /// Makes a parameter that the data do not determine, with the reason.
     #[must_use]
     pub fn unknown(note: impl Into<String>) -> Self {
         Parameter {
@@ -125,7 +125,7 @@ impl Parameter {
         }
     }
 
-    /// A parameter with its budget.
+    /// Makes a parameter with its budget.
     #[must_use]
     pub fn known(value: f64, budget: Budget, degrees_of_freedom: Option<f64>) -> Self {
         let std = budget.combined();
@@ -144,9 +144,9 @@ impl Parameter {
     }
 }
 
-/// Expanded over standard uncertainty: 95.45 % for a normal distribution.
+/// Expanded uncertainty divided by standard uncertainty.
 pub const COVERAGE_FACTOR: f64 = 2.0;
-/// That share.
+/// Coverage probability of [`COVERAGE_FACTOR`] for a normal distribution.
 pub const COVERAGE: f64 = 0.9545;
 
 /// All parameters; angles in degrees.
@@ -158,26 +158,26 @@ pub struct Parameters {
     pub alpha_u: Parameter,
     /// Roughness across the ridges.
     pub alpha_v: Parameter,
-    /// Diffuse reflectance: `paper` as printed, else the Lambertian equivalent of a flat piece.
+    /// Diffuse reflectance: in `paper` that of the printed lobe, otherwise the Lambertian equivalent of a flat piece.
     pub rho_d: Parameter,
     /// Gain g of the signals; 1 with a white reference.
     pub scale: Parameter,
-    /// Stray light B, in radiance where the scale is absolute.
+    /// Stray light B, as a radiance if the scale is absolute.
     pub background: Parameter,
-    /// Δφs: what to add to a recorded φs, degrees.
+    /// Δφs, to be added to a recorded φs, degrees.
     pub azimuth_offset_deg: Parameter,
-    /// Δθc: what to add to a recorded θc, degrees.
+    /// Δθc, to be added to a recorded θc, degrees.
     pub tilt_offset_deg: Parameter,
-    /// Share of a body's light that leaves evenly over the ridges, where it is fitted or stated.
+    /// Share of the body's light that leaves evenly over the ridges, if fitted or stated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub translucency: Option<Parameter>,
-    /// Radius of the crests over the facets' length, where it is fitted or stated.
+    /// Radius of the crests divided by the length of the facets, if fitted or stated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crest_radius: Option<Parameter>,
 }
 
 impl Parameters {
-    /// Names as in the JSON form with their parameters, in the report's order.
+    /// Returns the names of the JSON form with their parameters, in the order of the report.
     #[must_use]
     pub fn named(&self) -> Vec<(&'static str, &Parameter)> {
         let always = [
@@ -201,14 +201,14 @@ impl Parameters {
     }
 }
 
-/// How the facets' slopes are distributed.
+/// Slope distribution of the facets.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SlopeDistribution {
     /// `beckmann` or `student-t`.
     pub name: String,
     /// γ of Student's t (GGX is 2); null for Beckmann.
     pub shape: Option<f64>,
-    /// The Beckmann roughness of the same half width along the ridges, comparable between distributions.
+    /// Beckmann roughness with the same half width along the ridges, comparable between distributions.
     pub alpha_half_width_u: Option<f64>,
     /// The same across the ridges.
     pub alpha_half_width_v: Option<f64>,
@@ -217,15 +217,15 @@ pub struct SlopeDistribution {
 /// One variant in the comparison.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct VariantSummary {
-    /// Which.
+    /// Which variant.
     pub variant: VariantName,
     /// How its fit ended.
     pub status: Status,
     /// Root mean square residual, as a share of the largest observation.
     pub rms_residual: f64,
-    /// χ² per degree of freedom with counting noise alone.
+    /// χ² per degree of freedom with counting noise only.
     pub chi2_reduced_without_model: f64,
-    /// Quasi-Akaike criterion, ĉ from the variant that explains the data best; only differences count.
+    /// Quasi-Akaike criterion; ĉ is taken from the variant that fits the data best. Only differences are meaningful.
     pub qaic: f64,
     /// Ridge angle.
     pub theta_r_deg: Option<f64>,
@@ -237,12 +237,12 @@ pub struct VariantSummary {
     pub rho_d: Option<f64>,
 }
 
-/// Seconds spent; filled in by whoever holds a clock.
+/// Durations in seconds; filled in by the caller that has a clock.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Timing {
     /// Reading frames.
     pub read: f64,
-    /// Reducing them.
+    /// Reducing frames.
     pub reduce: f64,
     /// Fitting.
     pub fit: f64,
@@ -255,7 +255,7 @@ pub struct TracerReport {
     pub passes: usize,
     /// Paths per pose in the last pass, from the camera and as many from the lamp.
     pub paths_per_pose: u64,
-    /// Root mean square standard error of the radiances as a share of the largest.
+    /// Root mean square standard error of the radiances, as a share of the largest.
     pub error: f64,
     /// Whether polarisation was followed from bounce to bounce.
     pub polarised: bool,
@@ -264,15 +264,15 @@ pub struct TracerReport {
     /// Effective ridge angle of the given profile before it was scaled to the fitted one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profile_theta_r_deg: Option<f64>,
-    /// Whether that profile was turned round, so that its facets lean to the side of +v.
+    /// Whether that profile was reversed so that its facets lean to +v.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub profile_turned: bool,
-    /// What that profile was made of, where it comes from a height map.
+    /// Facts about the height map that the profile comes from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub height_map: Option<RidgeFacts>,
 }
 
-/// An observation beside what the fit expects of it; recorded angles.
+/// An observation with the value that the fit expects; angles as recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FittedObservation {
     /// Camera tilt as recorded.
@@ -281,98 +281,99 @@ pub struct FittedObservation {
     pub phi_s_deg: f64,
     /// Observed signal.
     pub signal: f64,
-    /// Its own standard uncertainty.
+    /// Its standard uncertainty.
     pub sigma: f64,
-    /// What the fitted model expects.
+    /// Value of the fitted model.
     pub fitted: f64,
 }
 
-/// What the starts did.
+/// Outcomes of the starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Starts {
     /// Starts tried.
     pub tried: usize,
-    /// Ended at the reported minimum.
+    /// Starts that ended at the reported minimum.
     pub at_minimum: usize,
-    /// Converged to a worse minimum.
+    /// Starts that converged to a worse minimum.
     pub elsewhere: usize,
-    /// Did not converge.
+    /// Starts that did not converge.
     pub not_converged: usize,
 }
 
-/// Degrees of freedom of a budget's parts; the other parts count as exactly known.
+/// Degrees of freedom of a budget's parts. The other parts count as exactly known.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Freedom {
-    /// Of `counting`: residuals less fitted directions.
+    /// Of `counting`: residuals minus fitted directions.
     pub counting: f64,
-    /// Of `model`: groups of poses left out in turn, less one.
+    /// Of `model`: groups of poses left out in turn, minus one.
     pub model: f64,
 }
 
-/// The whole answer.
+/// The complete result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FitReport {
-    /// The variant that the parameters depend on.
+    /// Variant that the parameters belong to.
     pub variant: VariantName,
-    /// How it ended.
+    /// How the fit ended.
     pub status: Status,
-    /// Observations fitted.
+    /// Number of observations fitted.
     pub n_observations: usize,
-    /// Frames used, darks and flats included.
+    /// Frames used, including darks and flats.
     pub n_frames_used: u32,
-    /// Region of interest, where the sample has several.
+    /// Region of interest, if the sample has several.
     pub region: Option<String>,
     /// The parameters.
     pub parameters: Parameters,
     /// The plane that θr and the azimuth refer to.
     #[serde(default)]
     pub reference_plane: ReferencePlane,
-    /// What the azimuth says of a wedge across v and of the zero, where it is told; none for a common surface of several
-    /// scans, each of which lies in its own way.
+    /// Wedge across v, or error of the zero, from the fitted azimuth, if it can be determined; none for the common
+    /// surface of several scans, each of which has its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wedge_across: Option<Across>,
-    /// Root mean square residual, as a share of the largest observation; like the next three, none where
-    /// there is no answer that could leave one.
+    /// Root mean square residual, as a share of the largest observation. Like the next three, none if the fit has no
+    /// result.
     pub rms_residual: Option<f64>,
-    /// The model's discrepancy at the peak, as a share of the largest observation.
+    /// Model error at the peak, as a share of the largest observation.
     pub model_discrepancy: Option<f64>,
-    /// χ² per degree of freedom, the model's discrepancy among the uncertainties.
+    /// χ² per degree of freedom with the model error among the uncertainties.
     pub chi2_reduced: Option<f64>,
-    /// The same with counting noise alone.
+    /// The same with counting noise only.
     pub chi2_reduced_without_model: Option<f64>,
-    /// Frames left out.
+    /// Rejected frames.
     pub rejected_frames: Vec<RejectedFrame>,
-    /// Sentences for the user, of what a person has to look after.
+    /// Sentences on what the user has to check or change.
     pub warnings: Vec<String>,
-    /// Sentences of what is worth knowing and needs nothing done.
+    /// Sentences worth knowing that need no action.
     #[serde(default)]
     pub notes: Vec<String>,
-    /// What explains the residual that an ideal sawtooth, a steady lamp and a linear detector leave, most first.
+    /// What explains the residual that an ideal sawtooth, a steady lamp and a linear detector leave, largest share
+    /// first.
     #[serde(default)]
     pub findings: Vec<Finding>,
-    /// How the facets' slopes are distributed; none for the printed form.
+    /// Slope distribution of the facets; none for `paper`.
     #[serde(default)]
     pub slope_distribution: Option<SlopeDistribution>,
     /// All variants fitted.
     pub variants: Vec<VariantSummary>,
-    /// What was left out, why, and what it may cost.
+    /// What the fit leaves out, why, and its possible effect.
     pub left_out: Vec<LeftOut>,
-    /// What the ray tracer did, where it was asked.
+    /// What the ray tracer did, if it was used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tracer: Option<TracerReport>,
-    /// Observations beside the fit.
+    /// Observations with their fitted values.
     #[serde(default)]
     pub fitted: Vec<FittedObservation>,
-    /// What the starts did.
+    /// Outcomes of the starts.
     #[serde(default)]
     pub starts: Starts,
-    /// A descent to the reported minimum, step by step, on request.
+    /// One descent to the reported minimum, step by step, on request.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub iterations: Vec<Iteration>,
     /// Degrees of freedom of the two parts of every budget that come from scatter.
     #[serde(default)]
     pub freedom: Freedom,
-    /// Seconds spent.
+    /// Durations in seconds.
     pub timing_s: Timing,
     /// Program and version.
     pub program: String,

@@ -1,7 +1,7 @@
-//! From an estimate to the report on it: status, parameters with their budgets, warnings, what was left out.
+//! Turns an estimate into the report: status, parameters with their budgets, warnings, and what was left out.
 //!
-//! Call [`report_of`], or [`report_with`] where the uncertainties are known already. Which variant to report on,
-//! and how they compare, is decided in [`super::variants`].
+//! Call [`report_of`], or [`report_with`] if the uncertainties are known already. [`super::variants`] compares the
+//! variants and selects the one to report.
 
 use nalgebra::DVector;
 
@@ -24,7 +24,7 @@ use crate::model::left_out;
 use crate::observation::ObservationSet;
 use crate::wording::{counted, percent, significant};
 
-/// Standard uncertainty beyond which an angle is as good as unknown, rad.
+/// Standard uncertainty above which an angle counts as undetermined, rad.
 const HOPELESS_ANGLE: f64 = 0.35;
 /// The same for the logarithm of a roughness.
 const HOPELESS_LOG_ALPHA: f64 = 1.0;
@@ -37,7 +37,7 @@ pub(super) fn program() -> String {
     concat!("ridged ", env!("CARGO_PKG_VERSION")).to_owned()
 }
 
-/// Fall of the cost that a further step promises, up to which an end lies at the bottom: a thousandth of a standard
+/// Decrease of the cost promised by a further step, below which an end counts as a minimum: a thousandth of a standard
 /// uncertainty away.
 const AT_BOTTOM: f64 = 1e-6;
 
@@ -67,7 +67,7 @@ pub(super) fn status(e: &Estimate<'_>, uncertainty: &Uncertainty) -> Status {
     }
 }
 
-/// How far the cost falls by one more step, by the derivatives at an end: gᵀ C g.
+/// Predicts by how much one more step lowers the cost, from the derivatives at an end: gᵀ C g.
 fn promised(end: &Minimum, uncertainty: &Uncertainty) -> f64 {
     let (m, n) = (end.residuals.len(), end.parameters.len());
     let covariance = &uncertainty.covariance.matrix;
@@ -80,28 +80,28 @@ fn promised(end: &Minimum, uncertainty: &Uncertainty) -> f64 {
     gradient.dot(&(covariance * &gradient))
 }
 
-/// What was known beforehand and the data deny, in words.
+/// Lists stated values that the data contradict, as messages.
 fn denied(e: &Estimate<'_>) -> Vec<String> {
-    // Where the model misses the data aloud, what they want of the material is the misfit's.
+    // If the model error is large, a fitted index absorbs it and says nothing about the material.
     let loud = e.discrepancy > LOUD;
-    let material = |d: &Denial| !d.told && matches!(d.quantity, Quantity::Eta | Quantity::K);
+    let material = |d: &Denial| !d.by_user && matches!(d.quantity, Quantity::Eta | Quantity::K);
     let denials = denials(e).into_iter().filter(|d| !(loud && material(d)));
-    let told = denials.map(|denial| {
+    let messages = denials.map(|denial| {
         let Denial {
             quantity,
             prior,
-            told,
+            by_user,
             deviations,
             leverage,
         } = denial;
         let off = match deviations {
-            ..1000.0 => format!("some {deviations:.0} standard deviations"),
+            ..1000.0 => format!("about {deviations:.0} standard deviations"),
             _ => "thousands of standard deviations".to_owned(),
         };
         let (mean, std) = (prior.mean, significant(prior.std));
         match quantity {
-            _ if told => format!(
-                "the data deny what was stated of {}: they differ from it by {off}; check the statement{} or fit without it",
+            _ if by_user => format!(
+                "The data contradict the stated {} by {off}{}. Check the statement, or fit without it.",
                 spoken(quantity),
                 match prior.mean {
                     0.0 => String::new(),
@@ -112,28 +112,29 @@ fn denied(e: &Estimate<'_>) -> Vec<String> {
                 }
             ),
             Quantity::Background if e.values.background < prior.mean => format!(
-                "the data are darker than no light, by {} of the brightest signal, {off} from what a darkened rig has: the \
-                 dark frames, or the black level, are too bright; it is fitted and put back",
+                "The fitted stray light is negative ({} of the brightest signal, {off} from that of a darkened rig): the \
+                 dark frames or the black level are too bright. The offset is corrected; check the dark frames.",
                 percent((e.values.background / peak(e.problem.set())).abs())
             ),
             Quantity::Background => format!(
-                "the data want stray light of {} of the brightest signal, {off} from what a darkened rig has; it is \
-                 fitted and taken off, but look for light that is not the lamp's",
+                "The fitted stray light is {} of the brightest signal, {off} from that of a darkened rig. It is \
+                 subtracted; look for light that does not come from the lamp.",
                 percent(e.values.background / peak(e.problem.set()))
             ),
             _ => format!(
-                "the data deny the stated {}: alone they want about {}, {off} from {mean} ± {std}; the sample is of another \
-                 material, or the white reference is not what its certificate says (ρd is then off by as much)",
+                "The data contradict the stated {}: they give about {}, {off} from {mean} ± {std} (k = 1). Check the \
+                 material of the sample and the certificate of the white reference; an error of the certificate \
+                 changes ρd by the same share.",
                 spoken(quantity),
-                // Without the pull of what was stated.
+                // Without the pull of the prior.
                 significant(mean + (e.values.natural(quantity) - mean) / (1.0 - leverage))
             ),
         }
     });
-    told.collect()
+    messages.collect()
 }
 
-/// Whether ridge angle or roughness is as good as unknown: an open direction by any other name.
+/// Whether ridge angle or roughness is practically undetermined, which is equivalent to a null direction.
 fn shape_unknown(e: &Estimate<'_>, u: &Uncertainty) -> bool {
     e.problem.free().iter().enumerate().any(|(j, q)| {
         let limit = match q {
@@ -168,7 +169,7 @@ pub(super) fn summary(
     }
 }
 
-/// The report on one fitted variant, the others not compared.
+/// Reports on one fitted variant without comparing others.
 #[must_use]
 pub fn report_of(e: &Estimate<'_>, variant: VariantName) -> FitReport {
     report_with(e, &uncertainty(e), variant)
@@ -184,33 +185,35 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
             .into_iter()
             .map(spoken)
             .collect();
-        warnings.push(format!("the data cannot distinguish: {}", names.join(", ")));
+        warnings.push(format!(
+            "These data cannot separate {}. Hold one of them, state a prior, or measure more poses.",
+            names.join(", ")
+        ));
     }
     if !e.explained {
         warnings.push(
-            "the fit leaves more than noise and the model's misfit account for: possibly no start found \
-             the lobe; look at the residuals, take more poses around the bright spot or more starts"
+            "The residuals exceed noise and model error; possibly no start found the lobe. Check the residuals, and \
+             measure more poses around the bright spot or allow more starts."
                 .to_owned(),
         );
     }
     if e.discrepancy > LOUD && variant != VariantName::Paper {
         let way_out = match variant {
-            VariantName::Traced => "a look at the residuals and at the shape that was traced",
-            _ => "--variant traced or a look at the residuals",
+            VariantName::Traced => "a check of the residuals and of the traced shape",
+            _ => "--variant traced or a check of the residuals",
         };
         warnings.push(format!(
-            "the model misses the data by {:.1} % of the signals: ridges of one angle and roughness are \
-             described three times better, so this is another surface or another minimum; do not \
-             trust the parameters before {way_out} confirms them",
+            "The model error is {:.1} % of the signals, over three times that of ridges with one angle and roughness: \
+             this is another surface or another minimum. Do not use the parameters before {way_out} confirms them.",
             100.0 * e.discrepancy
         ));
     }
     let observations = e.loss_weights.len();
-    let untold = e.discrepancy > 0.0 && few(misfit::freedom(observations, e.fitted));
-    if untold && variant == VariantName::Sawtooth {
+    let unknown = e.discrepancy > 0.0 && few(misfit::freedom(observations, e.fitted));
+    if unknown && variant == VariantName::Sawtooth {
         warnings.push(format!(
-            "{} for {} free parameters hardly tell how far the model misses: what it usually misses on \
-             ridges is in the uncertainties as `model`; more azimuths or tilts make them smaller",
+            "{} for {} free parameters hardly constrain the model error. The budget line `model` contains its usual \
+             size on ridges. Measure more azimuths or tilts to reduce it.",
             counted(observations, "observation"),
             e.fitted
         ));
@@ -218,25 +221,25 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
     let light = e.loss_weights.iter().filter(|w| **w < 0.1).count();
     if light > 0 {
         warnings.push(format!(
-            "{light} of {} observations are outliers: the loss leaves them less than a tenth of \
-             their weight",
+            "{light} of {} observations are outliers: the loss gives them less than a tenth of their weight. Check \
+             their frames.",
             e.loss_weights.len()
         ));
     }
     for rival in &e.rivals {
-        let told = ambiguity(e, rival);
-        // Minima that differ in nothing that is told.
-        if !warnings.contains(&told) {
-            warnings.push(told);
+        let message = ambiguity(e, rival);
+        // Different minima can give the same message.
+        if !warnings.contains(&message) {
+            warnings.push(message);
         }
     }
     let drift = drift(e);
-    warnings.extend(drift.as_ref().map(Drift::told));
+    warnings.extend(drift.as_ref().map(Drift::message));
     warnings.extend(denied(e));
     warnings.extend(unfinished(e, u, status));
     for &j in &e.minimum.at_bound {
         warnings.push(format!(
-            "{} is at a limit of its range",
+            "{} is at a limit of its range. If its value is known, hold it or state a prior; otherwise check the residuals.",
             spoken(e.problem.free()[j])
         ));
     }
@@ -245,7 +248,8 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         && !(0.0..=1.0).contains(&rho_d)
     {
         warnings.push(format!(
-            "ρd = {rho_d:.3} is not a reflectance: the printed lobe does not describe this sample"
+            "ρd = {rho_d:.3} is not between 0 and 1: the printed lobe does not describe this sample. Use --variant \
+             sawtooth."
         ));
     }
     if set.white_reference.is_none() && !is_anchored(e) {
@@ -308,27 +312,27 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
     }
 }
 
-/// Why a fit that stalled did.
+/// Explains why a fit stalled.
 fn unfinished(e: &Estimate<'_>, u: &Uncertainty, status: Status) -> Option<String> {
     let left = promised(&e.minimum, u);
     (status == Status::Stalled && e.explained).then(|| {
         let left = match left.is_finite() {
-            true => format!("one more step promises a χ² lower by {}", significant(left)),
-            false => "how far away it is is not known".to_owned(),
+            true => format!("one more step would lower χ² by {}", significant(left)),
+            false => "at an unknown distance".to_owned(),
         };
         format!(
-            "the descent came to a halt beside the minimum ({left}), as where a shadow's edge falls on a pose: the values \
-             are near the answer, not it; other poses, or more starts, get further"
+            "The descent stopped beside the minimum ({left}), as it can where the edge of a shadow falls on a pose. The \
+             values are near the best ones. Measure other poses, or allow more starts."
         )
     })
 }
 
-/// Tells of a minimum that the data do not exclude.
+/// Describes a minimum that the data do not exclude.
 fn ambiguity(e: &Estimate<'_>, rival: &Minimum) -> String {
     let v = e.problem.unpack(&rival.parameters).folded();
     format!(
-        "another surface fits as well (χ² higher by {:.2}): θr {:.2}°, αu {:.4}, αv {:.4}, azimuth \
-         offset {:.2}°; the uncertainties cover both; more azimuths or tilts would distinguish them",
+        "Another surface fits as well (χ² higher by {:.2}): θr {:.2}°, αu {:.4}, αv {:.4}, azimuth offset {:.2}°. The \
+         uncertainties cover both. Measure more azimuths or tilts to distinguish them.",
         (rival.cost - e.minimum.cost).max(0.0),
         v.theta_r.to_degrees(),
         v.alpha_u,
@@ -337,7 +341,7 @@ fn ambiguity(e: &Estimate<'_>, rival: &Minimum) -> String {
     )
 }
 
-/// The parameter's name as a person says it.
+/// Returns the name of a parameter as users know it.
 fn spoken(quantity: Quantity) -> &'static str {
     match quantity {
         Quantity::ThetaR => "θr",
@@ -351,15 +355,15 @@ fn spoken(quantity: Quantity) -> &'static str {
         Quantity::Eta => "index n",
         Quantity::K => "index k",
         Quantity::Translucency => "translucency τ",
-        Quantity::Tail => "the slopes' tail",
+        Quantity::Tail => "tail of the slope distribution",
         Quantity::CrestRadius => "crest radius",
     }
 }
 
 /// Whether the user states what a white reference would: the gain, or ρd itself.
 fn is_anchored(e: &Estimate<'_>) -> bool {
-    let told = e.problem.told().iter().map(|(q, _)| q);
-    let mut stated = e.held.iter().chain(told);
+    let with_prior = e.problem.stated().iter().map(|(q, _)| q);
+    let mut stated = e.held.iter().chain(with_prior);
     stated.any(|q| matches!(q, Quantity::Scale | Quantity::RhoD))
 }
 
@@ -367,17 +371,17 @@ fn no_reference(set: &ObservationSet, variant: VariantName, values: &Values) -> 
     let half = set.rig.theta_l.deg() / 2.0;
     let freely = set.views.first().is_some_and(|views| views.len() == 1);
     let mut text = match freely {
-        true => "g, ρd and η cannot be separated where the values are relative; an absolute scale fixes the gain g".to_owned(),
+        true => "g, ρd and η cannot be separated from relative values. Give the values on an absolute scale to fix the gain g.".to_owned(),
         false => format!(
-            "g, ρd and η cannot be separated on this rig: the difference angle is {}° in every frame; a \
-             white reference fixes the gain g",
+            "g, ρd and η cannot be separated on this rig: the difference angle is {}° in every frame. Measure a white \
+             reference to fix the gain g.",
             (half * 1e4).round() / 1e4
         ),
     };
     if variant != VariantName::Paper && matches!(set.material, Material::Dielectric { .. }) {
         text += &format!(
-            " (if the Fresnel peak of the {variant} variant is taken as calibration, ρd reads {:.3}: \
-             that depends on the model and is not traceable)",
+            " With the Fresnel peak of the {variant} variant as calibration, ρd would be {:.3}; this value depends on the \
+             model and is not traceable.",
             values.rho_d
         );
     }
@@ -394,13 +398,13 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
             return match q {
                 _ if e.held.contains(&q) => held(&values, q),
                 Quantity::RhoD if metal => Parameter::unknown(
-                    "a metal sends no light back from below its surface: there is no ρd to measure",
+                    "a metal returns no light from below its surface, so it has no ρd",
                 ),
                 Quantity::RhoD => Parameter::unknown(no_reference(set, variant, &e.values)),
                 _ => Parameter::unknown("not fitted"),
             };
         };
-        // From the solver's units to those of the report.
+        // From the units of the solver to those of the report.
         let (value, factor, hopeless) = match q {
             Quantity::ThetaR => {
                 let deg = 1f64.to_degrees();
@@ -434,7 +438,7 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
         };
         if !u.covariance.identifiable[j] {
             return Parameter::unknown(format!(
-                "{} takes part in a direction that the data leave open",
+                "these data cannot separate {} from other parameters",
                 spoken(q)
             ));
         }
@@ -445,9 +449,9 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
                 shape: 0.0,
                 ..inner
             };
-            let misses = e.discrepancy > LOUD && beside_the_model.combined() < hopeless;
-            let reason = if value.is_finite() && misses {
-                "the variant does not describe this sample, and what it misses leaves open"
+            let poor = e.discrepancy > LOUD && beside_the_model.combined() < hopeless;
+            let reason = if value.is_finite() && poor {
+                "the variant does not describe this sample; its model error is too large to determine"
             } else {
                 "these poses do not determine"
             };
@@ -476,7 +480,7 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
     }
 }
 
-/// How the facets' slopes are distributed.
+/// Describes the slope distribution of the facets.
 fn slope_distribution(e: &Estimate<'_>, parameters: &Parameters) -> SlopeDistribution {
     let tail = e.values.real.tail;
     let ratio = half_width_over_alpha(tail);
@@ -493,7 +497,7 @@ fn slope_distribution(e: &Estimate<'_>, parameters: &Parameters) -> SlopeDistrib
     }
 }
 
-/// A parameter that the user holds: its value, and no uncertainty that the data could give it.
+/// Reports a parameter that the user holds: its value, without an uncertainty.
 fn held(values: &Values, quantity: Quantity) -> Parameter {
     let value = values.natural(quantity);
     Parameter {
@@ -501,14 +505,18 @@ fn held(values: &Values, quantity: Quantity) -> Parameter {
             Quantity::ThetaR | Quantity::AzimuthOffset | Quantity::TiltOffset => value.to_degrees(),
             _ => value,
         }),
-        ..Parameter::unknown("held at this value as stated")
+        ..Parameter::unknown("held at the stated value")
     }
 }
 
 fn scale(e: &Estimate<'_>, variant: VariantName, fitted: Parameter) -> Parameter {
     let set = e.problem.set();
-    let told = e.problem.told().iter().any(|(q, _)| *q == Quantity::Scale);
-    if told || e.held.contains(&Quantity::Scale) {
+    let stated = e
+        .problem
+        .stated()
+        .iter()
+        .any(|(q, _)| *q == Quantity::Scale);
+    if stated || e.held.contains(&Quantity::Scale) {
         return fitted;
     }
     if set.white_reference.is_some() {
@@ -526,7 +534,7 @@ fn scale(e: &Estimate<'_>, variant: VariantName, fitted: Parameter) -> Parameter
         VariantName::Paper => Parameter::unknown(no_reference(set, variant, &e.values)),
         VariantName::Sawtooth | VariantName::Traced => Parameter {
             note: Some(
-                "signal per radiance; depends on the model's Fresnel peak, not traceable"
+                "signal per radiance, calibrated by the Fresnel peak of the model; not traceable"
                     .to_owned(),
             ),
             ..fitted
@@ -534,8 +542,8 @@ fn scale(e: &Estimate<'_>, variant: VariantName, fitted: Parameter) -> Parameter
     }
 }
 
-/// Of the parts that come from scatter. Where no groups could be left out, the model's part comes
-/// from the residuals too.
+/// Returns the degrees of freedom of the parts that come from scatter. If no groups could be left out, the model part
+/// comes from the residuals too.
 fn freedom(u: &Uncertainty) -> Freedom {
     let counting = u.covariance.degrees_of_freedom.max(1) as f64;
     Freedom {
@@ -548,8 +556,8 @@ fn freedom(u: &Uncertainty) -> Freedom {
     }
 }
 
-/// Welch–Satterthwaite with the model's part as the only one of few degrees of freedom beside the
-/// residuals; null from a thousand on.
+/// Effective degrees of freedom by Welch–Satterthwaite. Apart from the residuals only the model part has few degrees of
+/// freedom. None from 1000 on.
 fn effective_freedom(budget: &Budget, u: &Uncertainty) -> Option<f64> {
     let total = budget.combined().powi(4);
     let Freedom { counting, model } = freedom(u);
@@ -573,8 +581,8 @@ fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
     }
     match variant {
         VariantName::Traced => list.push(LeftOut::new(
-            "bounces among the facets' own roughness",
-            "below the profile light meets one microfacet per hit, with Smith's masking",
+            "multiple reflections within the roughness of a facet",
+            "the tracer reflects light from one microfacet per hit, with Smith's masking",
             None,
         )),
         VariantName::Paper => list.push(left_out::printed_lobe(Some(e.rms_residual))),
@@ -582,14 +590,13 @@ fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
             if let Some(cost) = e.tier_left_out {
                 list.push(LeftOut::new(
                     "two-bounce quadrature",
-                    "at poses spread over the data it changes less than the tolerance",
+                    "it changes less than the tolerance at poses spread over the data",
                     Some(cost),
                 ));
             } else if !e.takes_tier() {
                 list.push(LeftOut::new(
                     "two-bounce quadrature",
-                    "the closed form describes these data better than with its second bounce \
-                     integrated",
+                    "the closed form fits these data better without the integrated second bounce",
                     Some(e.rms_residual),
                 ));
             }
@@ -607,16 +614,16 @@ fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
     if e.cut_short {
         list.push(LeftOut::new(
             "the rest of the search",
-            "time was over: a deeper minimum far away may have been missed",
+            "the time limit ended it; a deeper minimum may have been missed",
             None,
         ));
     }
     if let Some(thinned) = &e.thinned {
         let (kept, of) = (thinned.kept.len(), e.problem.set().observations.len());
         list.push(LeftOut::new(
-            format!("{} of {of} observations while looking for the minimum, and in `fitted`", of - kept),
-            "the others are spread over the poses, with the brightest of each neighbourhood; descent, \
-             weights and uncertainties are of all. A minimum that only the rest shows would be missed",
+            format!("{} of {of} observations in the search and in `fitted`", of - kept),
+            "the search uses observations spread over the poses, with the brightest of each neighbourhood; descent, \
+             weights and uncertainties use all. A minimum that only the others show would be missed",
             None,
         ));
         if let Some((nodes, error)) = thinned.interpolated {
@@ -630,7 +637,7 @@ fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
     list
 }
 
-/// What real samples have and this fit does not.
+/// Lists the terms of real samples that this fit omits.
 fn real_terms(e: &Estimate<'_>) -> Vec<LeftOut> {
     let there = |q: &Quantity| {
         e.problem.is_extended() && (e.problem.free().contains(q) || e.held.contains(q))
@@ -638,7 +645,7 @@ fn real_terms(e: &Estimate<'_>) -> Vec<LeftOut> {
     let body = matches!(e.problem.set().material, Material::Dielectric { .. });
     let names = [
         (Quantity::Translucency, "translucency of the body"),
-        (Quantity::Tail, "tails of the facets' slopes"),
+        (Quantity::Tail, "tails of the slope distribution"),
         (Quantity::CrestRadius, "rounded crests"),
     ];
     names
@@ -648,11 +655,12 @@ fn real_terms(e: &Estimate<'_>) -> Vec<LeftOut> {
         .collect()
 }
 
-/// Whether the second of two mirrors sees what the first has polarised; on metal the closed form follows it, too.
+/// Whether the second reflection depends on the polarisation caused by the first. For metals the closed form includes
+/// it, too.
 fn polarisation(e: &Estimate<'_>, variant: VariantName) -> Option<LeftOut> {
     let metal = matches!(e.problem.set().material, Material::Conductor { .. });
     let followed = match variant {
-        // It has no second mirror.
+        // It has no second reflection.
         VariantName::Paper => true,
         VariantName::Sawtooth => metal || (e.takes_tier() && e.problem.is_polarised()),
         VariantName::Traced => e.traced.as_ref().is_none_or(|t| t.polarised),
@@ -660,10 +668,10 @@ fn polarisation(e: &Estimate<'_>, variant: VariantName) -> Option<LeftOut> {
     let by_data = e.takes_tier() || variant == VariantName::Traced;
     (!followed).then(|| {
         left_out::polarisation(if by_data {
-            "the data are explained better without it, as a renderer without polarisation makes them"
+            "the unpolarised model fits these data better"
         } else {
-            "single reflections do not depend on it (lamp and camera do not polarise), and of double ones on plastic \
-             the closed form does not know it"
+            "lamp and camera do not polarise, so single reflections do not depend on it; the closed form omits it for \
+             double reflections on plastic"
         })
     })
 }

@@ -1,12 +1,11 @@
-//! From many starts to the few minima that count.
+//! Searches from many starts for the few minima that count.
 //!
-//! Three ways of looking. [`Search::quick`] runs a handful of starts on broad weights with the lean
-//! form and refines the different ends: enough wherever the lobe is seen. [`Search::glance`] descends from very many on the
-//! full form, as lanes of registers, where that leaves a doubt. [`Search::thorough`] is
-//! for what it leaves unexplained (narrow lobes that few poses meet, steep ridges, tilts that are
-//! off by many degrees): candidates from all over the box, judged by the lean form, descended first
-//! on a logarithmic scale, on which a lobe is a paraboloid however far away its top is, and then on
-//! the final weights.
+//! There are three kinds of search. [`Search::quick`] runs a few starts with broad weights and the lean form and
+//! refines the different ends, which is enough if the poses see the lobe. If that leaves a doubt, [`Search::glance`]
+//! descends from very many starts with the full form, vectorised in lanes. [`Search::thorough`] is for the cases that
+//! remain unexplained (narrow lobes that few poses meet, steep ridges, tilts that are wrong by many degrees). It takes
+//! candidates from the whole box and judges them. It descends from some of them first on a logarithmic scale, on which
+//! a lobe is a paraboloid at any distance from its top, and then with the final weights.
 
 mod rounds;
 
@@ -26,34 +25,34 @@ use super::settle::Settled;
 use super::solver::{Ending, Minimum, Settings, minimise};
 use super::start::{distance, starts};
 
-/// Relative difference in cost below which two ends are one minimum.
+/// Relative difference in cost below which two ends are the same minimum.
 const SAME: f64 = 1e-6;
-/// Different ends of the quick look that are refined.
+/// Number of different ends of the first round that are refined.
 pub(super) const REFINED: usize = 4;
-/// Share of its cost by which an end differs from another one beside it that leads to the same minimum.
+/// Relative difference in cost between neighbouring ends that lead to the same minimum.
 const NEAR: f64 = 1e-4;
-/// Evaluations of a lane that goes on from where another one stopped.
+/// Evaluations of a lane that continues from the end of another one.
 const EVALUATIONS_ON: usize = 240;
-/// How different ends are that count as other surfaces (see [`distance`]).
+/// Distance above which ends count as different surfaces (see [`distance`]).
 const APART: f64 = 0.3;
-/// How near to each other two rough ends are that lead to one minimum (see [`distance`]).
+/// Distance below which two rough ends lead to the same minimum (see [`distance`]).
 const SAME_SPOT: f64 = 0.05;
-/// How far apart two ends are at least to be two surfaces that a report tells apart: 0.05°, 0.7 % of α (see [`distance`]).
+/// Smallest distance between two surfaces that a report distinguishes: 0.05°, 0.7 % of α (see [`distance`]).
 pub(super) const ONE_SURFACE: f64 = 0.01;
-/// Different ends of a thorough round that are refined.
+/// Number of different ends of a thorough round that are refined.
 pub(super) const REFINED_THOROUGHLY: usize = 12;
-/// Ends whose valleys are followed.
+/// Number of ends whose valleys are followed.
 pub(super) const FOLLOWED: usize = 4;
-/// Other roughnesses that an end gets when they are looked at again.
+/// Number of other roughnesses tried for an end.
 pub(super) const OTHER_ROUGHNESSES: usize = 3;
-/// A descent that only has to come near, and one whose end counts.
+/// Settings of a descent that only has to come near a minimum; `FINE` is for descents to full accuracy.
 pub(super) const ROUGH: Settings = Settings {
     polish_steps: 0,
     cost_tolerance: 1e-5,
     max_iterations: 40,
     ..Settings::DEFAULT
 };
-/// The same from a start that is nowhere near.
+/// The same from a distant start.
 const PATIENT: Settings = Settings {
     max_iterations: 200,
     ..ROUGH
@@ -63,44 +62,43 @@ pub(super) const FINE: Settings = Settings {
     max_iterations: 400,
     ..Settings::DEFAULT
 };
-/// Rounds without a deeper minimum after which nobody expects one.
+/// Number of successive rounds without a deeper minimum after which the search ends.
 pub(super) const CALM: usize = 5;
-/// Of so many such rounds one looks at promising starts as well.
+/// One in this many of those rounds also tries promising starts.
 pub(super) const PROMISING_EVERY: usize = 4;
-/// Standard uncertainty of an angle (rad) or a ln α above which the data leave the surface open.
+/// Standard uncertainty of an angle (rad) or a ln α above which the surface counts as undetermined.
 const OPEN: f64 = 0.1;
-/// Observations, in effect, up to which it is one alone that says where a lobe is.
+/// Effective number of observations up to which one observation alone determines the place of a lobe.
 const ONE_OBSERVATION: f64 = 1.5;
-/// χ² that a constant leaves of the signals, below which they are faint.
+/// Signals are faint if a constant fits them with a χ² below this.
 const FAINT: f64 = 400.0;
-/// Rise of the cost up to which a minimum is as good as the best one: the square of the report's
-/// coverage factor.
+/// Rise of the cost up to which a minimum is as good as the best one: the square of the coverage factor of the report.
 pub(super) const AMBIGUOUS_RISE: f64 = 4.0;
-/// Near minima that are remembered.
+/// Number of near minima that are kept.
 pub(super) const RIVALS: usize = 8;
 
-/// How much of the box a thorough round looks at.
+/// Extent of a thorough round.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Effort {
-    /// Promising shapes whose roughnesses are looked at.
+    /// Promising shapes whose roughnesses are scanned.
     pub scanned: usize,
-    /// Candidates that are descended: at least, at most, and how many residuals they have together
-    /// in between.
+    /// Candidates that are descended: smallest number, largest number, and in `worth` the number of residuals that they
+    /// have together in between.
     pub descended: (usize, usize),
     pub worth: usize,
-    /// Different ends whose roughnesses are looked at again.
+    /// Different ends whose roughnesses are scanned again.
     pub rescanned: usize,
 }
 
 impl Effort {
-    /// Noise alone tells the minima apart, so the deepest of many counts.
+    /// Noise alone separates the minima, so the deepest of many counts.
     pub(super) const NOISE: Self = Effort {
         scanned: 48,
         descended: (32, 256),
         worth: 6000,
         rescanned: 4,
     };
-    /// The model's misfit is larger than what tells near minima apart.
+    /// The model error exceeds the differences between near minima.
     pub(super) const MISFIT: Self = Effort {
         scanned: 12,
         descended: (24, 24),
@@ -108,7 +106,7 @@ impl Effort {
         rescanned: 1,
     };
 
-    /// What a search begins with.
+    /// Effort at the beginning of a search.
     pub(super) fn first(options: &FitOptions) -> Self {
         if options.misfit {
             Effort::MISFIT
@@ -122,20 +120,20 @@ impl Effort {
     }
 }
 
-/// How a run over several starts ended.
+/// Outcomes of a run over several starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StartReport {
     /// Starts tried.
     pub tried: usize,
     /// Starts that ended at the best minimum.
     pub at_minimum: usize,
-    /// Starts that ended elsewhere although the solver calls them converged: other minima.
+    /// Starts that converged to other minima.
     pub elsewhere: usize,
     /// Starts that did not converge.
     pub not_converged: usize,
 }
 
-/// The best minimum from given starts, and what became of each; `None` where none has a value.
+/// Returns the best minimum from given starts and their outcomes; `None` if no start has a finite cost.
 #[must_use]
 pub fn from_starts(
     problem: &Problem<'_>,
@@ -148,30 +146,30 @@ pub fn from_starts(
     search.best().cloned().map(|best| (best, report))
 }
 
-/// Whether the caller's time is over.
+/// Whether the caller's time limit has passed.
 pub type Late<'l> = &'l (dyn Fn() -> bool + Sync);
 
-/// A search under way. All ends are of the same problem.
+/// A search in progress. All ends belong to the same problem.
 pub(super) struct Search<'p> {
     fallback: &'p Values,
     cancel: &'p AtomicBool,
     seed: u32,
     effort: Effort,
     runs: Vec<Minimum>,
-    /// Whether the next thorough round looks around the best end.
+    /// Whether the next thorough round searches around the best end.
     around_best: bool,
     late: Late<'p>,
-    /// Whether something was left because it was late.
+    /// Whether the time limit ended some of the search.
     cut_short: AtomicBool,
-    /// Where rough descents ended and led to.
+    /// Ends of rough descents and the minima that they led to.
     known: Vec<Known>,
-    /// What the ends cost whose valleys were followed.
+    /// Costs of the ends whose valleys were followed.
     followed: Vec<f64>,
-    /// Whether it has had all the starts that it may have.
+    /// Whether no more starts are allowed.
     started: bool,
 }
 
-/// Where a rough descent ended, and the minimum that it led to.
+/// The end of a rough descent, and the minimum that it led to.
 struct Known {
     cost: f64,
     surface: Values,
@@ -179,7 +177,7 @@ struct Known {
 }
 
 impl Known {
-    /// Whether another end, rough as well, leads to the same minimum.
+    /// Whether another rough end leads to the same minimum.
     fn is_end_of(&self, (cost, surface, _): &(f64, Values, Minimum)) -> bool {
         let minimum = self.minimum.cost;
         let there = (cost - minimum).abs() <= SAME * minimum.max(1.0);
@@ -214,12 +212,12 @@ impl<'p> Search<'p> {
         }
     }
 
-    /// From here on it goes by what it has found: whatever asks for more starts comes to nothing.
+    /// Ends the supply of starts: the search then only uses the ends that it has.
     pub(super) fn has_all_starts(&mut self) {
         self.started = true;
     }
 
-    /// The same, ended once it is late: what was found by then counts.
+    /// Sets the time limit. What was found until then counts.
     pub(super) fn until(mut self, late: Late<'p>) -> Self {
         self.late = late;
         self
@@ -231,15 +229,15 @@ impl<'p> Search<'p> {
         seed
     }
 
-    /// `count` starts on the lean form, the different ends refined on `problem`. An end counts as
-    /// often as starts came to it.
+    /// Runs `count` starts with the lean form and refines the different ends on `problem`. Each start counts once at
+    /// its end.
     pub(super) fn quick(&mut self, problem: &Problem<'_>, count: usize) {
         let lean = problem.clone().with_lean(true);
         let found = starts(&lean, self.fallback, count, self.next_seed());
         self.descend(problem, &lean, &found);
     }
 
-    /// Descents on the lean form from given starts, the different ends refined on `problem`.
+    /// Descends from given starts with the lean form and refines the different ends on `problem`.
     fn descend(&mut self, problem: &Problem<'_>, lean: &Problem<'_>, starts: &[Values]) {
         let rough = Settings {
             polish_steps: 0,
@@ -251,7 +249,7 @@ impl<'p> Search<'p> {
         let cancel = self.cancel;
         let mut ends: Vec<Minimum> = match descend_together(problem, starts, cancel) {
             Some(ends) => {
-                // The lean form's minimum is none of the full one.
+                // The minimum of the lean form is not a minimum of the full one.
                 let rough = |end| End {
                     settled: false,
                     ..end
@@ -267,8 +265,8 @@ impl<'p> Search<'p> {
         self.refine(problem, ends, REFINED, 1e-3);
     }
 
-    /// Takes in the ends of rough descents: of those that could still win, the `most` different ones are
-    /// refined, `near` being the share of the cost that tells two apart.
+    /// Adds the ends of rough descents. The `most` different ones among those that could still win are refined; `near`
+    /// is the relative difference in cost that separates two ends.
     fn refine(&mut self, problem: &Problem<'_>, mut ends: Vec<Minimum>, most: usize, near: f64) {
         ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let surface = |m: &Minimum| problem.unpack(&m.parameters).folded();
@@ -304,8 +302,9 @@ impl<'p> Search<'p> {
         }
     }
 
-    /// Ends of rough descents at their minima: those that came there before are known; of the others many go on as lanes
-    /// first, and what these leave unsettled, or as deep as the best, is refined one by one.
+    /// Continues rough descents to their minima. Ends that reached a known minimum before are looked up. If there are
+    /// many others, they first continue as lanes; those that remain unsettled, or are as deep as the best, are refined
+    /// one by one.
     fn go_on(&mut self, problem: &Problem<'_>, ends: &mut [(f64, Values, Minimum)]) {
         let mut unknown: Vec<&mut (f64, Values, Minimum)> = Vec::new();
         for end in ends {
@@ -326,7 +325,7 @@ impl<'p> Search<'p> {
                     some.iter().map(|m| problem.unpack(&m.parameters)).collect();
                 let on = crew::descend_in_full(problem, &from, EVALUATIONS_ON, cancel);
                 let on = on.unwrap_or_default();
-                // Fewer only where the search is cancelled.
+                // Fewer only if the search is cancelled.
                 for (m, end) in some.iter_mut().zip(on) {
                     if end.cost <= m.cost {
                         **m = Minimum::from(end);
@@ -346,7 +345,7 @@ impl<'p> Search<'p> {
                 fine(m);
             }
         });
-        // What a lane says is deepest is looked at again: with gains of powers of ten its rounding makes minima.
+        // The deepest end of a lane is checked again: with extreme gains, rounding can create a false minimum.
         let costs = unknown.iter().filter(|(_, _, m)| !by_lane(m));
         let costs = costs
             .map(|(_, _, m)| m.cost)
@@ -358,7 +357,7 @@ impl<'p> Search<'p> {
                 fine(m);
             }
         });
-        // What came to nothing would be within any share of infinity of every end.
+        // A descent to an infinite cost would match every end in relative terms.
         let found = unknown.into_iter().filter(|(_, _, m)| usable(m));
         let known = found.map(|(cost, surface, m)| Known {
             cost: *cost,
@@ -368,7 +367,7 @@ impl<'p> Search<'p> {
         self.known.extend(known);
     }
 
-    /// One round of candidates: from all over the box, then, by turns, from around the best end.
+    /// Runs a round of candidates: from the whole box and, in alternate rounds, from around the best end.
     pub(super) fn thorough(&mut self, problem: &Problem<'_>) {
         if self.started {
             return;
@@ -377,13 +376,13 @@ impl<'p> Search<'p> {
         let centre = self.best().filter(|_| self.around_best);
         let centre = centre.map(|m| problem.unpack(&m.parameters));
         self.around_best = !self.around_best;
-        // Few poses leave many minima, and cost little.
+        // Few poses leave many minima and are cheap.
         let wanted = Wanted {
             scanned: self.effort.scanned,
             starts: self.effort.starts(problem.residual_count()),
             seed: self.next_seed(),
         };
-        // The full form judges: on steep ridges the lean one misses most of the light.
+        // The full form judges, because the lean one lacks most of the light of steep ridges.
         let starts = candidates::starts(problem, self.fallback, centre.as_ref(), wanted);
         let bounds = problem.bounds();
         let cancel = self.cancel;
@@ -392,7 +391,7 @@ impl<'p> Search<'p> {
             .enumerate()
             .filter(|_| !self.over())
             .map(|(k, v)| {
-                // Every third on the logarithmic scale first.
+                // Every third start descends on the logarithmic scale first.
                 let x = problem.pack(v);
                 if k % 3 == 0 {
                     let x = minimise(&logarithmic, &x, &bounds, &ROUGH, cancel).parameters;
@@ -406,21 +405,21 @@ impl<'p> Search<'p> {
         self.refine(problem, ends, REFINED_THOROUGHLY, 1e-4);
     }
 
-    /// Looks at more candidates from here on.
+    /// Tries more candidates from now on.
     pub(super) fn look_hard(&mut self) {
         self.effort = Effort::NOISE;
     }
 
-    /// Goes on from an end that leaves no misfit: from here on noise alone tells minima apart.
+    /// Continues from an end without model error: from now on noise alone separates minima.
     pub(super) fn noise_alone(&mut self, settled: &Settled<'_>) {
         self.look_hard();
         self.carry_over(&settled.problem, &settled.problem);
         self.runs.push(settled.minimum.clone());
     }
 
-    /// Different ends within `rise` of the best cost, that one left out. Two surfaces may cost the same to the last digit
-    /// (mirror images on a scan that is symmetric); where the data leave the surface open, the ends of one cost are one
-    /// valley's. That is judged `at` a minimum, with the weights that it stands on.
+    /// Returns different ends within `rise` of the best cost, without the best one. Two surfaces may have the same cost
+    /// to the last digit (mirror images on a symmetric scan). If the data leave the surface undetermined, ends of equal
+    /// cost belong to one valley; this is decided `at` a minimum with its weights.
     pub(super) fn rivals(&self, problem: &Problem<'_>, at: &Minimum, rise: f64) -> Vec<Minimum> {
         let Some(best) = self.best() else {
             return Vec::new();
@@ -451,7 +450,7 @@ impl<'p> Search<'p> {
         chosen
     }
 
-    /// Whether another surface is nearly as good as the best: where there are two, there may be a third.
+    /// Whether another surface is nearly as good as the best: if there are two, there may be a third.
     pub(super) fn rivalled(&self, problem: &Problem<'_>, best: &Minimum) -> bool {
         let surface = |m: &Minimum| problem.unpack(&m.parameters).folded();
         let here = surface(best);
@@ -459,7 +458,7 @@ impl<'p> Search<'p> {
         rivals.iter().any(|m| distance(&surface(m), &here) > APART)
     }
 
-    /// Looks around an end with other weights; the different ends that it finds, the best first.
+    /// Searches around an end with other weights and returns the different ends, best first.
     pub(super) fn look_again(&mut self, problem: &Problem<'_>, around: &Minimum) -> Vec<Minimum> {
         if self.started {
             return Vec::new();
@@ -474,7 +473,7 @@ impl<'p> Search<'p> {
         found
     }
 
-    /// Up to `count` ends of other surfaces than that at `known`, the best first, whatever they cost.
+    /// Returns up to `count` ends of surfaces other than that at `known`, best first, at any cost.
     pub(super) fn distinct(
         &self,
         problem: &Problem<'_>,
@@ -496,14 +495,13 @@ impl<'p> Search<'p> {
         chosen
     }
 
-    /// Drops what is known of ends, where weights or ends are others from here on.
+    /// Discards known ends, because weights or ends change from now on.
     fn forget(&mut self) {
         self.known.clear();
         self.followed.clear();
     }
 
-    /// Refines all different ends on a problem with other weights or more free parameters; their
-    /// counts stay.
+    /// Refines all different ends on a problem with other weights or more free parameters; their counts stay.
     pub(super) fn carry_over(&mut self, from: &Problem<'_>, to: &Problem<'_>) {
         let fine = Settings {
             polish_steps: 20,
@@ -525,7 +523,7 @@ impl<'p> Search<'p> {
                 })
             }));
         }
-        // Once it is late the best of them has to do.
+        // After the time limit only the best of them is refined.
         let ends: Vec<Option<Minimum>> = different
             .par_iter()
             .enumerate()
@@ -552,12 +550,12 @@ impl<'p> Search<'p> {
             .min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
-    /// Whether `times` starts came to the best end.
+    /// Whether at least `times` starts reached the best end.
     pub(super) fn confirmed(&self, times: usize) -> bool {
         self.report().at_minimum >= times
     }
 
-    /// Whether not to begin what would come next: cancelled, or late, which is remembered.
+    /// Whether the next step must not begin: cancelled, or after the time limit, which is recorded.
     pub(super) fn over(&self) -> bool {
         let late = (self.late)();
         if late {
@@ -566,12 +564,12 @@ impl<'p> Search<'p> {
         late || self.cancel.load(Ordering::Relaxed)
     }
 
-    /// Whether something was left because it was late.
+    /// Whether the time limit ended some of the search.
     pub(super) fn is_cut_short(&self) -> bool {
         self.cut_short.load(Ordering::Relaxed)
     }
 
-    /// What became of the starts.
+    /// Summarises the outcomes of the starts.
     pub(super) fn report(&self) -> StartReport {
         let best = self.best().map_or(f64::INFINITY, |m| m.cost);
         let at_minimum = self.runs.iter().filter(|m| same(m.cost, best)).count();
@@ -589,7 +587,7 @@ impl<'p> Search<'p> {
     }
 }
 
-/// Does something with each of the ends, on as many processors as there are ends to share.
+/// Applies a function to each of the ends, in parallel if there are several.
 fn each(ends: &mut [&mut (f64, Values, Minimum)], what: &(dyn Fn(&mut Minimum) + Sync)) {
     match ends {
         [(_, _, only)] => what(only),
@@ -597,7 +595,7 @@ fn each(ends: &mut [&mut (f64, Values, Minimum)], what: &(dyn Fn(&mut Minimum) +
     }
 }
 
-/// Another start's end at a minimum whose residuals and slopes are kept already.
+/// The end of another start at a minimum whose residuals and derivatives are stored already.
 fn in_short(m: &Minimum) -> Minimum {
     Minimum {
         residuals: Vec::new(),
@@ -625,7 +623,7 @@ impl From<End> for Minimum {
     }
 }
 
-/// Where a descent over shapes alone, amplitudes projected out, leads.
+/// Descends over shapes only, with the amplitudes projected out.
 pub(super) fn over_shapes(
     problem: &Problem<'_>,
     start: &Values,
@@ -641,13 +639,13 @@ pub(super) fn over_shapes(
     end
 }
 
-/// Whether there may be deeper minima far from an end that leaves no misfit: the data do not determine the surface there,
-/// hardly anything stands out of their noise, or one pose alone meets the lobe.
+/// Whether there may be deeper minima far from an end without model error: the data do not determine the surface there,
+/// the signals hardly exceed their noise, or only one pose meets the lobe.
 pub(super) fn many_minima(problem: &Problem<'_>, end: &Minimum) -> bool {
     !determined(problem, end) || faint(problem) || met_once(problem, end)
 }
 
-/// Whether one observation alone says where the lobe is: then another lobe, narrow as well, may meet it in another place.
+/// Whether one observation alone determines the place of the lobe: then another narrow lobe may meet it elsewhere.
 fn met_once(problem: &Problem<'_>, end: &Minimum) -> bool {
     let (free, rows) = (problem.free(), problem.residual_count());
     if end.jacobian.len() != rows * free.len() {
@@ -664,15 +662,14 @@ fn met_once(problem: &Problem<'_>, end: &Minimum) -> bool {
         .any(|(slopes, _)| hangs_on_one(slopes))
 }
 
-/// Whether one of the slopes outweighs all others: (Σ s²)²/Σ s⁴, the number of equal ones that would weigh as much, is
-/// near to 1.
+/// Whether one of the slopes outweighs all others: the equivalent number of equal slopes, (Σ s²)²/Σ s⁴, is close to 1.
 fn hangs_on_one(slopes: &[f64]) -> bool {
     let squares = slopes.iter().map(|slope| slope * slope);
     let (sum, of_squares) = squares.fold((0.0, 0.0), |(s, q), x| (s + x, q + x * x));
     sum * sum < ONE_OBSERVATION * of_squares
 }
 
-/// Whether the signals differ from each other by so little that noise makes minima as deep as light does.
+/// Whether the signals differ so little that noise creates minima as deep as light does.
 fn faint(problem: &Problem<'_>) -> bool {
     let signals = problem.set().observations.iter().map(|o| o.signal);
     let weighed = signals
@@ -713,7 +710,7 @@ pub(super) fn usable(m: &Minimum) -> bool {
     m.cost.is_finite() && m.ending != Ending::NotFinite
 }
 
-/// Whether a cost is that of the best end, or below.
+/// Whether a cost equals that of the best end, or is lower.
 pub(super) fn same(cost: f64, best: f64) -> bool {
     cost <= best + SAME * best.max(1.0)
 }
@@ -723,11 +720,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lobe_hangs_on_one_observation_where_its_slope_outweighs_all_others() {
+    fn a_lobe_depends_on_one_observation_if_its_slope_outweighs_all_others() {
         assert!(hangs_on_one(&[0.0, -30.0, 4.0, 2.0, 1.0]));
         assert!(!hangs_on_one(&[0.0, -30.0, 20.0, 2.0, 1.0]));
         assert!(!hangs_on_one(&[1.0; 5]));
-        // Nothing says where it is: that is another matter.
+        // No observation determines the place; that is another case.
         assert!(!hangs_on_one(&[0.0; 5]));
         assert!(!hangs_on_one(&[f64::NAN; 5]));
     }

@@ -1,10 +1,10 @@
-//! A minimum, the size of the model's misfit that its weights stand on, and the costly tier on top.
+//! Settles a minimum: makes its weights consistent with the model error, and adds the costlier tier.
 //!
-//! The one function to call is [`with_tier`]. It does not search: it is handed the ends of a search.
-//! The closed form may rank them wrongly where it misses most, on steep and rough ridges: a surface
-//! far away then describes the data better than the closed form at the truth does, and only with the
-//! second bounce integrated the right one wins. So where the best end keeps a misfit that the
-//! integrated form never has on ridges of one angle, the tier is asked about the others too.
+//! Call [`with_tier`]. It does not search; the caller passes the ends of a search. The closed form may rank them
+//! wrongly where its error is largest, on steep and rough ridges. A distant surface then fits the data better than the
+//! closed form does at the true parameters, and the right one wins only with the second bounce integrated. If the best
+//! end keeps a model error that the integrated form never has on ridges of one angle, the other ends are therefore
+//! tried with the tier, too.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -21,46 +21,46 @@ use super::thin::minimise;
 use super::{FitOptions, Loss};
 use crate::material::Material;
 
-/// Discrepancy above which the fit with the tier is doubted: on traced ideal ridges up to 30° it
-/// stays below.
+/// Discrepancy above which the fit with the tier is doubted. Fits of traced ideal ridges up to 30° stay below it.
 pub(super) const DOUBTFUL: f64 = 0.015;
-/// Other ends that are tried with the tier then.
+/// Other ends that are then tried with the tier.
 pub(super) const TRIALS: usize = 6;
-/// Observations in the lobe up to which only the final weights tell explanations of its shape apart.
+/// Observations in the lobe up to which only the final weights separate explanations of its shape.
 const FEW_IN_LOBE: usize = 12;
-/// Near ends of a narrow lobe that are tried with the tier in any case.
+/// Near ends of a narrow lobe that are always tried with the tier.
 pub(super) const NARROW_TRIALS: usize = 3;
-/// Misfit of another end, as a multiple of the best one's, up to which it is no worse where neither
-/// describes the data: a misfit is not independent from pose to pose, and no χ² tells them apart.
+/// Model error of another end, relative to the best one's, up to which it is equally good if neither describes the
+/// data. A model error is not independent from pose to pose, so χ² does not separate them.
 const AS_GOOD: f64 = 1.25;
-/// How far apart two ends are at least to be two surfaces (see [`distance`]).
+/// Smallest distance between two surfaces (see [`distance`]).
 const SAME: f64 = 0.05;
-/// How many times smaller the misfit of another end of a narrow lobe has to be, and that of the closed form where it
-/// stands against the tier: what it leaves out is there, and the misfits of few poses scatter.
+/// Factor by which the model error of another end of a narrow lobe must be smaller; also that of the closed form
+/// compared with the tier. The light that the closed form omits exists, and the model error estimated from few poses
+/// scatters.
 const CLEAR_GAIN: f64 = 2.0;
-/// How many times larger the trimmed squares of one end are that make another one the better.
+/// Ratio of trimmed squares above which the end with the smaller sum is better.
 const FAR_MORE: f64 = 4.0;
-/// Passes of tier and refit at most.
+/// Maximum passes of tier and refit.
 const PASSES: usize = 5;
-/// Difference of χ² below which data do not tell the closed form from the tier: three standard deviations.
-const TOLD_APART: f64 = 9.0;
-/// Change of ridge angle (rad) and logarithm of roughness below which passes stay where they are.
+/// Difference of χ² below which the data do not separate the closed form from the tier: three standard deviations.
+const SEPARATED: f64 = 9.0;
+/// Change of ridge angle (rad) and logarithm of roughness below which the passes end.
 const STILL: f64 = 1e-4;
 
-/// A descent whose end only tells how far the model misses.
+/// Settings of a descent that only serves to estimate the model error.
 const NEAR: Settings = Settings {
     polish_steps: 0,
     cost_tolerance: 1e-6,
     ..Settings::DEFAULT
 };
 
-/// What the observations' weights are made of.
+/// Inputs of the weights of the observations.
 pub(super) struct Weighing<'s> {
-    /// The observations' own standard uncertainties.
+    /// Standard uncertainties of the observations themselves.
     pub own: &'s [f64],
-    /// Scale on which the model may miss an observation.
+    /// Scale of the model error of each observation.
     pub scale: &'s [f64],
-    /// Free parameters without those that only move within a stated uncertainty.
+    /// Number of free parameters without those that only move within a stated uncertainty.
     pub fitted: usize,
     pub options: &'s FitOptions,
     pub cancel: &'s AtomicBool,
@@ -79,7 +79,7 @@ pub(super) fn sigma_at(own: &[f64], scale: &[f64], discrepancy: f64) -> Vec<f64>
     both.map(|(o, s)| o.hypot(discrepancy * s)).collect()
 }
 
-/// A problem, its minimum, and the discrepancy that its weights stand on.
+/// A problem, its minimum, and the discrepancy of its weights.
 #[derive(Debug, Clone)]
 pub(super) struct Settled<'a> {
     pub problem: Problem<'a>,
@@ -88,7 +88,7 @@ pub(super) struct Settled<'a> {
 }
 
 impl Settled<'_> {
-    /// Whether the data leave the surface open here.
+    /// Whether the data leave the surface undetermined here.
     pub(super) fn open(&self) -> bool {
         !determined(&self.problem, &self.minimum)
     }
@@ -98,12 +98,12 @@ impl Settled<'_> {
         self.in_lobe() <= FEW_IN_LOBE
     }
 
-    /// Whether a surface with far less misfit is worth looking for.
+    /// Whether a surface with a much smaller model error is worth looking for.
     pub(super) fn doubted(&self) -> bool {
         self.discrepancy != 0.0 && (self.open() || self.narrow())
     }
 
-    /// Observations where the facets' lobe is above a twentieth of its top.
+    /// Number of observations where the facets' lobe exceeds a twentieth of its top.
     fn in_lobe(&self) -> usize {
         let problem = &self.problem;
         let values = problem.unpack(&self.minimum.parameters);
@@ -120,18 +120,18 @@ impl Settled<'_> {
         (0..problem.set().observations.len()).filter(inside).count()
     }
 
-    /// Rounds of discrepancy, weights and refit.
+    /// Runs rounds of discrepancy, weights and refit.
     pub(super) fn settle(&mut self, weighing: &Weighing<'_>) {
         self.settle_by(&Settings::default(), weighing);
     }
 
-    /// The same where every look at the observations is costly: until the weights stay, descents only come near.
+    /// The same for expensive observations: descents only come near until the weights stay.
     pub(super) fn settle_sparingly(&mut self, weighing: &Weighing<'_>) {
         self.settle_by(&NEAR, weighing);
         self.minimum = self.again(&self.minimum.parameters, weighing.cancel);
     }
 
-    /// From another end, as far as it takes to see how far the model misses there.
+    /// Starts from another end and continues until the model error there is known.
     pub(super) fn settle_from(&mut self, start: &[f64], weighing: &Weighing<'_>) {
         let bounds = self.problem.bounds();
         self.minimum = minimise(&self.problem, start, &bounds, &FINE, weighing.cancel);
@@ -166,13 +166,13 @@ impl Settled<'_> {
         }
     }
 
-    /// A larger discrepancy where the poses are too few to tell it.
+    /// Increases the discrepancy if there are too few poses to determine it.
     fn allow_for_few_poses(&mut self, settings: &Settings, weighing: &Weighing<'_>) {
         let (own, scale, loss) = (weighing.own, weighing.scale, weighing.options.loss);
-        let (told, residuals) = (self.discrepancy, self.residuals());
-        let few = discrepancy_of_few(told, &residuals, own, scale, weighing.fitted, loss);
+        let (found, residuals) = (self.discrepancy, self.residuals());
+        let few = discrepancy_of_few(found, &residuals, own, scale, weighing.fitted, loss);
         let to_go_by = few.min(weighing.options.misfit_most.unwrap_or(f64::INFINITY));
-        if to_go_by > told {
+        if to_go_by > found {
             let bounds = self.problem.bounds();
             self.discrepancy = to_go_by;
             self.problem = self.problem.clone().with_sigma(weighing.sigma(to_go_by));
@@ -181,13 +181,13 @@ impl Settled<'_> {
         }
     }
 
-    /// The minimum that a start leads to.
+    /// Returns the minimum reached from a start.
     pub(super) fn again(&self, start: &[f64], cancel: &AtomicBool) -> Minimum {
         let bounds = self.problem.bounds();
         minimise(&self.problem, start, &bounds, &Settings::default(), cancel)
     }
 
-    /// Model less observation.
+    /// Model minus observation.
     fn residuals(&self) -> Vec<f64> {
         let values = self.problem.unpack(&self.minimum.parameters);
         let predicted = self.problem.predicted(&values);
@@ -195,22 +195,21 @@ impl Settled<'_> {
         pairs.map(|(p, o)| p - o.signal).collect()
     }
 
-    /// χ² of flats and of what is known beforehand.
+    /// χ² of flats and priors.
     fn beside_the_sample(&self) -> f64 {
         let residuals = &self.minimum.residuals;
         let samples = self.problem.set().observations.len();
         sum_of_squares(residuals.get(samples..).unwrap_or_default())
     }
 
-    /// χ² of a linear loss, the loss itself of another.
+    /// χ² for a linear loss, otherwise the loss itself.
     fn misses(&self, weighing: &Weighing<'_>) -> f64 {
         let pairs = self.residuals().into_iter().zip(weighing.own);
         let loss = weighing.options.loss;
         pairs.map(|(r, o)| loss.bent(r / o).0.powi(2)).sum()
     }
 
-    /// The same with the tier's corrections at its own values; `None` where the tier has nothing to
-    /// say.
+    /// The same with the corrections of the tier at its own values; `None` if the tier has no result.
     fn corrected(&self, tier: Tier<'_>, weighing: &Weighing<'_>) -> Option<Self> {
         let mut costly = self.clone();
         for pass in 0..PASSES {
@@ -233,16 +232,16 @@ impl Settled<'_> {
         Some(costly)
     }
 
-    /// Whether the data do not tell this from `other`: noise makes as much of a difference.
+    /// Whether noise explains the difference from `other`.
     fn alike(&self, other: &Self, weighing: &Weighing<'_>) -> bool {
-        (self.misses(weighing) - other.misses(weighing)).abs() < TOLD_APART
+        (self.misses(weighing) - other.misses(weighing)).abs() < SEPARATED
     }
 
-    /// Whether under a robust loss this describes most observations better than `other`.
+    /// Whether this describes most observations better than `other` under a robust loss.
     ///
-    /// What a surface that passes through half of the observations and misses the rest cannot do is pass near more of them
-    /// than half and the free parameters: where the sum of so many least squares is far smaller, that decides (least
-    /// trimmed squares, Rousseeuw 1984); else the loss itself does, with the larger misfit of the two.
+    /// A surface that fits half of the observations and misses the others cannot come close to more of them than half
+    /// plus the free parameters. If one sum of that many smallest squares is far smaller, it decides (least trimmed
+    /// squares, Rousseeuw 1984). Otherwise the loss itself decides, with the larger model error of the two.
     pub(super) fn of_more_observations(&self, other: &Self, weighing: &Weighing<'_>) -> bool {
         let observations = &self.problem.set().observations;
         let most = (observations.len() + self.problem.free().len()).div_ceil(2);
@@ -271,7 +270,7 @@ impl Settled<'_> {
         }
     }
 
-    /// Whether this describes the data so much better than `other` that its misfit cannot be an accident of few poses.
+    /// Whether this describes the data so much better than `other` that few poses cannot explain it by chance.
     fn far_better_than(&self, other: &Self, weighing: &Weighing<'_>) -> bool {
         CLEAR_GAIN * self.discrepancy < other.discrepancy
             || self.discrepancy == 0.0 && self.better_than(other, weighing)
@@ -289,21 +288,22 @@ impl Settled<'_> {
     }
 }
 
-/// What the tier made of the ends of a search.
+/// Result of the tier for the ends of a search.
 pub(super) struct Corrected<'a> {
     pub settled: Settled<'a>,
-    /// How far the tier moved each free parameter (solver's units); zero where it is not in use.
+    /// Change of each free parameter by the tier (units of the solver); zero if it is not in use.
     pub shift: Vec<f64>,
-    /// Whether the data do not tell it from the closed form.
+    /// Whether the data do not separate it from the closed form.
     pub undecided: bool,
-    /// Whether another end than the search's best is the answer now.
+    /// Whether the answer is now an end other than the search's best.
     pub elsewhere: bool,
-    /// Other ends that describe the data no worse.
+    /// Other ends that describe the data equally well.
     pub rivals: Vec<Minimum>,
 }
 
-/// Nature polarises light at the first mirror and the second one sees it; many renderers leave that out where light
-/// meets plastic. Where the data say so, the closed form and its correction without it; on metal none leaves it out.
+/// Chooses light with or without polarisation. The first reflection polarises light, and the second depends on it. Many
+/// renderers omit this for plastic. If the data show that, the closed form and its correction without polarisation are
+/// returned. Renderers include it for metals.
 fn as_light_is<'a>(
     closed: Settled<'a>,
     tier: Tier<'_>,
@@ -329,9 +329,9 @@ fn as_light_is<'a>(
     }
 }
 
-/// The best end with the tier on top, or without it where the tier clearly spoils it (a sample painted by the closed
-/// form itself). Where noise hides what the tier changes, nature has it all the same. Of a lobe that few poses meet, the
-/// other explanations in `narrow` are tried too.
+/// Returns the best end with the tier, or without it if the tier clearly makes it worse (a sample computed from the
+/// closed form itself). If noise hides the change by the tier, the tier stays, because the light exists. For a lobe
+/// that few poses meet, the other explanations in `narrow` are tried too.
 pub(super) fn with_tier<'a>(
     closed: Settled<'a>,
     tier: Tier<'_>,
@@ -352,7 +352,7 @@ pub(super) fn with_tier<'a>(
         rivals: Vec::new(),
     };
     if let Some(costly) = costly {
-        // Of what the misfit and the counted squares say, either is enough for what nature has.
+        // Model error and χ² are two criteria; either is enough to keep light that exists.
         let better = costly.better_than(&closed, weighing)
             || costly.misses(weighing) < closed.misses(weighing);
         let far_worse = closed.far_better_than(&costly, weighing);
@@ -374,7 +374,7 @@ pub(super) fn with_tier<'a>(
         trials.clear();
     }
     let mut others: Vec<Settled<'a>> = Vec::new();
-    // Each on its own, so that no processor waits for the descents of one.
+    // Each trial is independent, so that no processor waits for the descents of another.
     let tried: Vec<Option<(Settled<'a>, Settled<'a>)>> = trials
         .par_iter()
         .map(|end| {
@@ -389,7 +389,7 @@ pub(super) fn with_tier<'a>(
         return best;
     }
     for (trial, costly) in tried.into_iter().flatten() {
-        // The few poses of a narrow lobe are fitted too well by some surface or other.
+        // Some surface always fits the few poses of a narrow lobe too well.
         let clearly = doubtful || CLEAR_GAIN * costly.discrepancy < best.settled.discrepancy;
         if clearly && costly.better_than(&best.settled, weighing) {
             best.shift = step(&trial, &costly);
@@ -404,7 +404,7 @@ pub(super) fn with_tier<'a>(
     if discrepancy > 0.0 {
         let near = others.into_iter();
         let near = near.filter(|o| o.discrepancy <= AS_GOOD * discrepancy);
-        // No misfit of the model excuses what misses the flats or what is known beforehand.
+        // A model error is no excuse for missing the flats or the priors.
         let known = best.settled.beside_the_sample();
         let near = near.filter(|o| o.beside_the_sample() <= known + AMBIGUOUS_RISE);
         let near = near.map(|o| o.minimum);

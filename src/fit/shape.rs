@@ -1,20 +1,20 @@
-//! Whether a shape that was measured apart can be the sample's: its ridge angle against that of the light, the length of its
-//! ridges against what the manifest says.
+//! Checks whether a separately measured shape can be that of the sample: its ridge angle against the fitted one, the
+//! length of its facets against the manifest.
 
 use super::report::Parameter;
 use crate::trace::profile::Profile;
 use crate::trace::ridge_map::RidgeFacts;
 use crate::wording::{decimals, significant};
 
-/// What instruments leave of a vertical scale once they are adjusted, standard uncertainty.
+/// Standard uncertainty of the vertical scale of adjusted instruments, relative.
 const SCALE_STD: f64 = 0.01;
-/// What levelling and noise leave of an angle, degrees, standard uncertainty.
+/// Standard uncertainty of an angle from levelling and noise, degrees.
 const ANGLE_STD_DEG: f64 = 0.1;
-/// Share by which lengths of facets may differ: nominal ones are rounded.
+/// Accepted relative difference between lengths of facets; nominal lengths are rounded.
 const LENGTH_OFF: f64 = 0.03;
 
-/// What contradicts the shape, in sentences for the user; `theta_r` is what the light says, in degrees,
-/// `pitch_length_um` the manifest's length of a facet.
+/// Lists contradictions as sentences for the user. `theta_r` is the fitted ridge angle in degrees, `pitch_length_um`
+/// the length of a facet in the manifest.
 #[must_use]
 pub fn contradictions(
     profile: &Profile,
@@ -27,7 +27,7 @@ pub fn contradictions(
     let angle = own.zip(by_light).and_then(|(own, by_light)| {
         off_in_angle(own, profile.lobe_error(), by_light, theta_r.expanded)
     });
-    // Heights may be off; a ridge is as long as it is.
+    // An error of the vertical scale does not change the length of a ridge.
     let inclined = by_light.map(f64::to_radians).or(own).unwrap_or_default();
     let period_um = map.map_or_else(
         || profile.period() / profile.ridges().max(1) as f64,
@@ -55,9 +55,9 @@ fn off_in_angle(
         let digits = decimals(expanded_deg);
         let factor = by_light_deg.to_radians().tan() / own.tan();
         format!(
-            "the measured shape has a ridge angle of its own of {own_deg:.1}°, which cannot be that of the sample, by its light \
-             {by_light_deg:.digits$} ± {expanded_deg:.digits$}°: its vertical scale is off (heights times {} would agree) or it \
-             is of another piece; its form was traced with heights scaled to the angle by light",
+            "The measured shape has a ridge angle of {own_deg:.1}°, but the fit gives {by_light_deg:.digits$} ± \
+             {expanded_deg:.digits$}° (k = 2). Its heights were scaled to the fitted angle for tracing. Check its vertical \
+             scale (multiply the heights by {} to agree) and whether it belongs to this sample.",
             significant(factor)
         )
     })
@@ -66,8 +66,8 @@ fn off_in_angle(
 fn off_in_length(own_um: f64, stated_um: f64) -> Option<String> {
     ((own_um / stated_um - 1.0).abs() > LENGTH_OFF).then(|| {
         format!(
-            "the measured shape has facets of {} µm, the manifest says sample.pitch_length_um = {}: its lateral scale is off, it \
-             is of another piece, or the manifest is not right",
+            "The measured shape has facets of {} µm, but the manifest states sample.pitch_length_um = {}. Check the lateral \
+             scale of the shape, whether it belongs to this sample, and the manifest.",
             significant(own_um),
             significant(stated_um)
         )
@@ -93,7 +93,7 @@ mod tests {
         }
     }
 
-    /// Ten ridges of facets of 100 µm whose heights are so many times those of 10°.
+    /// Ten ridges with facets of 100 µm and `times` the heights of 10° ridges.
     fn ridges(times: f64) -> Profile {
         let (sin, cos) = 10f64.to_radians().sin_cos();
         let period = 100.0 / cos;
@@ -105,27 +105,27 @@ mod tests {
     }
 
     #[test]
-    fn a_shape_that_contradicts_light_or_manifest_is_told_and_one_that_agrees_is_not() {
+    fn only_a_shape_that_contradicts_fit_or_manifest_is_reported() {
         let light = by_light(Some(10.0), 0.05);
-        let told = |times: f64, pitch_um| contradictions(&ridges(times), None, &light, pitch_um);
+        let found = |times: f64, pitch_um| contradictions(&ridges(times), None, &light, pitch_um);
         assert_eq!(ridges(1.0).ridges(), 10);
-        assert!(told(1.0, Some(100.0)).is_empty() && told(1.01, Some(101.5)).is_empty());
+        assert!(found(1.0, Some(100.0)).is_empty() && found(1.01, Some(101.5)).is_empty());
         for times in [0.001, 0.5, 0.9, 1.1, 2.0, 1e3, 1e6] {
-            let told = told(times, None);
+            let found = found(times, None);
             assert!(
-                told.len() == 1 && told[0].contains("vertical scale"),
-                "{times}: {told:?}"
+                found.len() == 1 && found[0].contains("vertical scale"),
+                "{times}: {found:?}"
             );
         }
         for pitch_um in [50.0, 94.0, 110.0, 1e3] {
-            let told = told(1.0, Some(pitch_um));
+            let found = found(1.0, Some(pitch_um));
             assert!(
-                told.len() == 1 && told[0].contains("pitch_length_um"),
-                "{pitch_um}: {told:?}"
+                found.len() == 1 && found[0].contains("pitch_length_um"),
+                "{pitch_um}: {found:?}"
             );
         }
-        assert_eq!(told(2.0, Some(50.0)).len(), 2);
-        // What the light does not tell contradicts nothing.
+        assert_eq!(found(2.0, Some(50.0)).len(), 2);
+        // An undetermined ridge angle contradicts nothing.
         let vague = by_light(Some(12.0), 4.0);
         assert!(contradictions(&ridges(1.0), None, &vague, None).is_empty());
         assert!(contradictions(&ridges(2.0), None, &by_light(None, 0.0), None).is_empty());

@@ -1,22 +1,22 @@
 //! Bounded trust-region Levenberg–Marquardt as an argmin solver, with a Gauss–Newton polish.
 //!
-//! The one function to call is [`minimise`]. Three things set it apart from the usual port:
+//! Call [`minimise`]. It differs from usual implementations in three points:
 //!
-//! - *Bounds.* A parameter at its bound whose gradient pushes outward is held (projected gradient);
-//!   a step that would cross a bound is cut there and the others are solved for again.
-//! - *Polish.* Accepting a step only if the cost falls stops at half the digits, since near the
-//!   minimum the cost is flat. So the end is a run of undamped Gauss–Newton steps by column-scaled
-//!   QR that are accepted on shrinking step length.
-//! - *Status.* Success is claimed only for a vanishing step or projected gradient at full rank.
+//! - *Bounds.* A parameter at its bound whose gradient points outward is held (projected gradient). A step that would
+//!   cross a bound is cut there, and the other components are solved for again.
+//! - *Polish.* If a step is accepted only when the cost falls, half the digits are lost, because the cost is flat near
+//!   the minimum. The end is therefore a run of undamped Gauss–Newton steps by column-scaled QR, accepted while their
+//!   length shrinks.
+//! - *Status.* Success requires a vanishing step or projected gradient at full rank.
 //!
-//! Damping follows Moré 1978 (MINPACK's `lmder`): trust region in the norm of the running column
-//! scales D, the multiplier μ from Newton's iteration on ‖D p(μ)‖ = Δ, each trial μ by QR of
-//! [R; √μ D]. It knows nothing of reflectance.
+//! Damping follows Moré 1978 (MINPACK's `lmder`): trust region in the norm of the running column scales D, the
+//! multiplier μ from Newton's iteration on ‖D p(μ)‖ = Δ, each trial μ by QR of [R; √μ D]. The solver is independent of
+//! the reflectance model.
 //!
-//! *Conditioning.* Steps come from QR of the derivatives, never from normal equations: they are good to 1e-16 times the condition
-//! number of the Jacobian, not its square. The rank test is on
-//! columns scaled to length 1, so a change of units changes no status. Residual and gradient of the last steps are differences of
-//! nearly equal numbers; that is why the end is accepted by shrinking steps and not by falling cost.
+//! *Conditioning.* Steps come from QR of the derivatives, never from normal equations: they are accurate to 1e-16 times
+//! the condition number of the Jacobian, not its square. The rank test uses columns scaled to length 1, so a change of
+//! units changes no status. Residual and gradient of the last steps are differences of nearly equal numbers, so the end
+//! is decided by shrinking steps and not by falling cost.
 
 use std::sync::atomic::AtomicBool;
 
@@ -31,17 +31,17 @@ use super::least_squares::LeastSquares;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
-    /// The undamped Gauss–Newton step vanished: all digits are there.
+    /// The undamped Gauss–Newton step vanished: all digits are converged.
     ConvergedByStep,
     /// The projected gradient is orthogonal to the residuals to within rounding.
     ConvergedByGradient,
     /// The model predicts no further gain, but the step did not vanish; digits may be missing.
     ConvergedByCost,
-    /// No step lowers the cost any more, though the gradient has not vanished.
+    /// No step lowers the cost, but the gradient has not vanished.
     Stalled,
     /// The derivatives do not span all free parameters.
     RankDeficient,
-    /// The iteration limit came first.
+    /// The iteration limit was reached.
     MaxIterations,
     /// Residuals or derivatives are not finite at the start.
     NotFinite,
@@ -50,19 +50,19 @@ pub enum Ending {
 }
 
 impl Ending {
-    /// Whether the point is a minimum as far as the numbers can tell.
+    /// Whether the point is numerically a minimum.
     #[must_use]
     pub const fn is_success(self) -> bool {
         matches!(self, Ending::ConvergedByStep | Ending::ConvergedByGradient)
     }
 }
 
-/// Box in which the parameters stay; infinite entries mean no bound.
+/// Bounds of the parameters; infinite entries mean no bound.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bounds {
-    /// Least values.
+    /// Lower bounds.
     pub lower: Vec<f64>,
-    /// Greatest values.
+    /// Upper bounds.
     pub upper: Vec<f64>,
 }
 
@@ -86,15 +86,15 @@ impl Bounds {
 /// Tolerances and limits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Trial steps before giving up.
+    /// Maximum number of trial steps.
     pub max_iterations: u64,
     /// First trust radius as a fraction of ‖D x‖; small values keep hard problems from leaping away.
     pub initial_radius: f64,
-    /// Relative predicted and actual gain below which the descent hands over to the polish.
+    /// Relative predicted and actual gain below which the polish begins.
     pub cost_tolerance: f64,
-    /// Relative trust radius below which the descent hands over to the polish.
+    /// Relative trust radius below which the polish begins.
     pub step_tolerance: f64,
-    /// Undamped steps allowed at the end; 0 switches the polish off.
+    /// Maximum number of undamped steps at the end; 0 switches the polish off.
     pub polish_steps: u32,
     /// Relative step that counts as vanished.
     pub vanished_step: f64,
@@ -103,7 +103,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Those of a fit whose last digit counts.
+    /// Settings for full accuracy.
     pub const DEFAULT: Settings = Settings {
         max_iterations: 2000,
         initial_radius: 0.1,
@@ -121,7 +121,7 @@ impl Default for Settings {
     }
 }
 
-/// Where a minimisation ended and how.
+/// The end of a minimisation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Minimum {
     /// Parameters.
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bound_in_the_way_holds_its_parameter_and_the_others_still_converge() {
+    fn a_bound_holds_its_parameter_and_the_others_still_converge() {
         let bounds = Bounds {
             lower: vec![0.0, 0.0],
             upper: vec![10.0, 0.5],
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_parameter_that_nothing_depends_on_is_no_success() {
+    fn a_parameter_without_effect_is_not_reported_as_success() {
         struct Idle;
         impl LeastSquares for Idle {
             fn n_parameters(&self) -> usize {
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn a_minimum_on_a_kink_is_one_and_the_others_converge_beside_it() {
+    fn a_minimum_on_a_kink_is_found_and_the_other_parameters_converge() {
         /// r = (1 + |x| + y/4, 1 + 2 |x|, y − 3 + x): the cost rises to both sides of x = 0.
         struct Kinked;
         impl LeastSquares for Kinked {
@@ -308,8 +308,9 @@ mod tests {
     }
 
     #[test]
-    fn a_minimum_on_a_kink_that_is_curved_is_reached_along_it() {
-        /// r = (1 + 2 |y − x²|, x − 0.7, y/10 − 0.2): a gorge whose bottom is y = x², where no parameter alone gains.
+    fn a_minimum_on_a_curved_kink_is_reached_along_it() {
+        /// r = (1 + 2 |y − x²|, x − 0.7, y/10 − 0.2): a gorge with its bottom at y = x², where no single parameter
+        /// lowers the cost.
         struct Gorge;
         impl LeastSquares for Gorge {
             fn n_parameters(&self) -> usize {

@@ -1,14 +1,14 @@
-//! Where a fit starts: from the shape of the bright spot, from the brightest poses, and from a scrambled
-//! Sobol set over the ridge angle, the roughness and the whole circle of azimuths.
+//! Starts of a fit: from the shape of the bright spot, from the brightest poses, and from a scrambled Sobol sequence
+//! over the ridge angle, the roughness and the full circle of azimuths.
 //!
-//! Over the slopes of the half vector, seen from the sample, the logarithm of a single reflection is
-//! a paraboloid: its top is the facet's normal, its curvatures are the roughnesses. A linear
-//! regression on the bright poses reads all four at once, and so near that most fits need no other
-//! start; the others guard against what the paraboloid does not know.
+//! Over the slopes of the half vector in the frame of the sample, the logarithm of a single reflection is a paraboloid.
+//! Its top is the facet normal, and its curvatures are the roughnesses. A linear regression on the bright poses gives
+//! all four at once, so accurately that most fits need no other start. The other starts cover cases in which the
+//! paraboloid is wrong.
 //!
-//! A lobe that is far narrower than the distance to its peak has no slope to follow, so candidates
-//! have broad lobes (α ≥ 0.05) and the solver narrows them. Each candidate is judged after its
-//! linear parameters (gain or diffuse part) were set by a linear step.
+//! A lobe that is far narrower than the distance to its peak has no slope to follow, so candidates have broad lobes (α
+//! ≥ 0.05) and the solver narrows them. Each candidate is judged after a linear step has set its linear parameters
+//! (gain or diffuse part).
 
 use std::f64::consts::PI;
 
@@ -23,8 +23,8 @@ use crate::observation::ObservationSet;
 /// Candidates judged per requested start.
 const CANDIDATES_PER_START: u32 = 12;
 
-/// The `count` most promising starts, best first; reproducible for a seed. `fallback` gives what no
-/// start varies (stray light, tilt zero and what is fixed).
+/// Returns the `count` most promising starts, best first; reproducible for a seed. `fallback` gives the values that no
+/// start varies (stray light, tilt zero and fixed values).
 #[must_use]
 pub fn starts(problem: &Problem<'_>, fallback: &Values, count: usize, seed: u32) -> Vec<Values> {
     let spots = from_bright_spot(problem.set(), fallback);
@@ -34,7 +34,7 @@ pub fn starts(problem: &Problem<'_>, fallback: &Values, count: usize, seed: u32)
     for k in 0..wanted {
         let at = |dimension| f64::from(sample(k, dimension, seed));
         let mut values = *fallback;
-        // Half of them anywhere, half around the brightest pose and down to narrower lobes.
+        // Half of them anywhere; half around the brightest pose, with narrower lobes too.
         if let Some(near) = brightest.filter(|_| k % 2 == 1) {
             values.theta_r = (near.theta_r + (at(0) - 0.5) * 10f64.to_radians()).abs();
             values.azimuth_offset = near.azimuth_offset + (at(3) - 0.5) * 60f64.to_radians();
@@ -54,8 +54,8 @@ pub fn starts(problem: &Problem<'_>, fallback: &Values, count: usize, seed: u32)
         judged.sort_by(|a, b| a.0.total_cmp(&b.0));
         judged
     };
-    // The paraboloids come first whatever they cost: a narrow lobe a little off its place costs more
-    // than a broad one that is all wrong.
+    // The paraboloids come first at any cost: a narrow lobe with a small offset costs more than a broad lobe that is
+    // entirely wrong.
     let mut judged = judge(spots);
     judged.truncate(count.div_ceil(2));
     let spots = judged.len();
@@ -64,8 +64,8 @@ pub fn starts(problem: &Problem<'_>, fallback: &Values, count: usize, seed: u32)
     spread(others, spots, count)
 }
 
-/// `count` of the judged candidates, best first and not too near to each other; those of `first`
-/// come first and may be nearer.
+/// Returns `count` of the judged candidates, best first and not too close to each other. Those of `first` come first
+/// and may be closer.
 pub(super) fn spread(
     judged: &[(f64, Values)],
     first: &[(f64, Values)],
@@ -90,15 +90,14 @@ pub(super) fn spread(
     chosen
 }
 
-/// Shares of the range from the dimmest to the brightest signal above which a pose belongs to the
-/// bright spot.
+/// Shares of the range from the dimmest to the brightest signal above which a pose belongs to the bright spot.
 const BRIGHT: [f64; 4] = [0.02, 0.1, 0.25, 0.5];
 
 /// Numbers of poses around the brightest one that are tried as the bright spot.
 const NEIGHBOURS: [usize; 3] = [6, 9, 14];
 
-/// The paraboloid of the bright spot's logarithm, for several ideas of what is bright: all above a
-/// share of the range, or the brightest pose with its neighbours (a narrow lobe on dark ground).
+/// Fits the paraboloid to the logarithm of the bright spot, for several definitions of bright: all above a share of the
+/// range, or the brightest pose with its neighbours (a narrow lobe on a dark ground).
 fn from_bright_spot(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
     let signals = || set.observations.iter().map(|o| o.signal);
     let (low, high) = (
@@ -114,7 +113,7 @@ fn from_bright_spot(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
             let h = rig.incident + rig.outgoing;
             let turn = o.pose.phi_s + set.rig.azimuth_zero + set.region_azimuth;
             let (s, c) = turn.sin_cos();
-            // Along v and across it, were the azimuth offset 0.
+            // Along v and across it, for an azimuth offset of 0.
             let slopes = [(h.x * c + h.y * s) / h.z, (h.y * c - h.x * s) / h.z];
             (slopes, (o.signal - low) / (high - low))
         })
@@ -148,14 +147,14 @@ fn from_bright_spot(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
         .collect()
 }
 
-/// Top of a paraboloid with its widths along the direction of the top and across it.
+/// Top of a paraboloid, with its widths along the direction of the top and across it.
 struct Top {
     slopes: [f64; 2],
     along: f64,
     across: f64,
 }
 
-/// Weighted regression of the logarithm on (1, x, y, x², xy, y²); `None` where it has no top.
+/// Weighted regression of the logarithm on (1, x, y, x², xy, y²); `None` if it has no top.
 fn paraboloid(points: &[([f64; 2], f64)]) -> Option<Top> {
     let m = points.len();
     if m < 6 {
@@ -164,7 +163,7 @@ fn paraboloid(points: &[([f64; 2], f64)]) -> Option<Top> {
     let mut a = vec![0.0; 6 * m];
     let mut b = vec![0.0; m];
     for (i, ([x, y], value)) in points.iter().enumerate() {
-        // A relative error of the value is an absolute one of its logarithm; bright ones count.
+        // A relative error of the value is an absolute error of its logarithm; bright values count most.
         let weight = *value;
         for (j, term) in [1.0, *x, *y, x * x, x * y, y * y].into_iter().enumerate() {
             a[i + j * m] = weight * term;
@@ -228,7 +227,7 @@ fn round_paraboloid(points: &[([f64; 2], f64)]) -> Option<Top> {
     })
 }
 
-/// At the brightest pose the half vector is close to the facet's normal.
+/// At the brightest pose the half vector is close to the facet normal.
 fn from_brightest(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
     let mut order: Vec<usize> = (0..set.observations.len()).collect();
     order.sort_by(|a, b| {
@@ -256,7 +255,7 @@ fn from_brightest(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
     found
 }
 
-/// How different two starts are, in units of what a descent bridges easily.
+/// Distance between two starts, in units that a descent bridges easily.
 pub(super) fn distance(a: &Values, b: &Values) -> f64 {
     let lean = |v: &Values| {
         let (s, c) = v.azimuth_offset.sin_cos();
@@ -277,8 +276,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_exact_paraboloid_gives_back_its_top_and_its_widths() {
-        // Top at slope 0.2 in the direction of 30°, 0.1 wide along it and 0.06 across.
+    fn the_top_and_widths_of_an_exact_paraboloid_are_recovered() {
+        // Top at slope 0.2 in the direction of 30°, width 0.1 along it and 0.06 across.
         let (s, c) = 30f64.to_radians().sin_cos();
         let mut points = Vec::new();
         for i in 0..5 {

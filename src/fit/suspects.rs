@@ -1,12 +1,12 @@
-//! What a sample may have that an ideal sawtooth has not, asked one by one where the closed form misses the data.
+//! Deviations of a sample from an ideal sawtooth, tried one by one if the closed form leaves a residual.
 //!
-//! The one function to call is [`investigated`]. Where the residual is above what the closed form itself misses on ideal ridges,
-//! each suspect (a translucent body, tails of the slopes, rounded crests, another index) is freed alone, from the minimum that is
-//! there: one more descent each. A suspect explains the residual where χ² falls below half; the best one joins the fit, and
-//! another one on top of it where that halves χ² again and stays inside its range. The index is never taken over: it has a certificate.
+//! Call [`investigated`]. If the residual exceeds that of the closed form on ideal ridges, each suspect (a translucent
+//! body, tails of the slopes, rounded crests, another index) is freed separately, with one more descent from the
+//! existing minimum. A suspect explains the residual if χ² falls below half. The best suspect joins the fit; so does
+//! one more if it halves χ² again and stays inside its range. The index never joins, because it has a certificate.
 //!
-//! χ² counts each observation with its own uncertainty and with what the closed form misses anyway (0.07 % of the signal and
-//! 0.04 % of the peak), not with the discrepancy of the fit that is in question.
+//! χ² counts each observation with its own uncertainty and the usual error of the closed form (0.07 % of the signal and
+//! 0.04 % of the peak), not with the discrepancy of the fit that is examined.
 
 use rayon::prelude::*;
 
@@ -23,28 +23,28 @@ use crate::material::Material;
 use crate::model::Variant;
 use std::sync::atomic::AtomicBool;
 
-/// Misfit (root mean square over the peak) that the closed form itself leaves on ideal ridges, traced.
+/// Model error of the closed form on traced ideal ridges (root mean square, relative to the peak).
 const OWN_MISFIT: f64 = 1.5e-3;
-/// What it misses of a signal and of the peak at the right surface.
+/// Usual model error at the right surface, as a share of the signal and of the peak.
 const MISSES: (f64, f64) = (7e-4, 4e-4);
-/// Share of χ² that a suspect may leave to be named.
+/// Largest share of χ² that a reported suspect may leave.
 const EXPLAINED: f64 = 0.5;
-/// Ratio of χ² up to which two suspects cannot be told apart.
+/// Ratio of χ² up to which two suspects cannot be distinguished.
 const ALIKE: f64 = 2.0;
-/// Passes of walls, tier and refit at most, and the change of ridge angle (rad) below which they stay.
+/// Maximum passes of walls, tier and refit, and the change of ridge angle (rad) below which they end.
 const PASSES: usize = 4;
 const STILL: f64 = 2e-5;
-/// Terms that join a fit at most.
+/// Maximum number of terms that join a fit.
 const JOINING: usize = 2;
 
-/// One thing to suspect.
+/// One suspected deviation.
 #[derive(Debug, Clone, Copy)]
 struct Suspect {
     code: Code,
     quantity: Quantity,
-    /// From where it is looked for.
+    /// Starting values.
     starts: &'static [f64],
-    /// Below it the quantity is as good as not there.
+    /// Below this value the quantity counts as absent.
     least: f64,
 }
 
@@ -88,19 +88,20 @@ impl Trial<'_> {
     }
 }
 
-/// The estimate with what explains its residual in it, and with its findings. `tier` is the integrated second bounce.
+/// Returns the estimate with the terms that explain its residual, and with its findings. `tier` is the integrated
+/// second bounce.
 pub(super) fn investigated<'a>(
     e: Estimate<'a>,
     options: &FitOptions,
     tier: Option<Tier<'_>>,
     cancel: &AtomicBool,
 ) -> Estimate<'a> {
-    let told = told(&e, options);
+    let stated = stated(&e, options);
     if !can_be_asked(&e) {
         return e;
     }
     let doubted = options.misfit && misfit(&e) > OWN_MISFIT;
-    if !doubted && told.is_empty() {
+    if !doubted && stated.is_empty() {
         return e;
     }
     let inquiry = Inquiry {
@@ -110,10 +111,10 @@ pub(super) fn investigated<'a>(
         cancel,
         joined: &[],
     };
-    inquiry.run(&told, doubted).unwrap_or(e)
+    inquiry.run(&stated, doubted).unwrap_or(e)
 }
 
-/// Estimates of several scans of one sample, each investigated; what joins the fit of one joins those of all.
+/// Investigates several scans of one sample. A term that joins the fit of one scan joins those of all.
 pub(super) fn agreed<'a>(
     alone: Vec<Estimate<'a>>,
     options: &FitOptions,
@@ -159,29 +160,29 @@ pub(super) fn agreed<'a>(
         .collect()
 }
 
-/// Whether the form has the terms, and sees all observations at once.
+/// Whether the form has the terms and uses all observations at once.
 fn can_be_asked(e: &Estimate<'_>) -> bool {
     e.problem.variant() == Variant::Sawtooth && e.thinned.is_none()
 }
 
-/// What is stated of the real terms.
-fn told(e: &Estimate<'_>, options: &FitOptions) -> Vec<Quantity> {
+/// Lists the real terms for which values are stated.
+fn stated(e: &Estimate<'_>, options: &FitOptions) -> Vec<Quantity> {
     let body = has_body(e);
-    let stated = options.told.iter().map(|t| t.quantity);
+    let by_user = options.told.iter().map(|t| t.quantity);
     let of_set = e.problem.set().translucency.map(|_| Quantity::Translucency);
     let real = |q: &Quantity| Quantity::REAL.contains(q) && (body || *q != Quantity::Translucency);
-    let mut told: Vec<Quantity> = stated.chain(of_set).filter(real).collect();
-    told.sort_unstable();
-    told.dedup();
-    told
+    let mut stated: Vec<Quantity> = by_user.chain(of_set).filter(real).collect();
+    stated.sort_unstable();
+    stated.dedup();
+    stated
 }
 
-/// Whether light comes back from below the surface.
+/// Whether light returns from below the surface.
 fn has_body(e: &Estimate<'_>) -> bool {
     matches!(e.problem.set().material, Material::Dielectric { .. })
 }
 
-/// Misfit of the model as a share of the peak, root mean square.
+/// Model error as a share of the peak, root mean square.
 fn misfit(e: &Estimate<'_>) -> f64 {
     let square: f64 = e.misfit.iter().map(|m| m * m).sum();
     (square / e.misfit.len().max(1) as f64).sqrt() / peak(e.problem.set())
@@ -192,16 +193,16 @@ struct Inquiry<'i, 'a> {
     options: &'i FitOptions,
     tier: Option<Tier<'i>>,
     cancel: &'i AtomicBool,
-    /// What joins the fit whatever the data say, and from where it starts.
+    /// Terms that join the fit in any case, with their starting values.
     joined: &'i [(Quantity, f64)],
 }
 
 impl<'a> Inquiry<'_, 'a> {
-    fn run(&self, told: &[Quantity], doubted: bool) -> Option<Estimate<'a>> {
-        let mut trial = self.base(told)?;
+    fn run(&self, stated: &[Quantity], doubted: bool) -> Option<Estimate<'a>> {
+        let mut trial = self.base(stated)?;
         let before = trial.values().folded().theta_r;
         let mut findings = Vec::new();
-        let mut joined: Vec<Quantity> = told.to_vec();
+        let mut joined: Vec<Quantity> = stated.to_vec();
         for _ in 0..if doubted { JOINING } else { 0 } {
             let ranked = self.ranked(&trial, &joined);
             let Some((best, first)) = ranked.first().cloned() else {
@@ -230,7 +231,7 @@ impl<'a> Inquiry<'_, 'a> {
         Some(settled)
     }
 
-    /// Standard uncertainties of the observations in χ² of the suspects.
+    /// Standard uncertainties of the observations in the χ² of the suspects.
     fn sigma(&self) -> Vec<f64> {
         let set = self.e.problem.set();
         let floor = MISSES.1 * peak(set);
@@ -242,15 +243,15 @@ impl<'a> Inquiry<'_, 'a> {
         .collect()
     }
 
-    /// The problem with rough walls and what is stated of the real terms, at its minimum.
-    fn base(&self, told: &[Quantity]) -> Option<Trial<'a>> {
+    /// Returns the problem with rough walls and the stated real terms, at its minimum.
+    fn base(&self, stated: &[Quantity]) -> Option<Trial<'a>> {
         let e = self.e;
         let mut values = e.values;
         let mut free = e.problem.free().to_vec();
-        for q in told {
+        for q in stated {
             let user = self.options.told.iter().rev().find(|t| t.quantity == *q);
             let (mean, std) = match (user, e.problem.set().translucency) {
-                (Some(told), _) => (told.value, told.std),
+                (Some(user), _) => (user.value, user.std),
                 (None, Some(prior)) if *q == Quantity::Translucency => (prior.mean, prior.std),
                 _ => match self.joined.iter().find(|(joined, _)| joined == q) {
                     Some((_, start)) => (*start, f64::INFINITY),
@@ -272,7 +273,7 @@ impl<'a> Inquiry<'_, 'a> {
         self.descended(problem, &start)
     }
 
-    /// The same problem with the tier's correction at these values.
+    /// Returns the same problem with the correction of the tier at these values.
     fn corrected(&self, problem: Problem<'a>, values: &Values) -> Option<Problem<'a>> {
         let Some(tier) = self.tier else {
             return Some(problem);
@@ -287,7 +288,7 @@ impl<'a> Inquiry<'_, 'a> {
         usable(&minimum).then_some(Trial { problem, minimum })
     }
 
-    /// Suspects that explain what a fit leaves, each free on top of it, most first.
+    /// Lists the suspects that explain the residual of a fit, each free in addition to it, best first.
     fn ranked(&self, on: &Trial<'a>, joined: &[Quantity]) -> Vec<(Suspect, Trial<'a>)> {
         let body = has_body(self.e);
         let may = |s: &&Suspect| {
@@ -309,14 +310,14 @@ impl<'a> Inquiry<'_, 'a> {
         };
         let mut ranked: Vec<_> = tried.into_iter().filter(explains).collect();
         ranked.sort_by(|a, b| a.1.minimum.cost.total_cmp(&b.1.minimum.cost));
-        // What the index explains a term of the surface explains better, if it does at all.
+        // If a term of the surface explains the residual at all, it is preferred to the index.
         if ranked.iter().any(|(s, _)| s.code != Code::Index) {
             ranked.retain(|(s, _)| s.code != Code::Index);
         }
         ranked
     }
 
-    /// A suspect free on top of a fit, the walls those of what it comes to.
+    /// Frees a suspect in addition to a fit, with the walls at its own result.
     fn freed(&self, on: &Trial<'a>, suspect: Suspect) -> Option<Trial<'a>> {
         let here = on.values();
         let mut free = on.problem.free().to_vec();
@@ -342,7 +343,7 @@ impl<'a> Inquiry<'_, 'a> {
         ends.min_by(|a, b| a.minimum.cost.total_cmp(&b.minimum.cost))
     }
 
-    /// What is told of a suspect.
+    /// Describes a suspect.
     fn finding(
         &self,
         suspect: Suspect,
@@ -354,30 +355,33 @@ impl<'a> Inquiry<'_, 'a> {
         let values = found.values().folded();
         let mut advice = match suspect.code {
             Code::Translucent => format!(
-                "{:.0} % of the light that enters the plastic leaves evenly over the ridges; the fit accounts for it. State \
-                 sample.translucency with its uncertainty if it is known of this material",
+                "{:.0} % of the light that enters the plastic leaves evenly over the ridges; the fit includes this. If \
+                 the value is known for this material, set sample.translucency with its uncertainty.",
                 100.0 * values.real.translucency
             ),
             Code::Tails => {
-                "the facets' lobe has longer tails than Beckmann's; the fit accounts for it by Student's t slopes: compare \
-                 roughness by the half width (slope_distribution), not by α"
+                "The slope distribution of the facets has longer tails than Beckmann's; the fit uses Student's t. Compare \
+                 roughness by the half width (slope_distribution), not by α."
                     .to_owned()
             }
             Code::RoundedCrests => format!(
-                "the crests are round, by a radius of {:.2} of the facets' length, to first order; a measured profile or \
-                 height map (--variant traced --shape FILE) makes θr surer",
+                "The crests are rounded with a radius of {:.2} of the facet length; the fit includes this to first order. \
+                 To reduce the uncertainty of θr, use a measured profile or height map (--variant traced --shape FILE).",
                 values.real.crest
             ),
             _ => format!(
-                "the data want an index of {:.3} where {:.3} was stated: check the material and the white reference's \
-                 certificate",
+                "The data give an index of {:.3}, but {:.3} is stated. Check the material and the certificate of the \
+                 white reference.",
                 values.eta,
                 self.e.problem.set().material.index().0
             ),
         };
         if !alike.is_empty() {
             let others: Vec<&str> = alike.iter().map(|code| code.word()).collect();
-            advice += &format!("; these data do not tell it from: {}", others.join(", "));
+            advice += &format!(
+                " These data cannot distinguish it from: {}.",
+                others.join(", ")
+            );
         }
         Finding {
             code: suspect.code,
@@ -387,7 +391,7 @@ impl<'a> Inquiry<'_, 'a> {
         }
     }
 
-    /// The fit with all that joined, weights, walls and tier at its own values.
+    /// Fits with all terms that joined; weights, walls and tier are those of its own values.
     fn settled(&self, trial: Trial<'a>, joined: usize) -> Option<Estimate<'a>> {
         let e = self.e;
         let set = e.problem.set();
@@ -453,7 +457,7 @@ impl<'a> Inquiry<'_, 'a> {
             let bounds = problem.bounds();
             minimise(problem, start, &bounds, &Settings::default(), self.cancel)
         };
-        // How far the tier moves each parameter.
+        // Change of each parameter by the tier.
         let closed = problem.clone().with_correction(vec![0.0; count]);
         let closed = descend(&closed, &minimum.parameters);
         let shift = minimum.parameters.iter().zip(&closed.parameters);
@@ -461,7 +465,7 @@ impl<'a> Inquiry<'_, 'a> {
             true => shift.map(|(a, b)| a - b).collect(),
             false => vec![0.0; minimum.parameters.len()],
         };
-        // Other surfaces are judged by the form that is reported.
+        // Other surfaces are compared with the form that is reported.
         let here = values.folded();
         let rivals = e.rivals.par_iter().map(|rival| {
             let mut there = e.problem.unpack(&rival.parameters);

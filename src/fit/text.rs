@@ -1,4 +1,4 @@
-//! A fit's answer as a table for people; the call is [`table`].
+//! Prints the result of a fit as a table; call [`table`].
 
 use std::fmt::Write as _;
 
@@ -8,7 +8,7 @@ use super::joint::{EACH_ITS_OWN, JointReport};
 use super::report::{COVERAGE_FACTOR, FitReport, Parameter, ReferencePlane, Status};
 use crate::wording::{counted, decimals, percent, significant};
 
-/// The report laid out for a terminal of 80 columns and more; `colour` allows ANSI attributes.
+/// Lays out the report for a terminal of at least 80 columns. `colour` allows ANSI attributes.
 #[must_use]
 pub fn table(report: &FitReport, colour: bool) -> String {
     let paint = |text: &str, code: &str| {
@@ -59,8 +59,7 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         line(
             &mut out,
             &format!(
-                "  residual {} of the largest observation (rms); reduced χ² {} with the model's misfit in \
-                 it, {} without",
+                "  RMS residual {} of the peak. Reduced χ² {} with the model-error term, {} with counting noise only.",
                 percent(rms),
                 significant(reduced),
                 significant(alone)
@@ -68,25 +67,28 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         );
     }
     line(&mut out, plane(report.reference_plane));
-    if let Some(told) = report.wedge_across.and_then(|across| across.told()) {
-        for part in wrapped(&told, 94) {
+    if let Some(message) = report.wedge_across.and_then(|across| across.message()) {
+        for part in wrapped(&message, 94) {
             line(&mut out, &format!("  {part}"));
         }
     }
     let variants: Vec<String> = report
         .variants
         .iter()
-        .map(|v| format!("{} leaves {}", v.variant, percent(v.rms_residual)))
+        .map(|v| format!("{} {}", v.variant, percent(v.rms_residual)))
         .collect();
     if !variants.is_empty() {
-        line(&mut out, &format!("  {}", variants.join(", ")));
+        line(
+            &mut out,
+            &format!("  RMS residual by variant: {}", variants.join(", ")),
+        );
     }
     if let Some(map) = report.tracer.and_then(|t| t.height_map) {
         line(
             &mut out,
             &format!(
-                "  height map: {} ridges of {:.4} µm and {:.3} µm height that lean to {:.2}° from its rows, effective ridge \
-                 angle {:.2}°; unevenness along them {:.3} µm rms",
+                "  height map: {} ridges, period {:.4} µm, height {:.3} µm, azimuth of the lean {:.2}° from the rows, \
+                 effective ridge angle {:.2}°, unevenness along the ridges {:.3} µm (rms)",
                 map.ridges,
                 map.period_um,
                 map.height_um,
@@ -99,7 +101,7 @@ pub fn table(report: &FitReport, colour: bool) -> String {
     if report.tracer.is_some_and(|t| t.profile_turned) {
         line(
             &mut out,
-            "  the profile was turned round: its longer flanks, the facets, lean to −v as it was measured",
+            "  profile reversed: as measured, its longer flanks (the facets) lean to −v",
         );
     }
     let unknown: Vec<(&str, &str)> = report
@@ -108,7 +110,7 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         .into_iter()
         .filter(|(_, p)| p.value.is_none())
         .filter_map(|(name, p)| p.note.as_deref().map(|note| (spoken(name).0, note)))
-        // What each scan has of its own stands in the rows of the scans.
+        // The rows of the scans show what each scan has of its own.
         .filter(|(_, note)| *note != EACH_ITS_OWN)
         .collect();
     section(
@@ -118,7 +120,7 @@ pub fn table(report: &FitReport, colour: bool) -> String {
     );
     section(
         &mut out,
-        &paint("intervals of the independent errors alone", "1"),
+        &paint("intervals (independent errors only)", "1"),
         report
             .parameters
             .named()
@@ -129,9 +131,9 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         &mut out,
         &paint("findings", "1"),
         report.findings.iter().map(|f| {
-            let moves = f
-                .change_of_theta_r_deg
-                .map_or_else(String::new, |change| format!(", moves θr by {change:+.3}°"));
+            let moves = f.change_of_theta_r_deg.map_or_else(String::new, |change| {
+                format!(", changes θr by {change:+.3}°")
+            });
             format!(
                 "{} explains {} of χ²{moves}: {}",
                 f.code.word(),
@@ -145,13 +147,14 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         &paint("warnings", "1"),
         report.warnings.iter().cloned(),
     );
+    section(&mut out, &paint("notes", "1"), report.notes.iter().cloned());
     section(
         &mut out,
         &paint("left out", "1"),
         report.left_out.iter().map(|l| {
             let cost = l.cost.map_or_else(
-                || "cost unknown".to_owned(),
-                |c| format!("may cost {}", percent(c)),
+                || "effect unknown".to_owned(),
+                |c| format!("effect ≤ {} of the peak", percent(c)),
             );
             format!("{}: {} ({cost})", l.what, l.why)
         }),
@@ -164,19 +167,19 @@ pub fn table(report: &FitReport, colour: bool) -> String {
     out
 }
 
-/// What the angles refer to.
+/// States what the angles refer to.
 fn plane(plane: ReferencePlane) -> &'static str {
     match plane {
         ReferencePlane::Turntable => {
-            "  θr and azimuth are those to the turntable: rig.sample_wedge_std_deg does not state how the sample lies on it"
+            "  θr and azimuth refer to the turntable: rig.sample_wedge_std_deg is not set"
         }
         ReferencePlane::Sample => {
-            "  θr and azimuth are those to the sample's plane: how it lies on the turntable is in U, as stated"
+            "  θr and azimuth refer to the plane of the sample: U includes the stated sample tilt"
         }
     }
 }
 
-/// The common surface of several scans, then a row for each of them.
+/// Prints the common surface of several scans, then one row per scan.
 #[must_use]
 pub fn joint(report: &JointReport, colour: bool) -> String {
     let mut out = table(&report.report, colour);
@@ -185,7 +188,7 @@ pub fn joint(report: &JointReport, colour: bool) -> String {
         &mut out,
         &format!(
             "  {:<28}{:>17}{:>17}{:>17}{:>10}",
-            "scan, ± (k = 2)", "θr alone", "azimuth offset", "tilt offset", "residual"
+            "scan, ± (k = 2)", "own θr", "azimuth offset", "tilt offset", "residual"
         ),
     );
     for scan in &report.scans {
@@ -214,7 +217,7 @@ fn offset(of: &Parameter) -> String {
     with_uncertainty(of.value, of.expanded)
 }
 
-/// Degrees with their expanded uncertainty, where there is one.
+/// Formats degrees with their expanded uncertainty, if there is one.
 fn with_uncertainty(value: Option<f64>, expanded: Option<f64>) -> String {
     match (value, expanded.filter(|e| e.is_finite() && *e > 0.0)) {
         (Some(value), Some(expanded)) => {
@@ -244,7 +247,7 @@ fn section(out: &mut String, title: &str, entries: impl Iterator<Item = String>)
     }
 }
 
-/// Lines of at most `width` characters, broken between words.
+/// Breaks a text between words into lines of at most `width` characters.
 fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
@@ -261,7 +264,7 @@ fn wrapped(text: &str, width: usize) -> Vec<String> {
     lines
 }
 
-/// Rejected frames counted by reason, so that a hundred saturated ones are one line.
+/// Counts rejected frames by reason, so that a hundred saturated frames take one line.
 fn rejected(report: &FitReport) -> Vec<String> {
     let mut reasons: Vec<&str> = report
         .rejected_frames
@@ -304,7 +307,7 @@ fn row(label: &str, unit: &str, p: &Parameter) -> String {
     }
 }
 
-/// The parts that make up nine tenths of the variance, largest first.
+/// Lists the parts that make up nine tenths of the variance, largest first.
 fn parts(budget: &Budget, std: f64) -> String {
     let mut all = [
         ("counting", budget.counting),
@@ -335,7 +338,7 @@ fn parts(budget: &Budget, std: f64) -> String {
     text
 }
 
-/// Profile and bootstrap interval of one parameter in a line.
+/// Formats the profile and bootstrap intervals of one parameter in one line.
 fn intervals(name: &str, p: &Parameter) -> Option<String> {
     let (label, unit) = spoken(name);
     let decimals = p.std.map_or(4, decimals) + 1;
@@ -381,7 +384,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_row_shows_two_digits_of_the_uncertainty_and_what_it_is_made_of() {
+    fn a_row_shows_two_digits_of_the_uncertainty_and_its_largest_parts() {
         let budget = Budget {
             material: 0.017,
             model: 0.011,
@@ -395,13 +398,13 @@ mod tests {
     }
 
     #[test]
-    fn a_parameter_that_cannot_be_told_shows_no_number() {
+    fn an_undetermined_parameter_shows_no_number() {
         let text = row("ρd", "", &Parameter::unknown("no reference"));
         assert!(!text.chars().any(|c| c.is_ascii_digit()), "{text}");
     }
 
     #[test]
-    fn long_sentences_break_between_words() {
+    fn long_sentences_wrap_between_words() {
         let lines = wrapped("one two three four", 9);
         assert_eq!(lines, ["one two", "three", "four"]);
     }

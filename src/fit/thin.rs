@@ -1,23 +1,23 @@
-//! Sets of so many observations that only the descent can afford to see them all.
+//! Fits sets of so many observations that only the descent can use them all.
 //!
-//! A search looks at every observation some ten thousand times and an integration costs a thousand
-//! closed forms a pose; neither needs a million of them. So, above [`ALL`] observations:
+//! A search evaluates every observation about ten thousand times, and an integration costs a thousand closed forms per
+//! pose. Neither needs a million observations. Above [`ALL`] observations, therefore:
 //!
-//! - repeats of one pose become one observation, their weighted mean ([`merged`]): for least squares
-//!   that is exact, and what they scatter among each other is kept for χ²;
-//! - where the lobe is, which minima there are and whether the costlier tier helps is found out on
-//!   [`SPREAD`] observations spread over the poses and the brightest of each neighbourhood;
-//! - the last descent, the weights and the uncertainties are of all, block by block: each block of rows
-//!   of the derivatives is reduced to a triangle, so that no copy of the whole is made and the solver
-//!   sees a problem of a few rows with the same cost, gradient and steps;
-//! - the costlier tier is integrated on a grid of poses and interpolated, on a finer one until it agrees
-//!   with poses in between.
+//! - Repeats of one pose become one observation, their weighted mean ([`merged`]). This is exact for least squares;
+//!   their scatter is kept for χ².
+//! - The search for the lobe and the minima, and the decision on the costlier tier, use a subset: [`SPREAD`]
+//!   observations spread over the poses, and the brightest of each neighbourhood.
+//! - The last descent, the weights and the uncertainties use all observations, block by block. Each block of rows of
+//!   the derivatives is reduced to a triangle, so that no copy of the whole is made. The solver works on a problem of a
+//!   few rows with the same cost, gradient and steps.
+//! - The costlier tier is integrated on a grid of poses and interpolated. The grid is refined until it agrees with
+//!   poses in between.
 //!
-//! The one function to call is [`estimate`]; what it does without stands in [`Thinned`].
+//! Call [`estimate`]; [`Thinned`] records what was left out.
 //!
-//! *Conditioning.* Repeats are merged with their weights as Σ w y/Σ w and keep Σ w (y − ȳ)² (a sum of squares of differences, not
-//! a difference of sums). Triangles of blocks are stacked and reduced again by QR: orthogonal at every stage, so a million rows
-//! lose no more than a few hundred do.
+//! *Conditioning.* Repeats are merged with their weights as Σ w y/Σ w and keep Σ w (y − ȳ)² (a sum of squares of
+//! differences, not a difference of sums). The triangles of blocks are stacked and reduced again by QR, which is
+//! orthogonal at every stage, so a million rows lose no more digits than a few hundred.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -37,9 +37,9 @@ use crate::model::Variant;
 use crate::observation::{Observation, ObservationSet, Prior, SharedErrors};
 use crate::units::Angle;
 
-/// Observations up to which nothing is thinned.
+/// Number of observations up to which all are used.
 pub(super) const ALL: usize = 4096;
-/// Strata of the poses; two observations are kept of each.
+/// Strata of the poses; two observations of each are kept.
 const SPREAD: usize = 1024;
 /// Rows that are reduced to one triangle at a time.
 const BLOCK: usize = 2048;
@@ -47,7 +47,7 @@ const BLOCK: usize = 2048;
 const NODES: (usize, usize) = (32, 128);
 /// Poses between the nodes at which the interpolation is checked.
 const CHECKED: usize = 128;
-/// Poses at which a tier is asked whether it is worth its time.
+/// Poses at which the effect of a tier is tested.
 const PROBED: usize = 16;
 /// Error of the interpolation (root mean square, as a share of the peak) that needs no finer grid.
 const SMOOTH: f64 = 1e-4;
@@ -56,37 +56,35 @@ const PASSES: usize = 2;
 /// Rise of the cost up to which another minimum is as good (see [`super::estimate`]).
 const AMBIGUOUS_RISE: f64 = 4.0;
 
-/// What a fit of very many observations did without.
+/// What a fit of very many observations left out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Thinned {
-    /// Observations that the search saw, as places in the set.
+    /// Indices of the observations that the search used.
     pub kept: Vec<usize>,
-    /// Poses at which the costlier tier was integrated, and the error of interpolating between them (root
-    /// mean square over poses in between, as a share of the peak); `None` where no tier is in use or it
-    /// was integrated at every pose.
+    /// Number of poses at which the costlier tier was integrated, and the error of the interpolation (root mean square
+    /// over poses in between, as a share of the peak). `None` if no tier is in use or it was integrated at every pose.
     pub interpolated: Option<(usize, f64)>,
 }
 
-/// Repeats that became one observation each.
+/// Repeats merged into one observation each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Merged {
     /// The set with one observation per pose.
     pub set: ObservationSet,
-    /// Observations before.
+    /// Number of observations before.
     pub observations: usize,
-    /// What repeats of one pose scatter around their mean: χ² and its degrees of freedom.
+    /// Scatter of the repeats of a pose about their mean: χ² and its degrees of freedom.
     pub within: (f64, f64),
 }
 
-/// Poses that agree to the last bit are the same.
+/// Poses that agree to the last bit are equal.
 fn key(pose: Pose) -> (u64, u64) {
     (pose.theta_c.rad().to_bits(), pose.phi_s.rad().to_bits())
 }
 
-/// One observation per pose, where there are so many that it matters and where that is exact: least
-/// squares see nothing of repeats but their weighted mean, as long as all else about them is the same. A
-/// robust loss looks at each of them, and views that change from frame to frame are no repeats. What the
-/// model misses at a pose it misses in all repeats alike, so it counts once.
+/// Merges the observations of each pose if there are very many and the merge is exact. For least squares, repeats count
+/// only by their weighted mean if everything else about them is equal. A robust loss needs each of them, and views that
+/// change from frame to frame are not repeats. The model error of a pose is the same in all repeats, so it counts once.
 #[must_use]
 pub fn merged(set: &ObservationSet, loss: Loss) -> Option<Merged> {
     if set.observations.len() <= ALL || loss != Loss::Linear || !set.views.is_empty() {
@@ -118,7 +116,7 @@ pub fn merged(set: &ObservationSet, loss: Loss) -> Option<Merged> {
                 .map(|o| ((o.signal - signal) / o.sigma).powi(2));
             within.0 += squares.sum::<f64>();
             within.1 += group.len() as f64 - 1.0;
-            // Errors in common are linear in the signals, so theirs is the mean too.
+            // Common errors are linear in the signals, so the mean applies to them too.
             Observation {
                 pose: group[0].pose,
                 signal,
@@ -146,9 +144,9 @@ pub fn merged(set: &ObservationSet, loss: Loss) -> Option<Merged> {
     })
 }
 
-/// Which observations stand for all: of each of [`SPREAD`] strata of the poses (slabs of tilts, in each
-/// runs of azimuths) the one in the middle and the brightest, so that a lobe narrower than a stratum
-/// is not missed. In ascending order; the same for the same set. `None` where all of them can be afforded.
+/// Selects representative observations: the middle one and the brightest of each of [`SPREAD`] strata of the poses
+/// (slabs of tilts, in each runs of azimuths), so that a lobe narrower than a stratum is not missed. The result is in
+/// ascending order and reproducible. Returns `None` if all observations can be used.
 #[must_use]
 pub fn representative(set: &ObservationSet) -> Option<Vec<usize>> {
     let observations = &set.observations;
@@ -165,7 +163,7 @@ pub fn representative(set: &ObservationSet) -> Option<Vec<usize>> {
     for (n, slab) in parts(&mut order, slabs).enumerate() {
         slab.sort_by(|a, b| azimuth(a).total_cmp(&azimuth(b)).then(a.cmp(b)));
         for (m, run) in parts(slab, runs).enumerate() {
-            // Not the same place in each: poses stand on grids.
+            // A different place in each, because poses form grids.
             let place = (n * 7 + m * 3) % 11;
             kept.push(run[(run.len() * (2 * place + 1) / 22).min(run.len() - 1)]);
             let brightest = run.iter().max_by(|a, b| {
@@ -181,13 +179,13 @@ pub fn representative(set: &ObservationSet) -> Option<Vec<usize>> {
     Some(kept)
 }
 
-/// Cuts a list into so many parts of nearly equal length, none empty.
+/// Cuts a list into `count` parts of nearly equal length, none empty.
 fn parts(list: &mut [usize], count: usize) -> impl Iterator<Item = &mut [usize]> {
     let length = list.len().div_ceil(count).max(1);
     list.chunks_mut(length)
 }
 
-/// The set with some of its observations only.
+/// Returns the set with only some of its observations.
 #[must_use]
 pub fn subset(set: &ObservationSet, kept: &[usize]) -> ObservationSet {
     let mut few = ObservationSet {
@@ -206,8 +204,8 @@ pub fn subset(set: &ObservationSet, kept: &[usize]) -> ObservationSet {
     few
 }
 
-/// Fits one variant to all observations, the search done on `kept` of them. `None` where nothing could be
-/// evaluated at all.
+/// Fits one variant to all observations, with the search on `kept` of them. Returns `None` if no point could be
+/// evaluated.
 pub(super) fn estimate<'a>(
     set: &'a ObservationSet,
     kept: Vec<usize>,
@@ -265,7 +263,7 @@ pub(super) fn estimate<'a>(
         .iter()
         .map(|rival| settled.again(&rival.parameters, cancel))
         .collect();
-    // A misfit of the model is the same with more poses; counting noise is not.
+    // A model error does not shrink with more poses; counting noise does.
     if settled.discrepancy == 0.0 {
         rivals.retain(|m| {
             let (cost, rise) = (settled.minimum.cost, m.cost - settled.minimum.cost);
@@ -286,7 +284,7 @@ pub(super) fn estimate<'a>(
     Some(all)
 }
 
-/// What it costs to do without a tier, as a share of the peak, where the tolerance allows that.
+/// Returns the effect of leaving out a tier, as a share of the peak, if the tolerance allows that.
 pub(super) fn dispensable(
     settled: &Settled<'_>,
     tier: Tier<'_>,
@@ -296,8 +294,8 @@ pub(super) fn dispensable(
     tier_cost(settled, tier).filter(|cost| *cost <= tolerance)
 }
 
-/// What a tier changes at a settled minimum: the largest of [`PROBED`] observations and the brightest, as a
-/// share of the peak. `None` where the tier has nothing to say.
+/// Returns the effect of a tier at a settled minimum: its largest change over [`PROBED`] observations and the
+/// brightest, as a share of the peak. Returns `None` if the tier has no result.
 pub(super) fn tier_cost(settled: &Settled<'_>, tier: Tier<'_>) -> Option<f64> {
     let (problem, set) = (&settled.problem, settled.problem.set());
     let count = set.observations.len();
@@ -317,14 +315,14 @@ pub(super) fn tier_cost(settled: &Settled<'_>, tier: Tier<'_>) -> Option<f64> {
 /// A tier at every observation.
 struct Everywhere {
     offsets: Vec<f64>,
-    /// Nodes of the grid; `None` where every pose was integrated.
+    /// Nodes of the grid; `None` if every pose was integrated.
     nodes: Option<usize>,
-    /// Of the interpolation, root mean square as a share of the peak.
+    /// Error of the interpolation, root mean square as a share of the peak.
     error: f64,
 }
 
-/// The tier at every pose: each integrated where there are few, else interpolated between the nodes of
-/// a grid. `None` where the tier has nothing to say or it was cancelled.
+/// Evaluates the tier at every pose: by integration if there are few poses, otherwise by interpolation between the
+/// nodes of a grid. Returns `None` if the tier has no result or the fit was cancelled.
 fn everywhere(
     problem: &Problem<'_>,
     values: &Values,
@@ -333,7 +331,7 @@ fn everywhere(
     cancel: &AtomicBool,
 ) -> Option<Everywhere> {
     let set = problem.set();
-    // Directions of an observation's own are no function of the pose.
+    // Individual directions of an observation are not a function of the pose.
     if set.views.iter().any(|views| views.len() == 1) {
         return Some(Everywhere {
             offsets: tier(problem, values)?,
@@ -383,7 +381,7 @@ fn everywhere(
         .map(|i| set.observations[*i].pose)
         .collect();
     let exact = at(&checked)?;
-    // Gain and stray light aside, offsets are radiances: so is the peak.
+    // Offsets are radiances, without gain and stray light; so is the peak.
     let top = peak(set) / values.scale.abs().max(f64::MIN_POSITIVE);
     let tilts = Axis::over(set.observations.iter().map(|o| o.pose.theta_c.rad()));
     let turns = Axis::over(set.observations.iter().map(|o| o.pose.phi_s.rad()));
@@ -430,11 +428,11 @@ fn everywhere(
     }
 }
 
-/// Where poses stand along one angle.
+/// Range of the poses along one angle.
 struct Axis {
     least: f64,
     most: f64,
-    /// The angles themselves, ascending, where there are few.
+    /// The angles themselves, ascending, if there are few.
     few: Option<Vec<f64>>,
 }
 
@@ -460,7 +458,7 @@ impl Axis {
         axis
     }
 
-    /// About `count` nodes: the angles themselves where they are fewer, else at equal distances.
+    /// Returns about `count` nodes: the angles themselves if they are fewer, otherwise equidistant ones.
     fn nodes(&self, count: usize) -> Vec<f64> {
         self.few.clone().unwrap_or_else(|| {
             let last = (count - 1) as f64;
@@ -470,7 +468,7 @@ impl Axis {
     }
 }
 
-/// The node before an angle, and the share of the way to the next.
+/// Returns the node before an angle, and the share of the distance to the next.
 fn place(nodes: &[f64], angle: f64) -> (usize, f64) {
     let after = nodes.partition_point(|n| *n <= angle);
     let before = after.saturating_sub(1);
@@ -483,7 +481,7 @@ fn place(nodes: &[f64], angle: f64) -> (usize, f64) {
     }
 }
 
-/// [`super::solver::minimise`] of a problem of any size: block by block where it has many observations.
+/// [`super::solver::minimise`] for a problem of any size: block by block if it has many observations.
 pub(super) fn minimise(
     problem: &Problem<'_>,
     start: &[f64],
@@ -506,8 +504,8 @@ pub(super) fn minimise(
     minimum
 }
 
-/// A problem as few rows: the triangle R of [J r] = Q R has the same JᵀJ, Jᵀr and rᵀr, so a solver that
-/// is handed its columns takes the same steps.
+/// A problem with few rows: the triangle R of [J r] = Q R has the same JᵀJ, Jᵀr and rᵀr, so a solver takes the same
+/// steps with its columns.
 struct Blocks<'p, 'a>(&'p Problem<'a>);
 
 impl LeastSquares for Blocks<'_, '_> {
@@ -566,9 +564,9 @@ impl LeastSquares for Blocks<'_, '_> {
     }
 }
 
-/// The triangle R of a column-major m × n matrix, n × n; not a number all over where an entry is not, or where
-/// the squares of a column pass the largest double. Reflections are orthogonal, so R is as well conditioned as the
-/// matrix; its normal equations would have the square of that condition.
+/// Computes the triangle R of a column-major m × n matrix, n × n. All entries are NaN if an entry is not finite or the
+/// squares of a column overflow. Reflections are orthogonal, so R is as well conditioned as the matrix; its normal
+/// equations would square the condition number.
 pub(super) fn triangle(mut a: Vec<f64>, m: usize, n: usize) -> Vec<f64> {
     if !sum_of_squares(&a).is_finite() {
         return vec![f64::NAN; n * n];

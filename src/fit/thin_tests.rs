@@ -5,7 +5,7 @@ use crate::material::Material;
 use crate::model::{Optics, Surface, radiance};
 use crate::observation::WhiteReference;
 
-/// A grid of `tilts` × `turns` poses, each `repeats` times, with a scatter of 1e-3 that looks random.
+/// A grid of `tilts` × `turns` poses, each `repeats` times, with a pseudo-random scatter of 1e-3.
 fn grid(tilts: usize, turns: usize, repeats: usize, alpha: f64) -> ObservationSet {
     let rig = RigGeometry::IN_PLANE;
     let material = Material::exactly(1.5, 0.0);
@@ -97,7 +97,7 @@ fn the_triangle_of_all_blocks_has_the_products_of_the_whole() {
 }
 
 #[test]
-fn repeats_merged_into_one_observation_have_the_same_minimum_and_their_scatter_is_kept() {
+fn merged_repeats_have_the_same_minimum_and_keep_their_scatter() {
     let set = grid(12, 12, 30, 0.1);
     let merged = merged(&set, Loss::Linear).unwrap();
     assert_eq!(merged.set.observations.len(), 144);
@@ -116,14 +116,14 @@ fn repeats_merged_into_one_observation_have_the_same_minimum_and_their_scatter_i
     for (a, b) in found[0].parameters.iter().zip(&found[1].parameters) {
         assert!((a - b).abs() < 1e-9 * a.abs().max(1e-3), "{a} {b}");
     }
-    // χ² splits into what is between poses and what is within them.
+    // χ² splits into the parts between poses and within poses.
     let split = found[1].cost + merged.within.0;
     assert!((found[0].cost - split).abs() < 1e-9 * split);
     assert!(super::merged(&set, Loss::Tukey).is_none());
 }
 
 #[test]
-fn those_that_stand_for_all_see_every_neighbourhood_and_a_lobe_narrower_than_it() {
+fn representative_observations_cover_every_neighbourhood_and_a_narrow_lobe() {
     let set = grid(73, 72, 1, 0.004);
     let kept = representative(&set).unwrap();
     assert!(kept.len() <= 2 * SPREAD + 128 && kept.windows(2).all(|k| k[0] < k[1]));
@@ -150,7 +150,7 @@ fn those_that_stand_for_all_see_every_neighbourhood_and_a_lobe_narrower_than_it(
 }
 
 #[test]
-fn a_tier_between_its_nodes_is_as_wrong_as_it_says() {
+fn the_reported_interpolation_error_of_a_tier_is_right() {
     let set = grid(73, 72, 1, 0.1);
     let (problem, x) = at_truth(&set);
     let values = problem.unpack(&x);
@@ -169,7 +169,7 @@ fn a_tier_between_its_nodes_is_as_wrong_as_it_says() {
     let squares = set.observations.iter().zip(&found.offsets);
     let squares = squares.map(|(o, f)| ((smooth(o.pose) - f) / top).powi(2));
     let error = (squares.sum::<f64>() / set.observations.len() as f64).sqrt();
-    // An estimate from 128 poses.
+    // Estimated from 128 poses.
     assert!(found.nodes.is_some() && error < 1.5 * found.error && error > 0.5 * found.error);
     assert!(found.error <= SMOOTH);
 }

@@ -1,24 +1,23 @@
-//! The costlier tier of the model as a fixed offset: two bounces integrated instead of approximated.
+//! Adds the costlier tier of the model as a fixed offset: two bounces integrated instead of approximated.
 //!
-//! The quadrature has no derivatives and costs a thousand closed forms, so the fit never sees it:
-//! its difference from the closed form at the fitted values is added to every observation and the
-//! closed form is fitted again. Two passes settle, since the difference changes slowly with the
-//! parameters.
+//! The quadrature has no derivatives and costs a thousand closed forms. The fit therefore adds the difference between
+//! quadrature and closed form at the fitted values to every observation and fits the closed form again. Two passes
+//! suffice, because the difference changes slowly with the parameters.
 
 use super::problem::{Problem, Values};
 use crate::model::quadrature::Quadrature;
 
-/// Integration error allowed, as a share of the brightest closed-form radiance.
+/// Integration tolerance, as a share of the brightest closed-form radiance.
 const TOLERANCE: f64 = 1e-5;
 
-/// What to add to the closed form's radiances at `values`, one per observation; `None` where the
-/// integration gives no finite number.
+/// Computes what to add to the radiances of the closed form at `values`, one number per observation. Returns `None` if
+/// the integration gives a value that is not finite.
 #[must_use]
 pub fn two_bounces(problem: &Problem<'_>, values: &Values) -> Option<Vec<f64>> {
     let ready = problem.ready(values);
     let count = problem.set().observations.len();
-    // Of a near rig both are taken at the centre of its views: the difference is smooth over them.
-    // Integrated are the ideal sawtooth's two bounces.
+    // For a near rig both are taken at the centre of its views, because the difference is smooth over them. The
+    // integrated bounces are those of the ideal sawtooth.
     let closed: Vec<f64> = (0..count)
         .map(|i| problem.ideal_at_centre(i, &ready))
         .collect();

@@ -1,14 +1,14 @@
-//! What a user states of a parameter before a fit, by the names of the report: [`held`] at a value, or [`known`]
-//! within a standard uncertainty.
+//! Values that the user states before a fit, by the parameter names of the report: [`held`] fixes a value, [`known`]
+//! gives it a standard uncertainty.
 //!
-//! Command line and HTTP both ask here, so that they refuse the same with the same words; [`agree`] looks at all
-//! statements together. How a statement is written is theirs: this file knows no syntax.
+//! Command line and HTTP both call these functions, so both refuse the same input with the same message. [`agree`]
+//! checks all statements together. The callers define the syntax.
 
 use super::{Quantity, Told};
 use crate::material::Material;
 
-/// Names as in the report, with the quantity, whether the value is in degrees, and from where to where it means
-/// anything: surfaces as the model takes them, gains and stray light that leave squares room in a double.
+/// Names as in the report, the quantity, whether the value is in degrees, and the valid range. Surfaces are limited to
+/// the domain of the model; gains and stray light to magnitudes whose squares fit in a double.
 const NAMES: [(&str, Quantity, bool, (f64, f64)); 12] = [
     ("theta_r_deg", Quantity::ThetaR, true, (0.0, 89.0)),
     ("alpha_u", Quantity::AlphaU, false, (1e-6, 1e3)),
@@ -28,53 +28,55 @@ const NAMES: [(&str, Quantity, bool, (f64, f64)); 12] = [
     ("translucency", Quantity::Translucency, false, (0.0, 1.0)),
     ("crest_radius", Quantity::CrestRadius, false, (0.0, 0.8)),
 ];
-/// From where to where the index of a dielectric lies.
+/// Valid range of the index of a dielectric.
 const DIELECTRIC: (f64, f64) = (1.0, 10.0);
-/// Least standard uncertainty of a prior, as a share of its range or its value, whichever is smaller.
+/// Smallest standard uncertainty of a prior, as a share of its range or of its value, whichever is smaller.
 const STD_MIN: f64 = 1e-9;
 
-/// Why nothing can be stated like that.
+/// The reason why a statement is refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum StatementError {
-    /// The name is none of a parameter.
-    #[error("'{0}' is not a parameter; take one of {names}", names = names())]
+    /// No parameter has this name.
+    #[error("unknown parameter '{0}'; use one of {names}", names = names())]
     Unknown(String),
-    /// No surface, rig or material has it.
-    #[error("{name} lies from {low} to {high}")]
+    /// Outside the range of any surface, rig or material.
+    #[error("{name} is out of range; give a value from {low} to {high}")]
     OutOfRange {
         /// The parameter.
         name: &'static str,
-        /// Least value.
+        /// Smallest value.
         low: f64,
-        /// Greatest value.
+        /// Largest value.
         high: f64,
     },
-    /// A standard uncertainty that is none.
+    /// The standard uncertainty is not a positive number.
     #[error("the standard uncertainty of {name} must be greater than 0")]
     NoUncertainty {
         /// The parameter.
         name: &'static str,
     },
-    /// So certain that nothing else would count.
-    #[error("such a small uncertainty holds the value; fix {name} instead of giving it a prior")]
+    /// The standard uncertainty is too small for the data to count.
+    #[error(
+        "the standard uncertainty of {name} is too small for a prior; hold the value fixed instead"
+    )]
     TooCertain {
         /// The parameter.
         name: &'static str,
     },
-    /// One parameter, two statements.
-    #[error("{name} is both held and given a prior, or named twice; name each parameter once")]
+    /// Two statements about one parameter.
+    #[error("{name} is stated twice; hold it or give it a prior, once")]
     Twice {
         /// The parameter.
         name: &'static str,
     },
-    /// A dielectric has no extinction, and whoever writes `k` for it means the gain.
+    /// A dielectric has no extinction coefficient. Users who write `k` for one usually mean the gain.
     #[error(
-        "k is the imaginary part of a metal's index, and this sample is a dielectric; the gain of the signals is called scale"
+        "k is the extinction coefficient of a metal, but this sample is a dielectric; to state the gain, use scale"
     )]
     NoExtinction,
-    /// Light does not come back from below a metal's surface.
+    /// A metal returns no light from below its surface.
     #[error(
-        "rho_d and translucency tell of light from below the surface, and this sample is a metal: its ρd is 0 and needs no statement"
+        "rho_d and translucency describe light from below the surface, but this sample is a metal; leave them out"
     )]
     NoDiffuse,
 }
@@ -83,21 +85,21 @@ fn names() -> String {
     NAMES.map(|(name, ..)| name).join(", ")
 }
 
-/// The parameter `name` held at `value`, angles in degrees.
+/// Holds the parameter `name` at `value`, angles in degrees.
 ///
 /// # Errors
 /// [`StatementError`].
 pub fn held(name: &str, value: f64) -> Result<Told, StatementError> {
-    Named::of(name)?.told(value, 0.0)
+    Named::of(name)?.stated(value, 0.0)
 }
 
-/// The parameter `name` known as `value` within the standard uncertainty `std`, angles in degrees.
+/// States the parameter `name` as `value` with the standard uncertainty `std`, angles in degrees.
 ///
 /// # Errors
 /// [`StatementError`].
 pub fn known(name: &str, value: f64, std: f64) -> Result<Told, StatementError> {
     let named = Named::of(name)?;
-    let told = named.told(value, std)?;
+    let stated = named.stated(value, std)?;
     if !(std > 0.0 && std.is_finite()) {
         return Err(StatementError::NoUncertainty { name: named.name });
     }
@@ -106,36 +108,39 @@ pub fn known(name: &str, value: f64, std: f64) -> Result<Told, StatementError> {
     if std < STD_MIN * scale {
         return Err(StatementError::TooCertain { name: named.name });
     }
-    Ok(told)
+    Ok(stated)
 }
 
-/// Refuses statements that contradict each other, or the material of the sample.
+/// Checks that the statements do not contradict each other or the material of the sample.
 ///
 /// # Errors
-/// [`StatementError::Twice`], [`StatementError::NoExtinction`], [`StatementError::NoDiffuse`], and [`StatementError::OutOfRange`] where a dielectric has no
-/// such index.
-pub fn agree(told: &[Told], material: &Material) -> Result<(), StatementError> {
-    for (k, one) in told.iter().enumerate() {
-        if told[..k].iter().any(|other| other.quantity == one.quantity) {
+/// [`StatementError::Twice`], [`StatementError::NoExtinction`], [`StatementError::NoDiffuse`], and
+/// [`StatementError::OutOfRange`] for an index that a dielectric cannot have.
+pub fn agree(stated: &[Told], material: &Material) -> Result<(), StatementError> {
+    for (k, one) in stated.iter().enumerate() {
+        if stated[..k]
+            .iter()
+            .any(|other| other.quantity == one.quantity)
+        {
             let name = NAMES.iter().find(|(_, q, ..)| *q == one.quantity);
             return Err(StatementError::Twice {
                 name: name.map_or("a parameter", |(name, ..)| name),
             });
         }
     }
-    let of_k = told.iter().any(|t| t.quantity == Quantity::K);
+    let of_k = stated.iter().any(|t| t.quantity == Quantity::K);
     let dielectric = matches!(material, Material::Dielectric { .. });
     if of_k && dielectric {
         return Err(StatementError::NoExtinction);
     }
-    let of_rho_d = told
+    let of_rho_d = stated
         .iter()
         .any(|t| matches!(t.quantity, Quantity::RhoD | Quantity::Translucency) && t.value > 0.0);
     if of_rho_d && !dielectric {
         return Err(StatementError::NoDiffuse);
     }
     let (low, high) = DIELECTRIC;
-    let of_eta = told.iter().find(|t| t.quantity == Quantity::Eta);
+    let of_eta = stated.iter().find(|t| t.quantity == Quantity::Eta);
     if of_eta.is_some_and(|t| dielectric && !(low..=high).contains(&t.value)) {
         return Err(StatementError::OutOfRange {
             name: "eta",
@@ -146,7 +151,7 @@ pub fn agree(told: &[Told], material: &Material) -> Result<(), StatementError> {
     Ok(())
 }
 
-/// A parameter that there is.
+/// An existing parameter.
 struct Named {
     name: &'static str,
     quantity: Quantity,
@@ -168,8 +173,8 @@ impl Named {
         })
     }
 
-    /// A value in its range, in natural units.
-    fn told(&self, value: f64, std: f64) -> Result<Told, StatementError> {
+    /// Converts a value within its range to natural units.
+    fn stated(&self, value: f64, std: f64) -> Result<Told, StatementError> {
         let (low, high) = self.range;
         if !(low..=high).contains(&value) {
             return Err(StatementError::OutOfRange {
@@ -196,7 +201,7 @@ mod tests {
     };
 
     #[test]
-    fn each_parameter_is_stated_once_and_only_of_materials_that_have_it() {
+    fn each_parameter_is_stated_once_and_exists_for_the_material() {
         let angle = known("theta_r_deg", 10.0, 0.5).unwrap();
         assert!((angle.std - 0.5f64.to_radians()).abs() < 1e-15);
         let index = held("k", 3.0).unwrap();
@@ -213,14 +218,17 @@ mod tests {
         let twice = [held("theta_r_deg", 9.0).unwrap(), angle];
         let vacuum = held("eta", 0.9).unwrap();
         let refused = agree(&[vacuum], &PLASTIC).unwrap_err();
-        assert_eq!(refused.to_string(), "eta lies from 1 to 10");
+        assert_eq!(
+            refused.to_string(),
+            "eta is out of range; give a value from 1 to 10"
+        );
         assert_eq!(agree(&[vacuum], &metal), Ok(()));
         let refused = agree(&twice, &PLASTIC).unwrap_err();
         assert!(refused.to_string().starts_with("theta_r_deg"), "{refused}");
     }
 
     #[test]
-    fn nothing_is_stated_that_is_no_number() {
+    fn values_that_are_not_finite_are_refused() {
         for wrong in [f64::NAN, f64::INFINITY] {
             assert!(held("scale", wrong).is_err());
             assert!(known("rho_d", 0.5, wrong).is_err());

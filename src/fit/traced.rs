@@ -1,15 +1,13 @@
-//! The variant `traced`: the closed form of the sawtooth corrected by the ray tracer.
+//! The variant `traced`: the closed form of the sawtooth, corrected by the ray tracer.
 //!
-//! The tracer costs a hundred thousand closed forms a pose and has no derivatives, so the solver never
-//! sees it. At the fitted parameters every observed pose is traced; the closed form is multiplied by
-//! the ratio traced/closed (where it nearly vanishes, the difference is added) and fitted again, until
-//! the parameters stay. A pose keeps its random numbers from pass to pass, so the passes settle at
-//! one point however noisy the tracer is; that point's own standard uncertainty is propagated from
-//! the standard errors of the radiances and is a line of the budget. Paths are multiplied until
-//! that line is small against the others.
+//! The tracer costs a hundred thousand closed forms per pose and has no derivatives, so the solver does not call it.
+//! Every observed pose is traced at the fitted parameters. The closed form is multiplied by the ratio traced/closed
+//! (where it nearly vanishes, the difference is added) and fitted again, until the parameters stay. A pose keeps its
+//! random numbers from pass to pass, so the passes converge to one point in spite of the noise of the tracer. The
+//! standard uncertainty of that point is propagated from the standard errors of the radiances and is a line of the
+//! budget. The number of paths is increased until that line is small compared with the others.
 //!
-//! The one function to call is [`estimate_traced`]. It knows no clock: whoever watches it says when
-//! to stop, and what was reached by then counts.
+//! Call [`estimate_traced`]. It has no clock: the watcher decides when to stop, and the results until then count.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -32,21 +30,21 @@ use crate::trace::ridged::{RadianceOptions, RidgedSurface};
 use crate::trace::rng::{Purpose, Stream};
 use crate::trace::tally;
 
-/// How the tracer is to be used.
+/// Settings of the tracer.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TracingOptions {
     /// Paths per pose in the first passes.
     pub paths: u64,
-    /// Paths per pose beyond which no pass goes.
+    /// Maximum paths per pose in any pass.
     pub paths_max: u64,
-    /// Stop once the tracer's standard error (root mean square over the poses, as a share of the
-    /// largest radiance) is below this; without it, once the tracer's line of the budget is small.
+    /// Standard error of the tracer at which it stops (root mean square over the poses, as a share of the largest
+    /// radiance). If omitted, it stops when its line of the budget is small.
     pub target_error: Option<f64>,
 }
 
 impl TracingOptions {
-    /// To a stated error, if there is one: who names an error wants it, whatever it takes.
+    /// Settings for a stated error, if there is one. A stated error is reached with any number of paths.
     #[must_use]
     pub fn to_error(target_error: Option<f64>) -> Self {
         let default = TracingOptions::default();
@@ -72,78 +70,76 @@ impl Default for TracingOptions {
     }
 }
 
-/// Where a tracing stands.
+/// Progress of a tracing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TracingProgress {
     /// Passes begun.
     pub pass: usize,
     /// Paths traced so far.
     pub done: u64,
-    /// Paths that are foreseen; grows where more passes are needed.
+    /// Planned paths; the number grows if more passes are needed.
     pub planned: u64,
 }
 
-/// What a tracing may be told from outside: it goes on as long as the answer is true.
+/// The caller's watcher of a tracing. The tracing continues while it returns true.
 pub type Watch<'w> = &'w (dyn Fn(TracingProgress) -> bool + Sync);
 
 /// Why a tracing ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TracingEnd {
-    /// The parameters stay, and the error is as small as was asked for.
+    /// The parameters stay, and the requested error is reached.
     Settled,
-    /// The parameters stay, but the largest number of paths left more error than was asked for.
+    /// The parameters stay, but the maximum number of paths did not reach the requested error.
     MostPaths,
-    /// The parameters still moved after the last pass that is allowed.
+    /// The parameters still moved after the maximum number of passes.
     MostPasses,
-    /// The watcher said so.
+    /// The watcher stopped it.
     Stopped,
 }
 
 /// What the tracer did for an estimate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tracing {
-    /// Standard error of the traced radiances in the signals' unit, one per observation.
+    /// Standard error of the traced radiances in the unit of the signals, one per observation.
     pub sigma: Vec<f64>,
-    /// How far the `sawtooth` estimate with its integrated second bounce lies from this one in each
-    /// free parameter (solver's units): two full models of one sample that should agree. Where a measured
-    /// profile makes them different samples, how far its measurement may move the ridge angle, and what it leaves open all
-    /// of them, instead.
+    /// Difference of each free parameter from the `sawtooth` estimate with its integrated second bounce (units of the
+    /// solver): two complete models of one sample that should agree. A measured profile makes them different samples.
+    /// It is then the change of the ridge angle by the errors of the measurement, and the change of all parameters by
+    /// what the measurement leaves open.
     pub apart: Vec<f64>,
-    /// How far the last pass moved each free parameter (solver's units).
+    /// Change of each free parameter by the last pass (units of the solver).
     pub last_step: Vec<f64>,
-    /// Passes.
+    /// Number of passes.
     pub passes: usize,
     /// Paths per pose in the last pass.
     pub paths: u64,
     /// Root mean square standard error as a share of the largest traced radiance.
     pub error: f64,
-    /// Whether polarisation was followed: always on metal, elsewhere where the data say so.
+    /// Whether polarisation was followed: always for metals, otherwise if it fits the data better.
     pub polarised: bool,
     /// Why it ended.
     pub end: TracingEnd,
 }
 
-/// The closed form's share of its peak below which the difference is added instead of the ratio.
+/// Share of the peak below which the difference to the closed form is added instead of the ratio.
 const VANISHING: f64 = 0.02;
-/// The tracer's line of the budget is small where it is at most this share of the combined
-/// uncertainty: it adds 3 % to it.
+/// Largest share of the combined uncertainty for which the tracer's line of the budget is small: it adds 3 % to it.
 const SMALL_SHARE: f64 = 0.25;
-/// A parameter stays where a pass moves it by less than this share of its combined uncertainty.
+/// A parameter stays if a pass moves it by less than this share of its combined uncertainty.
 const STILL: f64 = 0.05;
-/// Passes at most.
+/// Maximum number of passes.
 const PASSES_MAX: usize = 10;
-/// First passes, at the given number of paths, before the number that is needed is known.
+/// First passes, with the given number of paths, before the required number is known.
 const FIRST_PASSES: usize = 2;
-/// Other surfaces that are traced at most.
+/// Maximum number of other surfaces that are traced.
 const RIVALS_TRACED: usize = 6;
-/// Smallest ridge angle that is traced, rad: below it the riser has no width in the numbers.
+/// Smallest ridge angle that is traced, rad: below it the width of the riser is lost in rounding.
 const FLATTEST: f64 = 1e-4;
 
-/// Fits on from a `sawtooth` estimate with the tracer's corrections, on the ideal sawtooth or on the
-/// shape of a given profile (its heights scaled so that its effective ridge angle is the
-/// fitted one). `None` where it was cancelled or stopped before the first pass was done, or where a
-/// radiance is not a number.
+/// Continues from a `sawtooth` estimate with the corrections of the tracer, on the ideal sawtooth or on a given
+/// profile, whose heights are scaled to the fitted ridge angle. Returns `None` if it was cancelled or stopped before
+/// the first pass ended, or if a radiance is not finite.
 #[must_use]
 pub fn estimate_traced<'a>(
     sawtooth: &Estimate<'a>,
@@ -181,8 +177,8 @@ pub fn estimate_traced<'a>(
     let mut run = first.clone();
     let mut main = task(true, 0);
     if !metal {
-        // Renderers often leave polarisation out where light meets plastic, nature never does. The
-        // same random numbers with and without show which it was.
+        // Renderers often omit polarisation for plastic, but real light is polarised. Tracing with the same random
+        // numbers with and without polarisation shows which case applies.
         let briefly = TracingOptions {
             paths_max: options.paths,
             ..*options
@@ -204,7 +200,7 @@ pub fn estimate_traced<'a>(
         (Some(best), end) if end != TracingEnd::Stopped => main.not_refuted(best),
         _ => sawtooth.rivals.clone(),
     };
-    // What a shape leaves open is a limit of what is not known.
+    // What a shape leaves open is a limit, not a standard uncertainty.
     let open = profile.and_then(Profile::alternative);
     let open = open.filter(|_| run.reached.is_some() && run.end != TracingEnd::Stopped);
     let moved = open.and_then(|other| run.moved_on(&mut main, other));
@@ -219,13 +215,13 @@ pub fn estimate_traced<'a>(
     Some(estimate)
 }
 
-/// What stands between an observation and the model beside the parameters.
+/// Scatter between observations and model.
 struct Scatter {
-    /// Independent standard uncertainties: the observations' own and the tracer's.
+    /// Independent standard uncertainties of the observations and of the tracer.
     own: Vec<f64>,
-    /// Scale on which the model may miss an observation.
+    /// Scale of the model error of each observation.
     scale: Vec<f64>,
-    /// What a robust loss left each observation in the closed form's fit.
+    /// Weights of the observations by a robust loss in the fit of the closed form.
     weights: Vec<f64>,
 }
 
@@ -248,7 +244,7 @@ impl Scatter {
     }
 }
 
-/// A problem, its minimum, and the discrepancy that its weights stand on.
+/// A problem, its minimum, and the discrepancy of its weights.
 #[derive(Debug, Clone)]
 struct Settled<'a> {
     problem: Problem<'a>,
@@ -257,7 +253,7 @@ struct Settled<'a> {
 }
 
 impl<'a> Settled<'a> {
-    /// Rounds of discrepancy, weights and refit.
+    /// Runs rounds of discrepancy, weights and refit.
     fn settle(&mut self, scatter: &Scatter, task: &Task<'_, '_>) {
         let (bounds, fitted) = (self.problem.bounds(), task.sawtooth.fitted);
         for _ in 0..ROUNDS {
@@ -285,7 +281,7 @@ impl<'a> Settled<'a> {
         }
     }
 
-    /// Model less observation.
+    /// Model minus observation.
     fn residuals(&self) -> Vec<f64> {
         let values = self.problem.unpack(&self.minimum.parameters);
         let predicted = self.problem.predicted(&values);
@@ -293,7 +289,7 @@ impl<'a> Settled<'a> {
         pairs.map(|(p, o)| p - o.signal).collect()
     }
 
-    /// What it amounts to, beside what the closed form's estimate knows.
+    /// Builds the estimate from it and from that of the closed form.
     fn estimate(&self, scatter: &Scatter, sawtooth: &Estimate<'a>) -> Estimate<'a> {
         let residuals = self.residuals();
         let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
@@ -319,7 +315,7 @@ impl<'a> Settled<'a> {
     }
 }
 
-/// Where the passes have come to.
+/// State of the passes.
 #[derive(Clone)]
 struct Run<'a> {
     settled: Settled<'a>,
@@ -328,8 +324,8 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// Passes until the parameters stay and the error is small, or until pass number `last`. `None`
-    /// where it was cancelled or a radiance is not a number.
+    /// Runs passes until the parameters stay and the error is small, or until pass number `last`. Returns `None` if it
+    /// was cancelled or a radiance is not finite.
     fn go_on(
         &mut self,
         task: &mut Task<'_, 'a>,
@@ -364,7 +360,7 @@ impl<'a> Run<'a> {
             estimate.traced = Some(Tracing {
                 sigma: traced.sigma,
                 apart: match task.profile {
-                    // The budget takes what lies apart as a limit, of which √⅓ is the standard uncertainty.
+                    // The budget treats `apart` as a limit, whose standard uncertainty is √⅓ of it.
                     Some(profile) => {
                         let off = |q: &Quantity| match q {
                             Quantity::ThetaR => 3f64.sqrt() * profile.lobe_error(),
@@ -389,7 +385,7 @@ impl<'a> Run<'a> {
             });
             let u = uncertainty(&estimate);
             let still = is_still(&estimate, &u);
-            // By how much the error is too large.
+            // Factor by which the error is too large.
             let excess = match options.target_error {
                 Some(target) => traced.error / target,
                 None => excess(&estimate, &u),
@@ -405,7 +401,8 @@ impl<'a> Run<'a> {
                 break;
             }
             if excess > 1.0 && !most && (still || task.pass >= FIRST_PASSES) {
-                // The error falls with the root of the paths at least; a fifth more is sure to do.
+                // The error falls at least with the square root of the paths; a fifth more paths are certain to
+                // suffice.
                 let needed = task.paths as f64 * 1.2 * excess * excess;
                 let needed = if needed < options.paths_max as f64 {
                     needed as u64
@@ -422,8 +419,8 @@ impl<'a> Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// How far each free parameter moves (solver's units) where the sample has another shape, by one more pass there;
-    /// `None` where it was stopped.
+    /// Returns the change of each free parameter (units of the solver) if the sample has another shape, from one more
+    /// pass with it; `None` if it was stopped.
     fn moved_on<'t>(&self, task: &mut Task<'t, 'a>, other: &'t Profile) -> Option<Vec<f64>> {
         task.profile = Some(other);
         let Settled {
@@ -442,8 +439,8 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Deviation that is of no use to anybody to go below, in the solver's units; `None` for what is no
-/// result of its own.
+/// Deviation below which more accuracy is useless, in the units of the solver; `None` for quantities that are not
+/// reported as results.
 fn useless(quantity: Quantity, values: &Values) -> Option<f64> {
     match quantity {
         Quantity::ThetaR | Quantity::AzimuthOffset | Quantity::TiltOffset => {
@@ -467,7 +464,7 @@ fn is_still(estimate: &Estimate<'_>, u: &Uncertainty) -> bool {
     })
 }
 
-/// The tracer's line over what it may be, in the worst parameter's budget.
+/// Ratio of the tracer's line to its limit, for the worst parameter.
 fn excess(estimate: &Estimate<'_>, u: &Uncertainty) -> f64 {
     let free = estimate.problem.free();
     let over = u.budgets.iter().zip(free).filter_map(|(budget, q)| {
@@ -505,8 +502,8 @@ enum Outcome {
 }
 
 impl Task<'_, '_> {
-    /// Of the other surfaces that the closed form does not tell from its best one: those that the tracer does not either, each
-    /// traced at its own place.
+    /// Returns the other surfaces that neither the closed form nor the tracer excludes, each traced at its own
+    /// parameters.
     fn not_refuted(&mut self, best: &Estimate<'_>) -> Vec<Minimum> {
         let sawtooth = self.sawtooth;
         let rivals = &sawtooth.rivals[..sawtooth.rivals.len().min(RIVALS_TRACED)];
@@ -541,7 +538,7 @@ impl Task<'_, '_> {
         *self.done.lock().expect("no holder of this lock panics")
     }
 
-    /// Traces every pose at `values` and compares with the closed form there.
+    /// Traces every pose at `values` and compares it with the closed form there.
     fn trace(&self, problem: &Problem<'_>, values: &Values) -> Outcome {
         let set = problem.set();
         let count = set.observations.len();
@@ -580,7 +577,7 @@ impl Task<'_, '_> {
         let Some(found) = found.into_iter().collect::<Option<Vec<_>>>() else {
             return Outcome::Stopped;
         };
-        // Of a near rig both are taken at the centre of its views: the ratio is smooth over them.
+        // For a near rig both are taken at the centre of its views, because the ratio is smooth over them.
         let closed: Vec<f64> = (0..count).map(|i| problem.at_centre(i, &ready)).collect();
         let brightest = closed.iter().copied().fold(0.0, f64::max);
         let mut traced = Traced {
@@ -610,7 +607,7 @@ impl Task<'_, '_> {
     }
 }
 
-/// The sample that the tracer sees for given values; `None` where a profile cannot have that angle.
+/// Builds the sample of the tracer for given values; `None` if a profile cannot have that angle.
 #[must_use]
 pub fn ridged_surface(
     set: &ObservationSet,

@@ -1,4 +1,4 @@
-//! The tracer's passes on steel that the closed form painted.
+//! Passes of the tracer on steel computed from the closed form.
 
 use super::*;
 use crate::fit::estimate::estimate;
@@ -8,7 +8,7 @@ use crate::observation::{Observation, Prior};
 use crate::trace::ridge_map::{RidgeMap, height_map_of};
 use crate::trace::scene::MapUnits;
 
-/// Steel seen at 24 poses, painted by the closed form.
+/// Steel at 24 poses, computed from the closed form.
 fn set() -> ObservationSet {
     let material = Material::exactly(2.9, 3.1);
     let rig = RigGeometry::IN_PLANE;
@@ -43,7 +43,7 @@ fn set() -> ObservationSet {
 }
 
 #[test]
-fn whoever_watches_may_end_it_and_what_was_reached_counts() {
+fn a_watcher_may_stop_the_tracing_and_the_results_until_then_count() {
     let (set, go) = (set(), AtomicBool::new(false));
     let options = FitOptions {
         starts: 2,
@@ -63,13 +63,13 @@ fn whoever_watches_may_end_it_and_what_was_reached_counts() {
     let one = traced(&|p| p.pass < 2, None, &go).unwrap().traced.unwrap();
     assert_eq!((one.passes, one.end), (1, TracingEnd::Stopped));
     assert!(one.sigma.iter().all(|s| s.is_finite()) && one.error > 0.0);
-    // Rounded edges throw light elsewhere: the shape of the sample matters to the answer.
+    // Rounded edges reflect light elsewhere: the shape of the sample changes the result.
     let sharp = traced(&|_| true, None, &go).unwrap();
     let round = Profile::sawtooth(0.25, 1.0, 0.05).unwrap();
     let rounded = traced(&|_| true, Some(&round), &go).unwrap();
     assert!((sharp.values.alpha_v - rounded.values.alpha_v).abs() > 1e-4);
     assert!((rounded.values.theta_r.abs() - 0.2).abs() < 0.02);
-    // A height map of that sample, turned and noisy, is as good as its profile.
+    // A height map of that sample, rotated and noisy, gives the same result as its profile.
     let large = Profile::sawtooth(0.25, 40.0, 2.0).unwrap();
     let map = height_map_of(&large, 67.0, [300, 260], [1.0, 1.0], 0.05);
     let units = MapUnits {
@@ -77,7 +77,7 @@ fn whoever_watches_may_end_it_and_what_was_reached_counts() {
         height_unit_um: 1.0,
     };
     let measured = RidgeMap::of(&map, units).unwrap().profile;
-    // Enough paths that the tracer's own noise is small against what is compared.
+    // Enough paths to make the noise of the tracer small compared with the differences.
     let well = FitOptions {
         tracer: TracingOptions {
             paths: 2048,
@@ -88,11 +88,11 @@ fn whoever_watches_may_end_it_and_what_was_reached_counts() {
     };
     let [a, b] = [&large, &measured]
         .map(|profile| estimate_traced(&sawtooth, &well, Some(profile), &|_| true, &go).unwrap());
-    // What the map's samples and noise may do to the angle is in its budget, and only to the angle.
-    let told =
+    // The error of the angle by the samples and noise of the map is in its budget, and no other error is.
+    let stated =
         |e: &Estimate<'_>| e.traced.as_ref().unwrap().apart.iter().sum::<f64>() / 3f64.sqrt();
-    assert_eq!(told(&a), 0.0);
-    assert!((told(&b) / measured.lobe_error() - 1.0).abs() < 1e-12 && told(&b) > 1e-5);
+    assert_eq!(stated(&a), 0.0);
+    assert!((stated(&b) / measured.lobe_error() - 1.0).abs() < 1e-12 && stated(&b) > 1e-5);
     let (a, b) = (a.values, b.values);
     assert!(
         (a.theta_r - b.theta_r).abs().to_degrees() < 0.1,

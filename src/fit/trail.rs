@@ -1,8 +1,8 @@
-//! A fit against time: what each trial step of a descent had, and limits on how long a fit may go on.
+//! Follows a fit over time: each trial step of a descent, and limits on the duration of a fit.
 //!
-//! Call [`retrace`]. A fit runs many descents at once; what they share tells nothing. So one is gone
-//! again on the final weights, from the most promising start to the minimum, and every evaluation of
-//! the model on the way is noted. The clock is the caller's ([`Time`]): this room has none.
+//! Call [`retrace`]. A fit runs many descents at once, so their shared steps show nothing. One descent is therefore
+//! repeated with the final weights, from the most promising start to the minimum, and every evaluation of the model is
+//! recorded. The caller provides the clock ([`Time`]).
 
 use std::cell::RefCell;
 use std::sync::atomic::AtomicBool;
@@ -16,19 +16,19 @@ use super::problem::Problem;
 use super::solver::{Settings, minimise};
 use super::start::starts;
 
-/// The caller's clock and patience.
+/// The caller's clock and time limit.
 #[derive(Clone, Copy)]
 pub struct Time<'t> {
     /// Seconds since the fit began.
     pub now: &'t (dyn Fn() -> f64 + Sync),
-    /// When what can be cut short is: the search for other explanations, the bootstrap. `None` for never.
+    /// Time after which optional work ends: the search for other explanations and the bootstrap. `None`: never.
     pub limit_s: Option<f64>,
-    /// Whether a descent shall be retraced.
+    /// Whether to retrace a descent.
     pub retrace: bool,
 }
 
 impl Time<'_> {
-    /// Whether there is time for more.
+    /// Whether there is time left.
     #[must_use]
     pub fn allows(&self) -> bool {
         self.limit_s.is_none_or(|limit| (self.now)() < limit)
@@ -42,17 +42,17 @@ pub struct Iteration {
     pub seconds: f64,
     /// Sum of squared weighted residuals.
     pub cost: f64,
-    /// Largest cosine between the residuals and a parameter's derivatives: 0 at a minimum.
+    /// Largest cosine between the residuals and the derivatives of a parameter: 0 at a minimum.
     pub gradient: f64,
     /// Largest step of a parameter from the last accepted point, in its standard uncertainty.
     pub step: f64,
-    /// Largest distance of a parameter from where the descent ended, in its standard uncertainty.
+    /// Largest distance of a parameter from the end of the descent, in its standard uncertainty.
     pub error: f64,
     /// Whether the cost is no higher than at all points before.
     pub accepted: bool,
 }
 
-/// What a note keeps until the end is known.
+/// Recorded values until the end of the descent is known.
 struct Note {
     seconds: f64,
     cost: f64,
@@ -60,7 +60,7 @@ struct Note {
     parameters: Vec<f64>,
 }
 
-/// A problem that notes where it was evaluated.
+/// A problem that records its evaluations.
 struct Noting<'n, 'p, 't> {
     problem: &'n Problem<'p>,
     time: Time<'t>,
@@ -101,7 +101,7 @@ impl LeastSquares for &Noting<'_, '_, '_> {
     }
 }
 
-/// A descent to an estimate on its final weights, step by step.
+/// Repeats a descent to an estimate with its final weights and records each step.
 #[must_use]
 pub fn retrace(
     e: &Estimate<'_>,
@@ -130,7 +130,7 @@ pub fn retrace(
         cancel,
     );
     let std: Vec<f64> = u.budgets.iter().map(|b| b.combined()).collect();
-    // In units of what is known of a parameter; one that nothing is known of does not count.
+    // In standard uncertainties of the parameter. Undetermined parameters do not count.
     let distance = |a: &[f64], b: &[f64]| -> f64 {
         a.iter()
             .zip(b)

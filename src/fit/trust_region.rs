@@ -1,11 +1,11 @@
-//! The damped step of Levenberg–Marquardt inside a trust region (Moré 1978), on the small triangle
-//! that a QR of the derivatives leaves.
+//! The damped step of Levenberg–Marquardt inside a trust region (Moré 1978), on the small triangle from a QR of the
+//! derivatives.
 
 use super::least_squares::{
     householder, norm, solve_upper, solve_upper_transposed, sum_of_squares,
 };
 
-/// What a QR of the free columns leaves.
+/// Result of a QR of the free columns.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Triangle<'a> {
     /// R in the upper triangle of a column-major matrix with m rows.
@@ -16,7 +16,7 @@ pub(super) struct Triangle<'a> {
     pub(super) qtb: &'a [f64],
 }
 
-/// The n × n end of a damped step: finds μ with ‖D p(μ)‖ within 10 % of the trust radius.
+/// Working memory of the n × n system of a damped step: finds μ with ‖D p(μ)‖ within 10 % of the trust radius.
 #[derive(Debug)]
 pub(super) struct SmallSystem {
     stacked: Vec<f64>,
@@ -31,8 +31,8 @@ impl SmallSystem {
         }
     }
 
-    /// Step and μ that keep ‖D step‖ within the radius, D = diag(scale); `damping` is a first guess
-    /// of μ. `None` where nothing can be solved.
+    /// Returns step and μ that keep ‖D step‖ within the radius, D = diag(scale); `damping` is a first guess of μ.
+    /// Returns `None` if the system cannot be solved.
     pub(super) fn solve(
         &mut self,
         triangle: Triangle<'_>,
@@ -75,7 +75,7 @@ impl SmallSystem {
             return Some((vec![0.0; n], 0.0));
         }
         let mut upper = steepest / radius;
-        // Rounding can put the bounds of μ in the wrong order, or the lower one at infinity.
+        // Rounding can reverse the bounds of μ, or make the lower one infinite.
         lower = if lower.is_finite() {
             lower.min(upper)
         } else {

@@ -1,8 +1,8 @@
-//! All variants on one set of observations, and the choice between them.
+//! Fits all variants to one set of observations and selects between them.
 //!
-//! The choice follows QAIC: with counting errors alone every χ² is in the thousands and the plain
-//! criterion takes the largest model, so χ² is divided by ĉ, the reduced χ² of the variant that explains
-//! the data best (at least 1), and another variant is taken only for a clear gain.
+//! The selection uses QAIC. With counting errors only, every χ² is in the thousands and the ordinary criterion selects
+//! the largest model. χ² is therefore divided by ĉ, the reduced χ² of the variant that fits the data best (at least 1),
+//! and another variant is selected only for a clear gain.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -27,22 +27,22 @@ use crate::wording::counted;
 
 /// Gain in QAIC that counts as clear.
 const CLEAR_GAIN: f64 = 10.0;
-/// ĉ above which no variant may be called adequate.
+/// ĉ above which no variant is adequate.
 const INADEQUATE: f64 = 4.0;
 
-/// What the ray tracer is told beside the options.
+/// Inputs of the ray tracer beside the options.
 pub struct Tracer<'t> {
-    /// The shape to trace on; the ideal sawtooth if not given.
+    /// The shape to trace; the ideal sawtooth if none is given.
     pub profile: Option<&'t Profile>,
-    /// Sees how it gets on, and may end it.
+    /// Follows the progress and may end it.
     pub watch: Watch<'t>,
-    /// The caller's clock, where there is one.
+    /// The caller's clock, if there is one.
     pub time: Option<Time<'t>>,
 }
 
 impl Tracer<'static> {
-    /// On the ideal sawtooth, to its own end.
-    pub const UNTOLD: Self = Tracer {
+    /// Traces the ideal sawtooth to the end.
+    pub const PLAIN: Self = Tracer {
         profile: None,
         watch: &|_| true,
         time: None,
@@ -50,7 +50,7 @@ impl Tracer<'static> {
 }
 
 impl Tracer<'_> {
-    /// What the report says of a tracing.
+    /// Reports on a tracing.
     fn report(&self, e: &Estimate<'_>) -> Option<TracerReport> {
         let done = e.traced.as_ref()?;
         let profile = self.profile.and_then(Profile::effective_ridge_angle);
@@ -67,7 +67,7 @@ impl Tracer<'_> {
     }
 }
 
-/// Fits every variant and reports the one asked for, or the best; the ray tracer is told nothing.
+/// Fits every variant and reports the requested one, or the best; the ray tracer has default inputs.
 #[must_use]
 pub fn fit_with_tier(
     set: &ObservationSet,
@@ -75,10 +75,10 @@ pub fn fit_with_tier(
     tier: Option<Tier<'_>>,
     cancel: &AtomicBool,
 ) -> FitReport {
-    fit_with_tracer(set, options, tier, &Tracer::UNTOLD, cancel)
+    fit_with_tracer(set, options, tier, &Tracer::PLAIN, cancel)
 }
 
-/// Fits every variant and reports the one asked for, or the best.
+/// Fits every variant and reports the requested one, or the best.
 #[must_use]
 pub fn fit_with_tracer(
     set: &ObservationSet,
@@ -92,7 +92,7 @@ pub fn fit_with_tracer(
     }
     let merged = thin::merged(set, options.loss);
     let all = merged.as_ref().map_or(set, |m| &m.set);
-    // The ray tracer looks at every pose for itself, so it gets no more than stand for all.
+    // The ray tracer computes every pose separately, so it only gets the representative ones.
     let asked = options.variant == VariantChoice::Traced || options.judge;
     let kept = thin::representative(all).filter(|_| asked);
     let few = kept.map(|kept| thin::subset(all, &kept));
@@ -101,8 +101,8 @@ pub fn fit_with_tracer(
         let (kept, of) = (few.observations.len(), all.observations.len());
         report.left_out.push(LeftOut::new(
             format!("{} of {of} observations", of - kept),
-            "the ray tracer works pose by pose; those that are kept are spread over the poses, with the \
-             brightest of each neighbourhood. The counting noise is theirs alone",
+            "the ray tracer computes pose by pose; the observations used are spread over the poses, with the brightest of \
+             each neighbourhood, and the counting noise is only theirs",
             None,
         ));
     }
@@ -111,8 +111,8 @@ pub fn fit_with_tracer(
         report.left_out.push(LeftOut::new(
             "repeats of a pose one by one",
             format!(
-                "{} observations at {poses} poses: least squares see the weighted mean of repeats; what \
-                 they scatter is in chi-square",
+                "{} observations at {poses} poses are merged to weighted means, which is exact for least squares; χ² \
+                 includes their scatter",
                 merged.observations
             ),
             Some(0.0),
@@ -132,7 +132,7 @@ pub fn fit_with_tracer(
     report
 }
 
-/// [`fit_with_tracer`] of a set that can be fitted at all.
+/// [`fit_with_tracer`] for a set that can be fitted.
 fn fit_each(
     set: &ObservationSet,
     options: &FitOptions,
@@ -156,7 +156,7 @@ fn fit_each(
         && !(enough || cancel.load(Ordering::Relaxed))
         && let Some(steady) = without(set, drift.lamp)
     {
-        // All of it again, on what a steady lamp would have shown.
+        // Fits everything again to the observations of a steady lamp.
         return fit_each(&steady, options, tier, tracer, cancel);
     }
     let asked = options.variant == VariantChoice::Traced || options.judge;
@@ -177,7 +177,8 @@ fn fit_each(
         (VariantName::Sawtooth, &sawtooth),
         (VariantName::Traced, &traced),
     ];
-    // Of the best, not of the richest: where that explains nothing, its scatter would make all alike.
+    // Uses ĉ of the best variant, not of the most complex one: if that one explains nothing, its scatter would make all
+    // equal.
     let (best, dispersion) = fitted
         .iter()
         .filter_map(|(name, e)| Some((*name, e.as_ref()?.chi2_reduced_without_model)))
@@ -226,14 +227,14 @@ fn fit_each(
     report.tracer = traced.as_ref().and_then(|e| tracer.report(e));
     if options.judge && traced.is_none() {
         report.warnings.push(
-            "the ray tracer did not finish; the `model` contribution is estimated from the residuals"
+            "The ray tracer did not finish, so the budget line `model` is estimated from the residuals. Allow more time."
                 .to_owned(),
         );
     }
     if report.tracer.is_some_and(|t| !t.polarised) {
         report.warnings.push(
-            "the data are explained better where light is not polarised between the facets, as a \
-             renderer without polarisation makes them: so it was traced"
+            "Light was traced without polarisation, because the unpolarised model fits these data better. Data of an \
+             unpolarised renderer cause this; for a real sample, check the residuals."
                 .to_owned(),
         );
     }
@@ -261,8 +262,8 @@ fn fit_each(
     }
     if dispersion > INADEQUATE {
         report.notes.push(format!(
-            "no variant explains the data to their counting noise (reduced chi-square {dispersion:.3} \
-             for {best}); what the model misses is in the uncertainties as `model`"
+            "No variant explains the data to their counting noise (reduced χ² {dispersion:.3} for {best}). The budget \
+             line `model` contains the model error."
         ));
     }
     report
@@ -272,8 +273,8 @@ fn comparison(paper: &Estimate<'_>, sawtooth: &Estimate<'_>) -> Option<String> {
     let ratio = paper.rms_residual / sawtooth.rms_residual;
     (ratio >= 1.5).then(|| {
         format!(
-            "the variant paper leaves {ratio:.*} × the residual of sawtooth ({:.3} % against {:.3} % \
-             of the largest observation, rms)",
+            "The RMS residual of variant paper is {ratio:.*} × that of sawtooth ({:.3} % against {:.3} % of the peak). \
+             Use sawtooth for this sample.",
             if ratio < 10.0 { 2 } else { 0 },
             100.0 * paper.rms_residual,
             100.0 * sawtooth.rms_residual
@@ -281,7 +282,7 @@ fn comparison(paper: &Estimate<'_>, sawtooth: &Estimate<'_>) -> Option<String> {
     })
 }
 
-/// Why a set cannot be fitted at all.
+/// Why a set cannot be fitted.
 fn refusal(set: &ObservationSet) -> Option<Status> {
     let finite = |v: f64| v.is_finite();
     let samples = set.observations.iter().all(|o| {
@@ -299,12 +300,12 @@ fn refusal(set: &ObservationSet) -> Option<Status> {
     if !(samples && flats && prior) {
         return Some(Status::NotFinite);
     }
-    // The offsets and the stray light have help from flats and prior, the surface has none.
+    // Flats and priors help to determine offsets and stray light, but not the surface.
     let needed = free_quantities(set, Variant::Sawtooth).0.len() + 1;
     (set.observations.len() < needed).then_some(Status::TooFewObservations)
 }
 
-/// Why a set cannot be fitted at all, in words.
+/// Why a set cannot be fitted, as a message.
 pub(super) fn refused(set: &ObservationSet, options: &FitOptions) -> Option<String> {
     let status = refusal(set)?;
     empty(set, options, status).warnings.pop()
@@ -314,19 +315,19 @@ pub(super) fn refused(set: &ObservationSet, options: &FitOptions) -> Option<Stri
 fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitReport {
     let reason = match status {
         Status::TooFewObservations => format!(
-            "{} cannot determine the free parameters and their scatter; take more poses",
+            "{} cannot determine the free parameters and their scatter. Measure more poses.",
             counted(set.observations.len(), "observation")
         ),
         Status::NotFinite => {
-            "an observation, its uncertainty or the model's value for it is not a \
-                              finite number; look at the reduction"
+            "An observation, its uncertainty or the model's value for it is not finite. Check the frames and their \
+             reduction."
                 .to_owned()
         }
-        Status::Cancelled => "stopped before the fit was done".to_owned(),
+        Status::Cancelled => "The fit was cancelled before it was done.".to_owned(),
         Status::Stalled if options.variant == VariantChoice::Traced => {
-            "the ray tracer did not finish its first pass; allow it more time".to_owned()
+            "The ray tracer did not finish its first pass. Allow more time.".to_owned()
         }
-        _ => "no minimum was reached".to_owned(),
+        _ => "No minimum was reached. Allow more starts, or check the residuals.".to_owned(),
     };
     let none = || Parameter::unknown(reason.clone());
     let mut warnings = set.warnings.clone();

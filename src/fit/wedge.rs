@@ -1,16 +1,16 @@
-//! What an azimuth that was not expected says of how the sample lies on the turntable.
+//! Interprets an unexpected azimuth as a tilt of the sample on the turntable.
 //!
-//! The sample's mean plane is inclined to the turntable by a wedge that turns with it: w_v along the lean direction v and
-//! w_u across it, towards rising azimuth. A fit sees ridges on a turntable, and to first order
+//! The mean plane of the sample is tilted to the turntable by a wedge that turns with it: w_v along the lean direction
+//! v, and w_u across it, towards rising azimuth. A fit assumes ridges on the turntable. To first order
 //!
 //! ```text
 //! θr (turntable) = θr (sample) + w_v          azimuth = w_u / tan θr + z
 //! ```
 //!
-//! with z the error of the azimuth's zero: how far the sample, or the stage's zero, is turned from what was recorded. So w_v
-//! cannot be told from the ridge angle, and of w_u and z the azimuth alone is told ([`across`]). Where the zero is stated with
-//! an uncertainty, the two are split by what is known of each (both expected at 0): a share of the azimuth goes to each in
-//! proportion to its variance. A wedge of which nothing is stated takes all of it.
+//! where z is the error of the azimuth's zero: the rotation of the sample, or of the stage's zero, from the recorded
+//! value. So w_v cannot be separated from the ridge angle, and the azimuth is the only information about w_u and z
+//! ([`across`]). If the zero is stated with an uncertainty, the azimuth is divided between the two, both expected at 0,
+//! in proportion to their variances. A wedge without a stated uncertainty takes all of it.
 
 use serde::{Deserialize, Serialize};
 
@@ -23,15 +23,15 @@ use crate::units::Angle;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ReferencePlane {
-    /// The turntable's: how the sample lies on it is not known, and is in the angles.
+    /// The turntable. The tilt of the sample on it is unknown and is part of the angles.
     #[default]
     Turntable,
-    /// The sample's mean plane: how well it lies on the turntable is stated, and is in the uncertainty.
+    /// The mean plane of the sample. The uncertainty of its tilt on the turntable is stated and included.
     Sample,
 }
 
 impl ReferencePlane {
-    /// All of them.
+    /// All planes.
     pub const ALL: [ReferencePlane; 2] = [ReferencePlane::Turntable, ReferencePlane::Sample];
 }
 
@@ -44,76 +44,79 @@ impl std::fmt::Display for ReferencePlane {
     }
 }
 
-/// What is known of how samples lie, as standard uncertainties; `None` where nobody states it.
+/// Stated standard uncertainties of how samples are mounted; `None` if not stated.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Stated {
     /// Of the azimuth's zero.
     pub azimuth_zero: Option<Angle>,
-    /// Of the sample's inclination, along any direction.
+    /// Of the tilt of the sample, along any direction.
     pub wedge: Option<Angle>,
 }
 
-/// The facets' azimuth from the stage's zero, and what it may come from; degrees.
+/// Azimuth of the facets from the stage's zero, and its possible causes; degrees.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Across {
-    /// The facets' azimuth from where the recorded φs and the stated zero have it.
+    /// Azimuth of the facets relative to the recorded φs and the stated zero.
     pub azimuth_deg: f64,
-    /// Its standard uncertainty as the data have it, without what is stated of a wedge.
+    /// Its standard uncertainty from the data, without a stated wedge.
     pub azimuth_std_deg: f64,
-    /// Whether wedge and zero are told apart, because the zero is stated with an uncertainty. Else the next two are each the
-    /// whole azimuth, the one *or* the other.
+    /// Whether wedge and zero are separated, because the zero is stated with an uncertainty. Otherwise each of the next
+    /// two is the whole azimuth: the one *or* the other.
     pub split: bool,
-    /// Inclination of the sample across v, towards rising azimuth.
+    /// Tilt of the sample across v, towards rising azimuth.
     pub wedge_deg: f64,
-    /// Its standard uncertainty; none where it is not told from the zero.
+    /// Its standard uncertainty; none if it is not separated from the zero.
     pub wedge_std_deg: Option<f64>,
     /// Error of the azimuth's zero: what to add to it.
     pub azimuth_zero_deg: f64,
-    /// Its standard uncertainty; none where it is not told from the wedge.
+    /// Its standard uncertainty; none if it is not separated from the wedge.
     pub azimuth_zero_std_deg: Option<f64>,
 }
 
 impl Across {
     /// Whether the azimuth differs from zero by more than its expanded uncertainty.
     #[must_use]
-    pub fn is_told(&self) -> bool {
+    pub fn is_significant(&self) -> bool {
         self.azimuth_deg.abs() > 2.0 * self.azimuth_std_deg
     }
 
-    /// Whether the sample is inclined across v for certain: told apart from the zero, by more than its expanded uncertainty.
+    /// Whether the sample is significantly tilted across v: by more than the expanded uncertainty, and separately from
+    /// the zero.
     #[must_use]
     pub fn is_wedge(&self) -> bool {
         self.wedge_std_deg
             .is_some_and(|std| self.wedge_deg.abs() > 2.0 * std)
     }
 
-    /// In a sentence; none where the azimuth is where it was expected.
+    /// Describes it in a sentence; none if the azimuth is as expected.
     #[must_use]
-    pub fn told(&self) -> Option<String> {
-        if !self.is_told() {
+    pub fn message(&self) -> Option<String> {
+        if !self.is_significant() {
             return None;
         }
         let azimuth = format!(
-            "the facets' azimuth is {}° from the stage's zero",
+            "The azimuth of the facets is {}° from the stage's zero",
             signed(self.azimuth_deg)
         );
         Some(match (self.wedge_std_deg, self.azimuth_zero_std_deg) {
             (Some(wedge), Some(zero)) => format!(
-                "{azimuth}: a wedge across of {} ± {}° and {} ± {}° of the zero (k = 2), by what is stated of the zero",
+                "{azimuth}: {} ± {}° of sample tilt across the ridges and {} ± {}° of the zero (k = 2), by the stated \
+                 uncertainties.",
                 signed(self.wedge_deg),
                 short(2.0 * wedge),
                 signed(self.azimuth_zero_deg),
                 short(2.0 * zero),
             ),
             _ => format!(
-                "{azimuth}: a wedge across of {}°, or the zero; state rig.azimuth_zero_std_deg to tell them apart",
+                "{azimuth}: either {}° of sample tilt across the ridges, or an error of the zero. Set \
+                 rig.azimuth_zero_std_deg to separate them.",
                 signed(self.wedge_deg)
             ),
         })
     }
 }
 
-/// The plane that the angles of a fit refer to.
+/// Returns the plane that the angles of a fit refer to.
 #[must_use]
 pub fn plane(set: &ObservationSet) -> ReferencePlane {
     match set.wedge_std {
@@ -122,7 +125,7 @@ pub fn plane(set: &ObservationSet) -> ReferencePlane {
     }
 }
 
-/// [`across`] of what a fit found, where it found both angles.
+/// Calls [`across`] with the results of a fit, if it determined both angles.
 #[must_use]
 pub fn of_report(set: &ObservationSet, parameters: &Parameters) -> Option<Across> {
     let angle = |p: &Parameter| p.value.filter(|_| p.identifiable).map(Angle::from_deg);
@@ -150,7 +153,7 @@ fn signed(deg: f64) -> String {
     }
 }
 
-/// Hundredths of a degree, or two digits below.
+/// Formats with hundredths of a degree, or two digits below.
 fn short(deg: f64) -> String {
     match deg {
         0.095.. => format!("{deg:.2}"),
@@ -159,9 +162,9 @@ fn short(deg: f64) -> String {
     }
 }
 
-/// What the azimuth of ridges of an angle to the turntable says of a wedge across v and of the azimuth's zero. `azimuth_std`
-/// is the azimuth's standard uncertainty without either. `None` for flat ridges, whose azimuth is any wedge's, and for
-/// numbers that are none.
+/// Interprets the azimuth of ridges, at the angle `theta_r` to the turntable, as a wedge across v and an error of the
+/// azimuth's zero. `azimuth_std` is the standard uncertainty of the azimuth without either. Returns `None` for flat
+/// ridges, whose azimuth any wedge explains, and for values that are not finite.
 #[must_use]
 pub fn across(
     theta_r: Angle,
@@ -186,7 +189,7 @@ pub fn across(
     let Some(zero) = stated.azimuth_zero else {
         return Some(alone);
     };
-    // In azimuth: z ~ N(0, zero²), w/tan θr ~ N(0, wedge²), their sum is observed with its own uncertainty.
+    // In azimuth: z ~ N(0, zero²), w/tan θr ~ N(0, wedge²); their sum is observed with its own uncertainty.
     let zero = zero.deg().powi(2);
     let own = std * std;
     let Some(wedge) = stated.wedge.map(|w| (w.deg() / slope).powi(2)) else {
@@ -199,7 +202,7 @@ pub fn across(
         });
     };
     let all = wedge + zero + own;
-    // Both known to be nothing: the azimuth is scatter.
+    // Both are stated as exactly 0: the azimuth is scatter.
     let share = |variance: f64| if all > 0.0 { variance / all } else { 0.0 };
     let left = |variance: f64| (variance * (1.0 - share(variance))).max(0.0).sqrt();
     Some(Across {
@@ -226,52 +229,53 @@ mod tests {
     }
 
     #[test]
-    fn without_a_stated_zero_it_is_the_one_or_the_other() {
+    fn without_a_stated_zero_wedge_and_zero_are_not_separated() {
         // A wobble of 0.2° towards 200° has 0.2 sin 200° = −0.0684° across v, which turns 8.812° ridges by −0.441°.
-        let told = of(-0.4413, 0.04, None, None);
-        assert!((told.wedge_deg + 0.0684).abs() < 1e-4, "{told:?}");
-        assert_eq!(told.azimuth_zero_deg, -0.4413);
-        assert!(told.is_told() && !told.is_wedge() && !told.split);
-        let text = told.told().unwrap();
+        let found = of(-0.4413, 0.04, None, None);
+        assert!((found.wedge_deg + 0.0684).abs() < 1e-4, "{found:?}");
+        assert_eq!(found.azimuth_zero_deg, -0.4413);
+        assert!(found.is_significant() && !found.is_wedge() && !found.split);
+        let text = found.message().unwrap();
         assert!(
-            text.contains("−0.44° from the stage's zero") && text.contains("−0.068°, or the zero"),
+            text.contains("−0.44° from the stage's zero")
+                && text.contains("either −0.068° of sample tilt"),
             "{text}"
         );
-        // A wedge that is stated without a zero leaves it at that.
+        // A wedge stated without a zero does not separate them.
         assert!(!of(-0.44, 0.04, None, Some(0.1)).split);
-        assert_eq!(of(-0.05, 0.04, None, None).told(), None);
+        assert_eq!(of(-0.05, 0.04, None, None).message(), None);
     }
 
     #[test]
-    fn a_stated_zero_leaves_the_rest_to_the_wedge() {
-        let told = of(-0.4413, 0.04, Some(0.1), None);
-        assert!(told.is_wedge() && told.split);
-        assert_eq!(told.azimuth_zero_deg, 0.0);
+    fn with_a_stated_zero_the_wedge_takes_the_rest() {
+        let found = of(-0.4413, 0.04, Some(0.1), None);
+        assert!(found.is_wedge() && found.split);
+        assert_eq!(found.azimuth_zero_deg, 0.0);
         // 0.1° of the zero and 0.04° of the fit, times tan θr.
-        let std = told.wedge_std_deg.unwrap();
+        let std = found.wedge_std_deg.unwrap();
         assert!((std - 0.1077 * 0.155).abs() < 1e-4, "{std}");
-        // What the zero explains is no wedge.
+        // An azimuth within the uncertainty of the zero is not a wedge.
         assert!(!of(-0.4413, 0.04, Some(0.3), None).is_wedge());
-        let text = told.told().unwrap();
-        assert!(text.contains("a wedge across of −0.068 ± 0.033°"), "{text}");
+        let text = found.message().unwrap();
+        assert!(text.contains("−0.068 ± 0.033° of sample tilt"), "{text}");
     }
 
     #[test]
-    fn where_both_are_stated_each_has_its_share_of_the_variance() {
+    fn two_stated_uncertainties_share_the_azimuth_by_variance() {
         let slope = 8.812_f64.to_radians().tan();
-        let told = of(0.6, 0.0, Some(0.1), Some(0.1 * slope));
-        assert!((told.azimuth_zero_deg - 0.3).abs() < 1e-12, "{told:?}");
-        assert!((told.wedge_deg - 0.3 * slope).abs() < 1e-12);
-        // Known together exactly, each is open by 0.1°/√2.
-        let zero = told.azimuth_zero_std_deg.unwrap();
+        let found = of(0.6, 0.0, Some(0.1), Some(0.1 * slope));
+        assert!((found.azimuth_zero_deg - 0.3).abs() < 1e-12, "{found:?}");
+        assert!((found.wedge_deg - 0.3 * slope).abs() < 1e-12);
+        // Their sum is known exactly, so each is uncertain by 0.1°/√2.
+        let zero = found.azimuth_zero_std_deg.unwrap();
         assert!((zero - 0.1 / 2_f64.sqrt()).abs() < 1e-12);
-        assert!((told.wedge_std_deg.unwrap() - zero * slope).abs() < 1e-12);
+        assert!((found.wedge_std_deg.unwrap() - zero * slope).abs() < 1e-12);
         let nothing = of(0.6, 0.0, Some(0.0), Some(0.0));
         assert_eq!((nothing.wedge_deg, nothing.azimuth_zero_deg), (0.0, 0.0));
     }
 
     #[test]
-    fn flat_ridges_and_numbers_that_are_none_say_nothing() {
+    fn flat_ridges_and_values_that_are_not_finite_give_nothing() {
         let at = |theta_r: f64, azimuth: f64| {
             let [theta_r, azimuth, std] = [theta_r, azimuth, 0.1].map(Angle::from_deg);
             across(theta_r, azimuth, std, Stated::default())

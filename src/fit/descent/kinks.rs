@@ -1,9 +1,10 @@
-//! Minima on kinks of the residuals, where no slope vanishes.
+//! Minima on kinks of the residuals, where no derivative vanishes.
 //!
-//! What stands along the ridges is shadowed by either flank or by the other: visibility has a kink there, and the cost may
-//! have its minimum on it, rising to both sides while every further step promises a gain. Such a descent goes on *along*
-//! the kinks: a damped step in the space that their normals leave, then across it to the lowest point between the flanks.
-//! A kink's normal is the difference of a residual's derivatives on its two sides.
+//! A direction along the ridges is shadowed by either of the two flanks. The visibility has a kink where they change
+//! places, and the cost may have its minimum there: it rises to both sides, but every further step promises a gain.
+//! Such a descent continues *along* the kinks: a damped step in the space orthogonal to their normals, then a move
+//! across to the lowest point between the flanks. The normal of a kink is the difference of the derivatives of a
+//! residual on its two sides.
 
 use std::sync::atomic::Ordering;
 
@@ -12,20 +13,20 @@ use argmin::core::{Error, Problem};
 use super::{Ending, LeastSquares, LevenbergMarquardt, Triangle, householder};
 use crate::fit::least_squares::norm;
 
-/// How far to both sides of a point its slopes are looked at, as a share of ‖D x‖.
+/// Distance on both sides of a point at which its derivatives are evaluated, as a share of ‖D x‖.
 const ASIDE: f64 = 1e-10;
-/// Share of the strongest kink below which one is not followed.
+/// Kinks below this share of the strongest one are not followed.
 const FAINT: f64 = 1e-4;
-/// Share of a normal that the others must leave of it.
+/// Smallest share of a normal that has to remain beside the others.
 const OBLIQUE: f64 = 0.05;
 const STEPS: usize = 60;
-/// Relative gain that is none.
+/// Relative gain that counts as zero.
 const NO_GAIN: f64 = 1e-13;
-/// Cosine between residuals and derivatives that is a right angle.
+/// Cosine between residuals and derivatives that counts as zero.
 const ORTHOGONAL: f64 = 1e-9;
 
 impl LevenbergMarquardt<'_> {
-    /// Goes on along the kinks at which the descent has ended; `None` where there are none.
+    /// Continues along the kinks at which the descent has ended; `None` if there are none.
     pub(super) fn slide<P: LeastSquares>(
         &mut self,
         problem: &mut Problem<P>,
@@ -63,7 +64,7 @@ impl LevenbergMarquardt<'_> {
             }
             if gain > 0.0 {
                 self.accept(cost);
-                // Others may have been met, or these been left.
+                // The step may have met other kinks, or left these.
                 let met = self.kinks(problem)?;
                 if met.is_empty() {
                     return Ok(None);
@@ -81,7 +82,7 @@ impl LevenbergMarquardt<'_> {
         Ok(Some(Ending::Stalled))
     }
 
-    /// Orthonormal normals, in scaled parameters, of the kinks to whose both sides the cost rises.
+    /// Returns orthonormal normals, in scaled parameters, of the kinks with rising cost on both sides.
     fn kinks<P: LeastSquares>(&mut self, problem: &mut Problem<P>) -> Result<Vec<Vec<f64>>, Error> {
         let free = self.within_bounds();
         let size = self.size();
@@ -116,7 +117,7 @@ impl LevenbergMarquardt<'_> {
         Ok(normals)
     }
 
-    /// Half the cost's derivative by a parameter, a step along it.
+    /// Half the derivative of the cost by a parameter, one step away along it.
     fn slope_beside<P: LeastSquares>(
         &mut self,
         problem: &mut Problem<P>,
@@ -131,13 +132,13 @@ impl LevenbergMarquardt<'_> {
         Ok(column.iter().zip(&self.trial_r).map(|(a, b)| a * b).sum())
     }
 
-    /// A damped step across no normal, what it promises to gain, and the cosine that the gradient leaves.
+    /// Returns a damped step across no normal, the gain that it promises, and the cosine of the remaining gradient.
     fn step_along(&mut self, normals: &[Vec<f64>], radius: f64) -> Option<(Vec<f64>, f64, f64)> {
         let free = self.within_bounds();
         let mut directions = normals.to_vec();
         let units = (0..self.n).filter(|j| free[*j]);
         for _ in normals.len()..units.clone().count() {
-            // The one of which the others leave most.
+            // The unit vector of which the others leave most.
             let left = |j: &usize| 1.0 - directions.iter().map(|d| d[*j] * d[*j]).sum::<f64>();
             let most = units.clone().max_by(|a, b| left(a).total_cmp(&left(b)))?;
             let unit = (0..self.n).map(|k| f64::from(u8::from(k == most)));
@@ -208,7 +209,7 @@ impl LevenbergMarquardt<'_> {
         shares.fold(1.0, f64::min).max(0.0)
     }
 
-    /// Moves the trial point along a normal to where the cost is least, and evaluates it there.
+    /// Moves the trial point along a normal to the lowest cost, and evaluates it there.
     fn lowest_across<P: LeastSquares>(
         &mut self,
         problem: &mut Problem<P>,
@@ -247,7 +248,7 @@ impl LevenbergMarquardt<'_> {
         Ok(cost)
     }
 
-    /// Half the cost's derivative along a normal, and the cost, at a distance from a point.
+    /// Half the derivative of the cost along a normal, and the cost, at a distance from a point.
     fn slope_across<P: LeastSquares>(
         &mut self,
         problem: &mut Problem<P>,
@@ -272,7 +273,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Adds what others leave of a direction, with length 1, unless that is too little.
+/// Adds the remainder of a direction beside the others, with length 1, unless it is too small.
 fn add_direction(directions: &mut Vec<Vec<f64>>, mut new: Vec<f64>) {
     let whole = norm(&new);
     // Twice is enough.

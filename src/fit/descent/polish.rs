@@ -1,4 +1,4 @@
-//! The polish after a descent: undamped steps until they vanish, or else back to the best point.
+//! The polish after a descent: undamped steps until they vanish, otherwise a return to the best point.
 
 use argmin::core::{Error, Problem};
 
@@ -13,7 +13,7 @@ impl LevenbergMarquardt<'_> {
         misses: u32,
         last: f64,
     ) -> Result<(), Error> {
-        // Current column lengths, not the running maxima: the polish wants the best conditioning.
+        // Current column lengths, not the running maxima, because the polish needs the best conditioning.
         let running = self.scale.clone();
         self.scale.iter_mut().for_each(|d| *d = 0.0);
         self.take_scales();
@@ -30,7 +30,7 @@ impl LevenbergMarquardt<'_> {
         for (j, p) in step.iter_mut().enumerate().filter(|(j, _)| free[*j]) {
             *p = solution.next().expect("one entry per free column") / self.scale[j];
         }
-        // Relative step of the worst parameter, in units of its own size or of the whole.
+        // Relative step of the worst parameter, in units of its own size or of the total size.
         let size = self.size();
         let relative = (0..self.n)
             .map(|j| {
@@ -43,7 +43,7 @@ impl LevenbergMarquardt<'_> {
             return self.give_up_polish();
         }
         let vanished = self.settings.vanished_step;
-        // Far below what counts as vanished there is nothing left to gain.
+        // Far below the limit of a vanished step there is nothing left to gain.
         if relative <= 0.1 * vanished && last.is_finite() {
             return self.finish();
         }
@@ -61,7 +61,7 @@ impl LevenbergMarquardt<'_> {
         self.place_trial(&step);
         let cost = self.evaluate(problem)?;
         let floor = self.anchor.as_ref().map_or(self.cost, |a| a.cost);
-        // What rounding of the residuals alone may do to the cost.
+        // Change of the cost by rounding of the residuals.
         let noise = 16.0 * f64::EPSILON * size;
         let ceiling = floor * (1.0 + 1e-6) + noise * (2.0 * floor.sqrt() + noise);
         if !cost.is_finite() || cost > ceiling {
@@ -85,7 +85,7 @@ impl LevenbergMarquardt<'_> {
         Ok(())
     }
 
-    /// Undamped steps do not settle here: back to the best point, and on with tight tolerances.
+    /// Undamped steps do not converge here: returns to the best point and continues with tight tolerances.
     pub(super) fn give_up_polish(&mut self) -> Result<(), Error> {
         if let Some(point) = self.anchor.take()
             && point.cost <= self.cost

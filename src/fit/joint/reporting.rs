@@ -1,5 +1,4 @@
-//! The report on scans that were fitted together: common surface, each scan's own zeros, and how far the scans
-//! scatter.
+//! Reports on scans that were fitted together: common surface, zeros of each scan, and scatter between the scans.
 
 use nalgebra::DMatrix;
 
@@ -13,13 +12,13 @@ use crate::fit::report::{FitReport, Parameter, Parameters, Status, VariantName, 
 use crate::fit::reporting::{report_with, summary};
 use crate::model::Variant;
 
-/// Normal quantiles of a scatter that widens the uncertainty (one in a hundred by chance, for each of
-/// four parameters), and of one that a warning names (one in a thousand).
+/// Normal quantiles of a scatter that widens the uncertainty (one in a hundred by chance, for each of four parameters),
+/// and of one that causes a warning (one in a thousand).
 const WIDENS: f64 = 2.326;
 const DISAGREES: f64 = 3.09;
 
 impl Joint<'_, '_> {
-    /// What is told of all scans and of each.
+    /// Reports on all scans together and on each.
     pub(super) fn report(mut self, scans: &[Scan<'_>]) -> JointReport {
         let estimates = self.parts();
         let parts: Vec<Part<'_, '_>> = estimates
@@ -88,8 +87,8 @@ impl Joint<'_, '_> {
         }
     }
 
-    /// Adds to the model's line what the scans alone scatter by beyond their uncertainties; a
-    /// sentence for each parameter on which they disagree.
+    /// Adds to the line `model` the scatter of the single scans beyond their uncertainties. Returns a warning for each
+    /// parameter on which they disagree.
     fn scatter(
         &self,
         joint: &mut Uncertainty,
@@ -110,7 +109,7 @@ impl Joint<'_, '_> {
                     continue;
                 };
                 let b = &u.budgets[j];
-                // Reference and index are common to all scans, they cannot set them apart.
+                // Reference and index are common to all scans and cannot cause differences.
                 let own = [
                     b.counting,
                     b.angles,
@@ -146,8 +145,8 @@ impl Joint<'_, '_> {
             }
             if birge > chance(freedom, DISAGREES) {
                 warnings.push(format!(
-                    "the {} scans disagree on {spoken} by {:.1} times their uncertainties: are they of \
-                     one sample, mounted alike?",
+                    "The {} scans disagree on {spoken} by {:.1} times their uncertainties. Check that they are of the \
+                     same sample, mounted in the same way.",
                     scans.len(),
                     birge.sqrt()
                 ));
@@ -157,7 +156,7 @@ impl Joint<'_, '_> {
     }
 }
 
-/// What one scan's report needs of the joint uncertainty.
+/// Extracts one scan's part of the joint uncertainty.
 fn seen_by(joint: &Uncertainty, columns: &[usize]) -> Uncertainty {
     let all = &joint.covariance;
     let null = all.null_directions.iter().filter_map(|direction| {
@@ -189,7 +188,7 @@ fn surface_of(from: &Parameters, to: &mut Parameters) {
     to.rho_d = from.rho_d.clone();
 }
 
-/// The report on the common surface.
+/// Reports on the common surface.
 fn together(common: &FitReport, reports: &[FitReport], estimates: &[Estimate<'_>]) -> FitReport {
     let own = || Parameter::unknown(EACH_ITS_OWN);
     let count = |r: &FitReport| r.n_observations as f64;

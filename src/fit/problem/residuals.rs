@@ -1,4 +1,4 @@
-//! The rows of a problem: residuals of samples, flats and priors, each with its slopes by what is free.
+//! The rows of a problem: residuals of samples, flats and priors, with their derivatives by the free quantities.
 
 use std::f64::consts::PI;
 
@@ -10,7 +10,7 @@ use crate::fit::quantity::{Quantity, Values};
 use crate::model::Variant;
 use crate::units::Angle;
 
-/// One over the relative error that counts as one on the logarithmic scale.
+/// Inverse of the relative error that counts as 1 on the logarithmic scale.
 const LOG_WEIGHT: f64 = 10.0;
 
 impl LeastSquares for &Problem<'_> {
@@ -18,7 +18,7 @@ impl LeastSquares for &Problem<'_> {
         self.free.len()
     }
 
-    /// Samples first, then flats, then the priors.
+    /// Samples first, then flats, then priors.
     fn n_residuals(&self) -> usize {
         self.residual_count()
     }
@@ -45,7 +45,8 @@ impl LeastSquares for &Problem<'_> {
 }
 
 impl Problem<'_> {
-    /// Residual of prior number `row`, its quantity, and the residual's slope in the solver's unit.
+    /// Returns the residual of prior number `row`, its quantity, and the slope of the residual in the unit of the
+    /// solver.
     pub(in crate::fit) fn prior_row(&self, row: usize, values: &Values) -> (f64, Quantity, f64) {
         let (quantity, prior) = self.priors[row];
         let mut away = values.natural(quantity) - prior.mean;
@@ -61,7 +62,7 @@ impl Problem<'_> {
         (away / prior.std, quantity, slope / prior.std)
     }
 
-    /// Residual of observation `index`, and in `row` its derivatives by the free quantities.
+    /// Returns the residual of observation `index`, and writes its derivatives by the free quantities to `row`.
     pub(in crate::fit) fn sample_row(
         &self,
         index: usize,
@@ -109,7 +110,7 @@ impl Problem<'_> {
         bent
     }
 
-    /// Residuals and derivatives of flats and priors, from row `first` of `m` on.
+    /// Writes residuals and derivatives of flats and priors, starting at row `first` of `m`.
     pub(in crate::fit) fn other_rows(
         &self,
         values: &Values,

@@ -1,5 +1,5 @@
-//! What a thorough search does round by round: starts from anywhere, children of what was found, other roughnesses, valleys
-//! followed to their bottom, mirror images, and how long it goes on.
+//! Rounds of a thorough search: unselected starts, children of known ends, other roughnesses, descents along valleys,
+//! mirror images, and the rule that ends the search.
 
 use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
@@ -19,47 +19,48 @@ use super::{
     REFINED_THOROUGHLY, ROUGH, Search, many_minima, over_shapes, same, usable,
 };
 
-/// A descent along a valley.
+/// Settings of a descent along a valley.
 const FOLLOW: Settings = Settings {
     cost_tolerance: 1e-12,
     ..Settings::DEFAULT
 };
-/// Rounds at most.
+/// Maximum number of rounds.
 const PERSISTENT_ROUNDS: usize = 24;
 
-/// One of so many descents goes on when all have come near.
+/// One in this many descents continues after all have come near.
 const GOING_ON: usize = 6;
-/// Starts of a round: from all over the box, from its rim, and children of what was found, in each of the generations (the
-/// later ones are children of the earlier ones too).
+/// Starts of a round: from the whole box, from its rim, and children of known ends in each generation (later
+/// generations are also children of earlier ones).
 const PLAIN: u32 = 1536;
 const RIM: u32 = 1536;
 const CHILDREN: u32 = 1024;
 const GENERATIONS: u32 = 2;
-/// One of so many starts is left where they descend one by one, not as lanes of registers.
+/// Divisor of the number of starts if they descend one by one instead of as lanes.
 const ONE_BY_ONE: u32 = 16;
-/// Starts of a first glance, half of them from the rim: where directions are many, and where they are few.
+/// Starts of a first glance, half of them from the rim: for many directions, and for few.
 const GLANCE: u32 = 128;
 const GLANCE_OF_FEW: u32 = 2048;
-/// Different ends that have children.
+/// Number of different ends that have children.
 const PARENTS: usize = 24;
-/// Lanes that descend in one go.
+/// Lanes that descend together.
 const CHUNK: usize = 256;
-/// Evaluations after which one of so many lanes goes on.
+/// Evaluations after which one in `LANES_GOING_ON` lanes continues.
 const EVALUATIONS_FIRST: usize = 20;
 const LANES_GOING_ON: usize = 4;
-/// Starts from all over the box, and as many from its rim, that descend to their ends, in one of so many rounds; how many
-/// go in one, and their evaluations at most.
+/// Starts that descend to their ends, from the whole box and as many from its rim; how often rounds have them; how many
+/// descend together; and their maximum number of evaluations.
 const CREEPING: u32 = 64;
 const CREEPING_EVERY: usize = 2;
 const CHUNK_CREEPING: usize = 32;
 const EVALUATIONS_CREEPING: usize = 400;
-/// Different ends of starts from anywhere that are refined.
+/// Number of different ends of unselected starts that are refined.
 const PLAIN_REFINED: usize = 24;
-/// Ends of a round that are refined at most.
+/// Maximum number of ends of a round that are refined.
 pub(in crate::fit) const REFINED_IN_ROUND: usize =
     PLAIN_REFINED + GENERATIONS as usize * REFINED_THOROUGHLY;
 
-/// Descents of a round; those that go on to their ends, in one round of several, count by their evaluations.
+/// Counts the descents of a round. Those that continue to their ends, in one round of several, count by their
+/// evaluations.
 pub(in crate::fit) fn descended_in_round(problem: &Problem<'_>) -> u32 {
     let short =
         share(problem, PLAIN) + share(problem, RIM) + GENERATIONS * share(problem, CHILDREN);
@@ -71,7 +72,7 @@ pub(in crate::fit) fn descended_in_round(problem: &Problem<'_>) -> u32 {
     }
 }
 
-/// Of a number of starts those for which there is time.
+/// Reduces a number of starts to those for which there is time.
 fn share(problem: &Problem<'_>, starts: u32) -> u32 {
     match crew::knows(problem) {
         true => starts,
@@ -80,8 +81,8 @@ fn share(problem: &Problem<'_>, starts: u32) -> u32 {
 }
 
 impl Search<'_> {
-    /// Descents from shapes all over the box and from its rim, none of them judged before: where noise makes the minima,
-    /// what looks promising at its start says little of where a descent ends.
+    /// Descends from shapes in the whole box and on its rim without judging them first. If noise creates the minima,
+    /// the cost of a start says little about the end of its descent.
     fn anywhere(&mut self, problem: &Problem<'_>, [plain, rim]: [u32; 2], refined: usize) {
         let starts = self.starts(problem, [share(problem, plain), share(problem, rim)]);
         let ends = descend(problem, &starts, &|| self.over(), self.cancel);
@@ -95,8 +96,8 @@ impl Search<'_> {
         starts
     }
 
-    /// A first look from starts that nothing recommends, where lanes make it cheap; from more of them where few directions
-    /// let near minima be.
+    /// Runs a first search from unselected starts if lanes make it cheap, with more starts if few directions allow near
+    /// minima.
     pub(in crate::fit) fn glance(&mut self, problem: &Problem<'_>) {
         if self.started || !crew::knows(problem) || self.over() {
             return;
@@ -108,8 +109,8 @@ impl Search<'_> {
         self.anywhere(problem, [starts / 2; 2], REFINED);
     }
 
-    /// Fewer descents from anywhere, each of them to its end: some minima lie at the end of valleys along which gain and
-    /// roughness make up for each other over powers of ten, and no short descent tells that it is on the way there.
+    /// Runs fewer descents from unselected starts, each to its end. Some minima lie at the end of valleys along which
+    /// gain and roughness compensate each other over powers of ten; a short descent does not show that it leads there.
     fn creep(&mut self, problem: &Problem<'_>) {
         if !crew::knows(problem) {
             return;
@@ -121,8 +122,8 @@ impl Search<'_> {
         self.refine(problem, ends, PLAIN_REFINED, 1e-4);
     }
 
-    /// Descents from children of the different ends so far (a memetic search: Moscato 1989). Of the minima that no start
-    /// comes to by chance most share some of their shape with others that many starts come to.
+    /// Descends from children of the different ends so far (a memetic search: Moscato 1989). Most minima that no start
+    /// reaches by chance share some of their shape with others that many starts reach.
     fn breed(&mut self, problem: &Problem<'_>) {
         let Some(best) = self.best() else {
             return;
@@ -145,7 +146,7 @@ impl Search<'_> {
         self.refine(problem, ends, REFINED_THOROUGHLY, 1e-4);
     }
 
-    /// Looks at the different ends' roughnesses again: a lobe that few poses meet has several.
+    /// Tries other roughnesses for the different ends, because a lobe that few poses meet has several.
     pub(in crate::fit) fn rescan(&mut self, problem: &Problem<'_>) {
         if self.started {
             return;
@@ -172,8 +173,8 @@ impl Search<'_> {
         self.refine(problem, ends, REFINED, 1e-4);
     }
 
-    /// Follows the valleys of the best ends to their bottom: where gain and shape make up for each
-    /// other the problem itself creeps, over shapes alone the gain is no obstacle.
+    /// Follows the valleys of the best ends to their minimum. Where gain and shape compensate each other, the problem
+    /// itself creeps; over shapes only, the gain is no obstacle.
     pub(in crate::fit) fn follow(&mut self, problem: &Problem<'_>) {
         if self.started {
             return;
@@ -201,8 +202,8 @@ impl Search<'_> {
         self.runs.extend(ends);
     }
 
-    /// Rounds on end where the data leave the surface open, or the best end costs more than is `likely`: there minima are
-    /// many, and the deepest is found by looking on until [`CALM`] rounds in a row find none deeper.
+    /// Runs further rounds while the data leave the surface undetermined, or the best end costs more than `likely`.
+    /// There are many minima then, and the search continues until [`CALM`] successive rounds find none deeper.
     pub(in crate::fit) fn persist(&mut self, problem: &Problem<'_>, likely: f64) {
         if self.started {
             return;
@@ -216,7 +217,7 @@ impl Search<'_> {
             let open = before.cost > likely
                 || many_minima(problem, before)
                 || self.rivalled(problem, before);
-            // A minimum that one start alone came to is no sign that none is deeper.
+            // A minimum that only one start reached does not show that none is deeper.
             let alone = !self.confirmed(2);
             let patience = if alone { 2 * CALM } else { CALM };
             if calm >= patience || !(open || alone) || self.over() {
@@ -240,22 +241,21 @@ impl Search<'_> {
         }
     }
 
-    /// Starts from the images of the best end under the symmetries that few azimuths nearly have:
-    /// mirrored and quarter-turned azimuths, αu and αv exchanged with a quarter turn; and from what facets and risers
-    /// make when they change places, half a turn on.
+    /// Descends from the images of the best end under the near symmetries of few azimuths: mirrored and quarter-turned
+    /// azimuths, αu and αv exchanged with a quarter turn, and facets and risers exchanged with half a turn.
     pub(in crate::fit) fn images(&mut self, problem: &Problem<'_>) {
         self.descend_images(problem, 1..16);
     }
 
-    /// The least of it, for a search whose quick look was enough: mirrored azimuths, which a lobe on
-    /// one side of the tilt plane nearly allows; where noise alone tells minima apart, all images.
+    /// Descends from the mirrored azimuth only, for a search whose first round was enough; a lobe on one side of the
+    /// tilt plane nearly allows it. If noise alone separates minima, all images are tried.
     pub(in crate::fit) fn mirror_image(&mut self, problem: &Problem<'_>) {
         let most = if self.effort == Effort::NOISE { 16 } else { 2 };
         self.descend_images(problem, 1..most);
     }
 
-    /// Bit 0 of an image: mirrored; bit 1: exchanged; above: quarter turns. Mirrored about every line of azimuths, where
-    /// they are few.
+    /// Bit 0 of an image: mirrored; bit 1: exchanged; higher bits: quarter turns. Images are mirrored about every line
+    /// of azimuths if there are few.
     fn descend_images(&mut self, problem: &Problem<'_>, images: std::ops::Range<u8>) {
         if self.started {
             return;
@@ -304,11 +304,11 @@ impl Search<'_> {
     }
 }
 
-/// Most lines of azimuths about which a surface is mirrored.
+/// Maximum number of azimuth lines about which a surface is mirrored.
 const LINES: usize = 3;
 
-/// The lines on which the recorded azimuths lie, to both sides of the axis, rad: a scan along one of them is its own mirror
-/// image about the tilt plane. Where they are many no image is exact, and that about 0 stands for all.
+/// Returns the lines through the axis on which the recorded azimuths lie, rad. A scan along one of them is its own
+/// mirror image about the tilt plane. If there are many, no image is exact, and the line at 0 represents all.
 fn azimuth_lines(set: &ObservationSet) -> Vec<f64> {
     let mut lines: Vec<f64> = Vec::new();
     for o in &set.observations {
@@ -327,8 +327,8 @@ fn azimuth_lines(set: &ObservationSet) -> Vec<f64> {
     lines
 }
 
-/// Descents that come near: as lanes of registers, of which the deepest go on after some steps, or one by one where lanes do
-/// not know the problem.
+/// Runs descents that come near a minimum: as lanes, of which the deepest continue after some steps, or one by one if
+/// lanes do not support the problem.
 pub(in crate::fit) fn descend(
     problem: &Problem<'_>,
     starts: &[Values],
@@ -354,7 +354,7 @@ pub(in crate::fit) fn descend(
     ends
 }
 
-/// Descents as lanes, so many starts of a `chunk` on one processor.
+/// Runs descents as lanes; each processor takes `chunk` starts at a time.
 fn as_lanes(
     problem: &Problem<'_>,
     starts: &[Values],
@@ -372,7 +372,7 @@ fn as_lanes(
         .collect()
 }
 
-/// Descents that come near, of which the deepest go on: what ends deepest is among them early.
+/// Runs descents that come near a minimum, of which the deepest continue: the deepest end is among them early.
 fn patiently(
     problem: &Problem<'_>,
     starts: &[Values],

@@ -4,7 +4,7 @@ import { PARAMETERS } from './words';
 
 const SAID: readonly (readonly [RegExp, string])[] = [
   [/`--surfaces N` shows/g, '“Surfaces, drawn anew” shows'],
-  [/state `?rig\.(\w+)`?/g, 'state it in the rig’s settings ($1)'],
+  [/\b(state|set) `?rig\.(\w+)`?/gi, '$1 it in the rig’s settings ($2)'],
   [/\btheta_l\b/g, 'the angle between lamp and camera'],
   [/^theta_c(?= has| is|:)/i, 'the camera tilt'],
   [/^phi_s(?= has| is|:)/i, 'the sample azimuth'],

@@ -120,8 +120,8 @@ const ms = (s: string | undefined): string => plain(1000 * Number(s), 6);
 export function identifiability(parameter: Parameter): { word: string; tone: 'good' | 'plain' | 'bad'; detail: string } {
   const detail = parameter.note ?? parameter.reason ?? '';
   if (parameter.value === null && /^a metal\b/i.test(detail)) return { word: 'none: a metal', tone: 'plain', detail };
-  // What was held as somebody stated it has its value, and was not asked of the data.
-  const held = parameter.value !== null && detail.startsWith('held');
+  // A held parameter has a value, but no uncertainty: the data did not determine it.
+  const held = parameter.value !== null && parameter.std === null && !parameter.identifiable;
   if (!held && (!parameter.identifiable || parameter.value === null)) {
     return { word: 'not determined by these data', tone: 'bad', detail };
   }

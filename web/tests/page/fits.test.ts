@@ -82,7 +82,7 @@ describe('the fit of a metal', () => {
   it('has no diffuse reflectance, and nothing is wrong with that', async () => {
     daemon.addFit(daemon.addScan(1, 'paper'));
     const parameters = daemon.fits[0]?.['parameters'] as Record<string, unknown>;
-    parameters['rho_d'] = { value: null, std: null, expanded: null, coverage_factor: null, identifiable: false, budget: null, note: 'a metal sends no light back from below its surface: there is no ρd to measure' };
+    parameters['rho_d'] = { value: null, std: null, expanded: null, coverage_factor: null, identifiable: false, budget: null, note: 'a metal returns no light from below its surface, so it has no ρd' };
     await page.goto(url);
     const place = page.locator('[data-parameter=rho_d] span');
     await place.waitFor();

@@ -31,8 +31,8 @@ describe('knownProblem', () => {
 
 describe('refusedWords', () => {
   it('calls parameters as the form does', () => {
-    expect(refusedWords('Fix.rho_d: rho_d lies from 0 to 1.')).toBe('The diffuse reflectance lies from 0 to 1.');
-    expect(refusedWords('Fix: k is the imaginary part of a metal’s index.')).toBe('K is the imaginary part of a metal’s index.');
+    expect(refusedWords('Fix.rho_d: rho_d is out of range; give a value from 0 to 1.')).toBe('The diffuse reflectance is out of range; give a value from 0 to 1.');
+    expect(refusedWords('Fix: k is the extinction coefficient of a metal.')).toBe('K is the extinction coefficient of a metal.');
     expect(refusedWords('Priors.new: there is none.')).toBe('The new: there is none.');
   });
 });

@@ -50,7 +50,7 @@ describe('identifiability', () => {
       word: 'not determined by these data', tone: 'bad', detail: 'no white reference',
     });
     expect(identifiability(told).tone).toBe('good');
-    expect(identifiability({ ...told, std: null, expanded: null, identifiable: false, note: 'held at this value as stated' }).word).toBe('held fixed');
+    expect(identifiability({ ...told, std: null, expanded: null, identifiable: false, note: 'held at the stated value' }).word).toBe('held fixed');
     expect(identifiability({ ...told, note: 'fixed by the white reference' })).toEqual({ word: 'held fixed', tone: 'plain', detail: 'fixed by the white reference' });
   });
 });
