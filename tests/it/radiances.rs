@@ -390,7 +390,8 @@ fn the_printed_variant_leaves_five_times_the_residual_on_plastic_and_the_result_
         found.expect("both variants are listed").rms_residual
     };
     assert!(rms(VariantName::Paper) >= 5.0 * rms(VariantName::Sawtooth));
-    let said = |w: &String| w.contains("residual of variant paper") && w.contains("that of sawtooth");
+    let said =
+        |w: &String| w.contains("residual of variant paper") && w.contains("that of sawtooth");
     assert!(report.warnings.iter().any(said), "{:?}", report.warnings);
 }
 
