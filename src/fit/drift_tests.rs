@@ -140,7 +140,7 @@ fn in_another_order(like: &ObservationSet, change: f64, seed: u64) -> Observatio
     let mut draw = rand_pcg::Pcg64::seed_from_u64(seed);
     let mut reader = csv::Reader::from_path(recorded().join("radiance.csv")).expect("a table");
     let rows = reader.records().map(|row| row.expect("a row"));
-    let rows = rows.map(|row| [0, 1, 3].map(|k: usize| row[k].parse().expect("a number")));
+    let rows = rows.map(|row| [0, 1, 3].map(|k: usize| row[k].parse::<f64>().expect("a number")));
     let mut rows: Vec<[f64; 3]> = rows
         .filter(|[tilt, ..]| tilt.rem_euclid(14.0) != 0.0)
         .collect();

@@ -381,7 +381,23 @@ fn status_word(status: Status) -> &'static str {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicBool;
+
     use super::*;
+    use crate::fit::painted::{TRUTH, painted};
+    use crate::fit::{FitOptions, fit};
+    use crate::geometry::Pose;
+
+    #[test]
+    fn notes_follow_the_warnings() {
+        let one = painted(std::iter::once(Pose::from_deg(0.0, 0.0)), &TRUTH, 1e-3, 1);
+        let mut report = fit(&one, &FitOptions::default(), &AtomicBool::new(false));
+        assert!(!table(&report, false).contains("notes"));
+        report.notes.push("No action is needed.".to_owned());
+        let text = table(&report, false);
+        let place = |section: &str| text.find(section).unwrap_or_else(|| panic!("{text}"));
+        assert!(place("\nwarnings\n  · ") < place("\nnotes\n  · No action is needed.\n"));
+    }
 
     #[test]
     fn a_row_shows_two_digits_of_the_uncertainty_and_its_largest_parts() {
