@@ -1,45 +1,44 @@
-//! What a calculation will take, told before it starts: one form for all of them.
+//! The forecast of a calculation: time, work and error, stated before it starts, in one form for all calculations.
 //!
-//! A [`Forecast`] is what the command line prints, what the daemon puts into a calculation that runs, into its
-//! events and into its result, and what the page shows. How one is made is known where things are timed
-//! (`accuracy::forecast` and its neighbours). This room names no other and knows no clock.
+//! The command line prints a [`Forecast`]; the daemon puts it into a running calculation, its events and its result; the
+//! page shows it. `accuracy::forecast` and its neighbours make them. This module imports no other and knows no clock.
 
 use serde::{Deserialize, Serialize};
 
-/// What a calculation will take.
+/// Time, work and error that a calculation is expected to take.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Forecast {
     /// Seconds in all.
     pub seconds: f64,
     /// Whether `seconds` is a bound, not an estimate.
     pub at_most: bool,
-    /// What they go to, in the order in which they are spent; empty where nothing is told apart.
+    /// Parts of that time, in the order in which they are spent; empty where parts are not separated.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub parts: Vec<Part>,
-    /// How much work it is, where that can be counted.
+    /// Amount of work, where it can be counted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub amount: Option<Amount>,
-    /// Error of the answer at its end, where that can be told.
+    /// Error of the complete result, where it can be predicted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<Expected>,
-    /// Whether the time allowed is too short for what was asked for: parts, work and error are of all of it.
+    /// Whether the time limit is too short for the whole calculation; parts, work and error are those of the whole.
     #[serde(default)]
     pub cut_short: bool,
-    /// Seconds that all of it would take, where a limit cuts it.
+    /// Seconds of the whole calculation, where a limit cuts it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncut_seconds: Option<f64>,
-    /// What a limit leaves of work that is drawn at random; `amount` and `error` are of all of it.
+    /// What random sampling reaches at the limit; `amount` and `error` are those of the whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_limit: Option<AtLimit>,
 }
 
-/// How far random draws come by a limit of time.
+/// What random sampling reaches at a time limit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AtLimit {
-    /// How many are drawn by then.
+    /// Number of samples drawn at the limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub count: Option<u64>,
-    /// The error by then.
+    /// Error at the limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<f64>,
 }
@@ -47,27 +46,27 @@ pub struct AtLimit {
 /// Seconds of a part.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Part {
-    /// What for: "to read frames".
+    /// Purpose: "to read frames".
     pub what: String,
-    /// How long.
+    /// Duration, s.
     pub seconds: f64,
 }
 
 /// Countable work.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Amount {
-    /// How many.
+    /// Number.
     pub count: u64,
-    /// Of what: "photons".
+    /// Noun: "photons".
     pub of: String,
 }
 
-/// An error that is to be expected.
+/// An expected error.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Expected {
     /// Relative standard error, or a bound on the share that is left out.
     pub value: f64,
-    /// Of what: "a reflected bin".
+    /// Quantity: "a reflected bin".
     pub of: String,
 }
 
@@ -87,7 +86,7 @@ impl Forecast {
         }
     }
 
-    /// The sum of parts; those of no time are not told.
+    /// Sums parts; a part without time is left out.
     #[must_use]
     pub fn of_parts<const N: usize>(parts: [(&str, f64); N]) -> Self {
         let taken = parts.into_iter().filter(|(_, seconds)| *seconds > 0.0);
@@ -102,7 +101,7 @@ impl Forecast {
         }
     }
 
-    /// With how much work it is.
+    /// Adds the amount of work.
     #[must_use]
     pub fn for_work(self, count: u64, of: &str) -> Self {
         let of = of.to_owned();
@@ -112,7 +111,7 @@ impl Forecast {
         }
     }
 
-    /// With the error at its end; nothing is added where nobody knows it.
+    /// Adds the error of the complete result, if it is known.
     #[must_use]
     pub fn to_error(self, value: Option<f64>, of: &str) -> Self {
         let of = of.to_owned();
@@ -122,7 +121,7 @@ impl Forecast {
         }
     }
 
-    /// With no more than `limit` seconds spent on what is left when a limit is reached.
+    /// Cuts the time to `limit` seconds.
     #[must_use]
     pub fn within(self, limit: Option<f64>) -> Self {
         match limit {
@@ -136,30 +135,29 @@ impl Forecast {
         }
     }
 
-    /// The same for work that is drawn at random: fewer draws by the limit, and an error that grows with the root of
-    /// what is missing.
+    /// Cuts random sampling to `limit` seconds: fewer samples, and an error that grows with the root of the missing share.
     #[must_use]
     pub fn drawn_within(self, limit: Option<f64>) -> Self {
-        let told = self.within(limit);
-        let Some(uncut) = told.uncut_seconds.filter(|_| told.cut_short) else {
-            return told;
+        let forecast = self.within(limit);
+        let Some(uncut) = forecast.uncut_seconds.filter(|_| forecast.cut_short) else {
+            return forecast;
         };
-        let share = (told.seconds / uncut).clamp(0.0, 1.0);
+        let share = (forecast.seconds / uncut).clamp(0.0, 1.0);
         let at_limit = AtLimit {
-            count: told
+            count: forecast
                 .amount
                 .as_ref()
                 .map(|all| (share * all.count as f64) as u64),
-            error: told.error.as_ref().map(|all| all.value / share.sqrt()),
+            error: forecast.error.as_ref().map(|all| all.value / share.sqrt()),
         };
         Forecast {
-            // A limit of no time leaves nothing to tell.
+            // At a limit of 0 s nothing is sampled.
             at_limit: (share > 0.0).then_some(at_limit),
-            ..told
+            ..forecast
         }
     }
 
-    /// The same work so many times over.
+    /// Returns the forecast of the same work repeated `count` times.
     #[must_use]
     pub fn times(self, count: u32) -> Self {
         let n = f64::from(count.max(1));
@@ -178,7 +176,7 @@ impl Forecast {
         }
     }
 
-    /// Seconds of a part by its name; 0 where it has none.
+    /// Returns the seconds of a part by its name; 0 if there is no such part.
     #[must_use]
     pub fn part(&self, what: &str) -> f64 {
         let found = self.parts.iter().find(|p| p.what == what);
@@ -189,37 +187,45 @@ impl Forecast {
 impl std::fmt::Display for Forecast {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let about = if self.at_most { "at most" } else { "about" };
-        if let Some(uncut) = self.uncut_seconds {
-            write!(f, "{:.1} s, where the limit ends what takes ", self.seconds)?;
-            write!(f, "{about} {uncut:.1} s")?;
-        } else {
-            write!(f, "{about} {:.1} s", self.seconds)?;
-        }
-        if let Some(amount) = &self.amount {
-            write!(f, " for {} {}", amount.count, amount.of)?;
-            if let Some(count) = self.at_limit.as_ref().and_then(|at| at.count) {
-                write!(f, " (about {count} by the limit)")?;
-            }
-        }
-        for (n, part) in self.parts.iter().enumerate() {
+        let parts = self.parts.iter().enumerate().map(|(n, part)| {
             let before = if n == 0 { ":" } else { "," };
-            write!(f, "{before} {:.1} s {}", part.seconds, part.what)?;
-        }
-        if let Some(error) = &self.error {
-            write!(
-                f,
-                ", error of {} about {:.2} %",
-                error.of,
-                100.0 * error.value
-            )?;
-            if let Some(error) = self.at_limit.as_ref().and_then(|at| at.error) {
-                write!(f, " ({:.2} % by the limit)", 100.0 * error)?;
+            format!("{before} {:.1} s {}", part.seconds, part.what)
+        });
+        let parts: String = parts.collect();
+        let work = self.amount.as_ref().map(|all| (all.count, &all.of));
+        let error = self.error.as_ref().map(|all| (100.0 * all.value, &all.of));
+        let Some(whole_s) = self.uncut_seconds else {
+            write!(f, "{about} {:.1} s", self.seconds)?;
+            if let Some((count, of)) = work {
+                write!(f, " for {count} {of}")?;
             }
+            f.write_str(&parts)?;
+            if let Some((error, of)) = error {
+                write!(f, ", error of {of} about {error:.2} %")?;
+            }
+            return match self.cut_short {
+                true => f.write_str(" (limited by the time allowed)"),
+                false => Ok(()),
+            };
+        };
+        let at_limit = self.at_limit.as_ref();
+        write!(f, "stops at the {:.1} s limit", self.seconds)?;
+        let mut all = format!("all of it: {about} {whole_s:.1} s");
+        match (work, at_limit.and_then(|at| at.count)) {
+            (Some((count, of)), Some(drawn)) => write!(f, " after about {drawn} of {count} {of}")?,
+            (Some((count, of)), None) => all.push_str(&format!(" for {count} {of}")),
+            (None, _) => {}
         }
-        if self.cut_short && self.uncut_seconds.is_none() {
-            f.write_str(" (time allows no more)")?;
+        all.push_str(&parts);
+        match (error, at_limit.and_then(|at| at.error)) {
+            (Some((error, of)), Some(reached)) => {
+                write!(f, ", error of {of} about {:.2} %", 100.0 * reached)?;
+                all.push_str(&format!(", error {error:.2} %"));
+            }
+            (Some((error, of)), None) => write!(f, ", error of {of} about {error:.2} %")?,
+            (None, _) => {}
         }
-        Ok(())
+        write!(f, " ({all})")
     }
 }
 
@@ -229,38 +235,41 @@ mod tests {
 
     #[test]
     fn parts_add_up_and_a_forecast_survives_its_json() {
-        let told = Forecast::of_parts([("to read", 1.5), ("to draw", 0.0), ("to fit", 2.0)])
+        let forecast = Forecast::of_parts([("to read", 1.5), ("to draw", 0.0), ("to fit", 2.0)])
             .for_work(108, "poses")
             .to_error(Some(0.012), "a radiance");
-        assert_eq!(told.seconds, 3.5);
-        assert_eq!((told.part("to fit"), told.part("to draw")), (2.0, 0.0));
+        assert_eq!(forecast.seconds, 3.5);
         assert_eq!(
-            told.to_string(),
+            (forecast.part("to fit"), forecast.part("to draw")),
+            (2.0, 0.0)
+        );
+        assert_eq!(
+            forecast.to_string(),
             "about 3.5 s for 108 poses: 1.5 s to read, 2.0 s to fit, error of a radiance about 1.20 %"
         );
-        let json = serde_json::to_string(&told).unwrap();
-        assert_eq!(serde_json::from_str::<Forecast>(&json).unwrap(), told);
+        let json = serde_json::to_string(&forecast).unwrap();
+        assert_eq!(serde_json::from_str::<Forecast>(&json).unwrap(), forecast);
     }
 
     #[test]
-    fn a_limit_cuts_what_is_longer_and_nothing_else() {
-        let told = Forecast::about(10.0);
-        assert_eq!(told.clone().within(None), told);
-        assert_eq!(told.clone().within(Some(20.0)), told);
-        let cut = told.within(Some(4.0));
+    fn a_limit_cuts_only_a_longer_calculation() {
+        let forecast = Forecast::about(10.0);
+        assert_eq!(forecast.clone().within(None), forecast);
+        assert_eq!(forecast.clone().within(Some(20.0)), forecast);
+        let cut = forecast.within(Some(4.0));
         assert!(cut.cut_short && cut.seconds == 4.0);
         assert_eq!(
             cut.to_string(),
-            "4.0 s, where the limit ends what takes about 10.0 s"
+            "stops at the 4.0 s limit (all of it: about 10.0 s)"
         );
-        // Every pixel of a map that is cut short is as good as before: only what is drawn at random gets worse.
+        // A pixel of a map that is cut short is as good as before; only random sampling gets worse.
         assert_eq!(cut.at_limit, None);
         let again = cut.within(Some(3.0));
         assert_eq!((again.seconds, again.uncut_seconds), (3.0, Some(10.0)));
     }
 
     #[test]
-    fn fewer_draws_by_a_limit_have_the_larger_error() {
+    fn fewer_samples_have_a_larger_error() {
         let all = Forecast::about(100.0)
             .for_work(1_000_000, "photons")
             .to_error(Some(0.01), "a reflected bin");
@@ -268,8 +277,8 @@ mod tests {
         let cut = all.clone().drawn_within(Some(4.0));
         assert_eq!(
             cut.to_string(),
-            "4.0 s, where the limit ends what takes about 100.0 s for 1000000 photons (about 40000 by the limit), \
-             error of a reflected bin about 1.00 % (5.00 % by the limit)"
+            "stops at the 4.0 s limit after about 40000 of 1000000 photons, error of a reflected bin about 5.00 % \
+             (all of it: about 100.0 s, error 1.00 %)"
         );
         assert_eq!(all.drawn_within(Some(0.0)).at_limit, None);
     }

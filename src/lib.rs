@@ -9,6 +9,7 @@ pub mod cli;
 pub mod clock;
 pub mod config;
 pub mod contrast;
+pub mod daemon;
 #[cfg(test)]
 mod extremes;
 pub mod fit;

@@ -1,20 +1,20 @@
-//! What the quantities of a rig, a camera, a white reference and a sample may be: one table for the manifest
-//! of a recorded series, the daemon's settings and the options of a prediction.
+//! Allowed values of the quantities of a rig, a camera, a white reference and a sample: one table for the manifest of
+//! a recorded series, the daemon's settings and the options of a prediction.
 //!
-//! A quantity has one [`Limit`], the widest that a recorded series may rightly hold, and whoever reads it asks
-//! [`Limit::holds`]. Where two readers differ on purpose there are two, and the second says why. This room
-//! knows neither where a value was written nor how a refusal is worded there.
+//! A quantity has one [`Limit`], the widest that a recorded series may rightly hold; readers check it with
+//! [`Limit::holds`]. Where two readers differ on purpose there are two limits, and the second states the reason. The
+//! module knows neither where a value was written nor how a refusal is worded there.
 
-/// The values that a quantity may have.
+/// The allowed values of a quantity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limit {
-    /// Its key with its unit, as files have it; options have `-` for `_`.
+    /// Its key with its unit, as in files; options have `-` for `_`.
     pub name: &'static str,
-    /// Where values begin.
+    /// Lower end of the range.
     pub low: f64,
-    /// Whether `low` itself is too little.
+    /// Whether `low` itself is excluded.
     pub above_low: bool,
-    /// The greatest value.
+    /// Upper end of the range.
     pub high: f64,
     /// What to write instead.
     pub remedy: &'static str,
@@ -41,7 +41,7 @@ impl Limit {
         }
     }
 
-    /// The same quantity from `low` to `high` and no further.
+    /// Returns the same quantity with the range `low` to `high`.
     const fn narrowed(self, low: f64, high: f64) -> Limit {
         Limit {
             low,
@@ -51,13 +51,13 @@ impl Limit {
         }
     }
 
-    /// Whether `value` is one of them; a NaN is none.
+    /// Whether `value` is allowed; a NaN is not.
     #[must_use]
     pub fn holds(&self, value: f64) -> bool {
         (self.low..=self.high).contains(&value) && !(self.above_low && value == self.low)
     }
 
-    /// The values in words: `0 to 90`, `above 0 and at most 1.2`.
+    /// Returns the range in words: `0 to 90`, `above 0 and at most 1.2`.
     #[must_use]
     pub fn allowed(&self) -> String {
         let Limit { low, high, .. } = self;
@@ -68,8 +68,8 @@ impl Limit {
     }
 }
 
-const ANGLE: &str = "an angle between 0° and 90° stands here";
-const COUNT: &str = "a number between 1 and 65535 stands here";
+const ANGLE: &str = "expected an angle between 0° and 90°";
+const COUNT: &str = "expected a number between 1 and 65535";
 const FINITE: &str = "write a finite number";
 const FROM_0: &str = "write it from 0";
 const POSITIVE: &str = "write a number above 0";
@@ -85,18 +85,18 @@ pub const LENS_ANGULAR_RADIUS_DEG: Limit =
     Limit::within("lens_angular_radius_deg", 0.0, 90.0, ANGLE);
 /// Azimuth of the lamp about the camera's axis.
 pub const LIGHT_AZIMUTH_DEG: Limit = Limit::within("light_azimuth_deg", -360.0, 360.0, TURN);
-/// Added to the recorded φs it gives the azimuth of v.
+/// Angle to add to the recorded φs for the azimuth of v.
 pub const AZIMUTH_ZERO_DEG: Limit = Limit::within("azimuth_zero_deg", -360.0, 360.0, TURN);
-/// Its standard uncertainty; more is as good as none.
+/// Standard uncertainty of that angle; a larger one carries no information.
 pub const AZIMUTH_ZERO_STD_DEG: Limit = Limit::within(
     "azimuth_zero_std_deg",
     0.0,
     180.0,
     "write the standard uncertainty in degrees",
 );
-/// An azimuth of a recorded series: other programs count turns, and an angle is none the worse for it.
+/// An azimuth of a recorded series. Other programs count full turns, so it may exceed 360°.
 pub const RECORDED_AZIMUTH: Limit = Limit::within("azimuth_deg", -1e6, 1e6, FINITE);
-/// Standard uncertainty of how the sample's mean plane is inclined to the turntable.
+/// Standard uncertainty of the inclination of the sample's mean plane to the turntable.
 pub const SAMPLE_WEDGE_STD_DEG: Limit = Limit::within(
     "sample_wedge_std_deg",
     0.0,
@@ -136,8 +136,8 @@ pub const BLACK_LEVEL_DN: Limit = Limit::within("black_level_dn", 0.0, 65535.0, 
 pub const READ_NOISE_ELECTRONS_RMS: Limit =
     Limit::within("read_noise_electrons_rms", 0.0, 65535.0, FROM_0);
 
-/// Diffuse reflectance of the white reference: one that shines more along some directions than a perfect
-/// diffuser is certified above 1.
+/// Diffuse reflectance of the white reference. A reference that is brighter than a perfect diffuser in some directions
+/// is certified above 1.
 pub const FLAT_REFLECTANCE: Limit = Limit::above_0(
     "reflectance",
     1.2,
@@ -150,8 +150,8 @@ pub const FLAT_REFLECTANCE_STD: Limit = Limit::within(
     1.0,
     "write the standard uncertainty, not per cent",
 );
-/// The same in the settings of a rig, where it goes into every scan: it was measured, so it is not 0, and a
-/// reference known no better than to half is none.
+/// The same in the settings of a rig, which apply to every scan: it was measured, so it is not 0, and a reference whose
+/// reflectance is uncertain by half of it is unusable.
 pub const RIGS_REFLECTANCE_STD: Limit = Limit {
     above_low: true,
     ..FLAT_REFLECTANCE_STD.narrowed(0.0, 0.5)
@@ -167,21 +167,21 @@ pub const EXPOSURE_REL_STD: Limit = Limit::within(
 
 /// Index of a plastic.
 pub const INDEX_OF_REFRACTION: Limit =
-    Limit::within("index_of_refraction", 1.0, 10.0, "n lies from 1 to 10");
+    Limit::within("index_of_refraction", 1.0, 10.0, "expected 1 to 10");
 /// Real part of a sample's index.
 pub const SAMPLE_ETA: Limit = Limit::above_0("eta", 1e6, POSITIVE);
 /// Imaginary part of a sample's index, or the uncertainty of a part.
 pub const SAMPLE_K: Limit = Limit::within("k", 0.0, 50.0, FROM_0);
-/// Index of a plastic sample on the rig: one of 1 reflects nothing.
+/// Index of a plastic sample on the rig; an index of 1 reflects nothing.
 pub const RIGS_INDEX: Limit = INDEX_OF_REFRACTION.narrowed(1.0001, 10.0);
 /// Real part of a metal sample's index on the rig.
 pub const RIGS_ETA: Limit = SAMPLE_ETA.narrowed(0.01, 100.0);
-/// Share of a body's light that leaves evenly over the ridges.
+/// Share of a translucent body's light that leaves evenly over the ridges.
 pub const TRANSLUCENCY: Limit = Limit::within(
     "translucency",
     0.0,
     1.0,
-    "write a share: 0 for an opaque body, 1 for one whose light all leaves evenly",
+    "write a share: 0 for an opaque body, 1 for a body all of whose light leaves evenly",
 );
 /// Standard uncertainty of that share.
 pub const TRANSLUCENCY_STD: Limit = Limit::within(
@@ -193,19 +193,20 @@ pub const TRANSLUCENCY_STD: Limit = Limit::within(
 /// Distance from ridge to ridge.
 pub const PITCH_LENGTH_UM: Limit = Limit::above_0("pitch_length_um", 1e6, POSITIVE);
 
-/// Of predictions: closed forms end at 1.5 rad (`model::domain`), where a recorded series may still be read.
+/// Angle between lamp and camera of a prediction: closed forms end at 1.5 rad (`model::domain`); a recorded series may
+/// have larger angles.
 pub const PREDICTED_THETA_L_DEG: Limit = THETA_L_DEG.narrowed(0.0, 80.0);
-/// Half angle of a predicted lamp: nothing measured says how well wider ones are predicted.
+/// Half angle of a predicted lamp. No measurement shows how well wider lamps are predicted.
 pub const PREDICTED_LIGHT_ANGULAR_RADIUS_DEG: Limit = LIGHT_ANGULAR_RADIUS_DEG.narrowed(0.0, 10.0);
 /// Half angle of a predicted lens, for the same reason.
 pub const PREDICTED_LENS_ANGULAR_RADIUS_DEG: Limit = LENS_ANGULAR_RADIUS_DEG.narrowed(0.0, 30.0);
-/// Real part of the index of a predicted surface: air in glass too, and no further than tables of metals.
+/// Real part of the index of a predicted surface: from air in glass to the largest value in the tables of metals.
 pub const PREDICTED_ETA: Limit = SAMPLE_ETA.narrowed(1e-3, 1e3);
-/// Imaginary part of the index of a predicted surface, metals in the infrared among them.
+/// Imaginary part of the index of a predicted surface, including metals in the infrared.
 pub const PREDICTED_K: Limit = SAMPLE_K.narrowed(0.0, 1e3);
-/// Ridge angle that a simulated rig paints.
+/// Ridge angle of a surface that a simulated rig renders.
 pub const PAINTED_RIDGE_DEG: Limit = Limit::within("theta_r_deg", 0.0, 40.0, ANGLE);
-/// Roughness that a simulated rig paints.
+/// Roughness of a surface that a simulated rig renders.
 pub const PAINTED_ALPHA: Limit = ALPHA.narrowed(0.01, 0.6);
 /// Roughness of a predicted surface.
 pub const ALPHA: Limit = Limit::within("alpha", 1e-4, 10.0, POSITIVE);
@@ -216,7 +217,7 @@ pub const THETA_C_DEG: Limit = Limit::within(
     "theta_c_deg",
     -89.0,
     89.0,
-    "the camera stays above the surface",
+    "the camera must stay above the surface",
 );
 /// Ridge angle for which a radiance is predicted.
 pub const THETA_R_DEG: Limit = Limit::within("theta_r_deg", 0.0, 60.0, "write it in degrees");
@@ -235,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_is_said_with_its_open_end() {
+    fn the_words_of_a_limit_show_its_open_end() {
         assert_eq!(THETA_L_DEG.allowed(), "0 to 90");
         assert_eq!(FLAT_REFLECTANCE.allowed(), "above 0 and at most 1.2");
         assert!(

@@ -1,4 +1,4 @@
-//! The command-line program: parses, sets up logging, hands over to one subcommand.
+//! The command-line program: parses the command line, sets up logging and runs one subcommand.
 
 use std::io::IsTerminal;
 use std::process::ExitCode;
@@ -13,7 +13,7 @@ fn main() -> ExitCode {
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
-        // It would be told on the very stderr that cannot be written, and that panics.
+        // A message about it would go to the same stderr that cannot be written, and panic.
         .log_internal_errors(false)
         .init();
     cli::run(cli::parse())

@@ -1,7 +1,6 @@
-//! Numbers as people read them, in one form for every table and message: counts with their noun, and values with no
-//! more digits than mean something; what parsers refuse, in plain words ([`refusals`], [`toml_text`]), and what they should
-//! ([`objects`]); what differs between two settings ([`differences`]); numbers of any size
-//! ([`numbers`]); tables as spreadsheets save them ([`sheet`]).
+//! Text for people, in one form for all tables and messages: counts with their noun, values with their significant
+//! digits, differences between two settings ([`differences`]); and readers that report errors in plain words: JSON, TOML
+//! ([`toml_text`]) and tables of spreadsheets ([`sheet`]).
 
 pub mod differences;
 pub mod numbers;
@@ -12,14 +11,14 @@ pub mod toml_text;
 
 use std::ops::RangeInclusive;
 
-/// A count and its noun: `1 frame`, `0 frames`, `12 frames`.
+/// Returns a count with its noun: `1 frame`, `0 frames`, `12 frames`.
 #[must_use]
 pub fn counted(count: usize, noun: &str) -> String {
     let plural = if count == 1 { "" } else { "s" };
     format!("{count} {noun}{plural}")
 }
 
-/// Bytes in hexadecimal, two digits each.
+/// Returns bytes in hexadecimal, two digits each.
 #[must_use]
 pub fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write as _;
@@ -29,19 +28,19 @@ pub fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Three significant digits: in plain decimals from a thousandth to a million, as a power of ten beyond.
+/// Returns three significant digits: in decimals from a thousandth to a million, otherwise as a power of ten.
 #[must_use]
 pub fn significant(value: f64) -> String {
     rounded(value, 3, -3..=5)
 }
 
-/// A share as a percentage of two significant digits: `0.62 %`, `12 %`, `5.0e-7 %`.
+/// Returns a share as a percentage with two significant digits: `0.62 %`, `12 %`, `5.0e-7 %`.
 #[must_use]
 pub fn percent(share: f64) -> String {
     format!("{} %", rounded(100.0 * share, 2, -4..=3))
 }
 
-/// So many significant digits, in decimals where the power of ten is one of these.
+/// Returns `digits` significant digits, in decimals where the power of ten is within `plain`.
 fn rounded(value: f64, digits: usize, plain: RangeInclusive<i32>) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
@@ -59,7 +58,7 @@ fn rounded(value: f64, digits: usize, plain: RangeInclusive<i32>) -> String {
     }
 }
 
-/// Decimals that show two digits of an uncertainty.
+/// Returns the number of decimals that show two digits of an uncertainty.
 #[must_use]
 pub fn decimals(uncertainty: f64) -> usize {
     if uncertainty > 0.0 && uncertainty.is_finite() {
@@ -70,7 +69,7 @@ pub fn decimals(uncertainty: f64) -> usize {
     }
 }
 
-/// A stated value with the digits that it was stated with, as a power of ten where those would be a row of noughts.
+/// Returns a stated value with the digits that it was stated with, as a power of ten where these would be many zeros.
 #[must_use]
 pub fn stated(value: f64) -> String {
     match value.abs() {

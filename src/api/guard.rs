@@ -276,7 +276,7 @@ async fn keyed(app: &App, key: &str, request: Request, next: Next) -> Result<Res
             .map(str::to_owned),
         body: String::from_utf8_lossy(&body).into_owned(),
     };
-    store.keep_answer(key, &told, &answer).await?;
+    app.lab.keep_answer(key, &told, &answer).await?;
     Ok(Response::from_parts(parts, Body::from(body)))
 }
 

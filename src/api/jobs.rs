@@ -128,11 +128,11 @@ async fn file(
     number: i64,
     name: &str,
 ) -> Result<impl IntoResponse + use<>, ApiError> {
-    let path = app.lab.job_file(JobId::new(kind, number), name).await?;
-    let bytes = tokio::fs::read(&path)
-        .await
-        .map_err(|e| StoreError::file("a file of a job", &path, e))?;
-    let kind = match path.extension().and_then(|e| e.to_str()) {
+    let bytes = app
+        .lab
+        .read_job_file(JobId::new(kind, number), name)
+        .await?;
+    let kind = match name.rsplit_once('.').map(|(_, extension)| extension) {
         Some("png") => "image/png",
         Some("tif") => "image/tiff",
         Some("csv") => "text/csv; charset=utf-8",

@@ -225,10 +225,7 @@ pub(super) async fn add(
         note,
         simulated: body.simulated,
     };
-    if let Some((field, message)) = new.fault() {
-        return Err(ApiError::invalid(field, message));
-    }
-    let sample = app.lab.store().add_sample(&new).await?;
+    let sample = app.lab.add_sample(&new).await?;
     let location = format!("/api/v1/samples/{}", sample.id);
     Ok((
         StatusCode::CREATED,

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::Context;
 use serde::Serialize;
 
-use super::{CliError, interrupt, place};
+use super::{CliError, interrupt, output_path};
 use crate::accuracy::proof::{self, Proof};
 use crate::accuracy::{self, Effort, LEVEL, Measurements, Point, page, plot, slope};
 use crate::lab::accuracy_results::{ACCURACY_FILE, ACCURACY_FOLDER};
@@ -19,7 +19,7 @@ use crate::model::LeftOut;
     after_help = "Example:\n  ridged accuracy --quick --out accuracy\n\nWrites accuracy.csv, plans.csv, accuracy.json, one SVG per scene and a page with all of them, index.html, into DIR."
 )]
 pub struct Args {
-    /// Fewer scenes and photons; takes less than a minute.
+    /// Fewer scenes and photons; takes a minute or two.
     #[arg(long)]
     pub quick: bool,
     /// Folder for accuracy.csv and the pictures.
@@ -42,7 +42,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         Some(data) => data.join(ACCURACY_FOLDER),
         None => args.out.clone(),
     };
-    place::for_files(&out)?;
+    output_path::check_folder(&out)?;
     let cancel = interrupt::flag()?;
     let effort = if args.quick {
         Effort::Quick
@@ -50,7 +50,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         Effort::Full
     };
     std::fs::create_dir_all(&out)
-        .with_context(|| format!("cannot make the folder {}", out.display()))
+        .with_context(|| format!("cannot create the folder {}", out.display()))
         .map_err(CliError::no_result)?;
     let started = Instant::now();
     let terminal = std::io::stderr().is_terminal();
@@ -170,7 +170,7 @@ fn write(folder: &Path, report: &Report<'_>) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// One row per scene: whether its plan keeps its word and what that brings.
+/// Writes one row per scene: whether its plan stays within the tolerance, and the time that it saves.
 fn write_proofs(path: &Path, proofs: &[Proof]) -> anyhow::Result<()> {
     let failed = || format!("cannot write {}", path.display());
     let mut table = csv::Writer::from_path(path).with_context(failed)?;
@@ -214,7 +214,7 @@ fn write_proofs(path: &Path, proofs: &[Proof]) -> anyhow::Result<()> {
     table.flush().with_context(failed)
 }
 
-/// The proofs in words.
+/// Prints the comparisons of plans with full computations.
 pub(super) fn print_proofs(proofs: &[Proof], out: &mut dyn Write) -> std::io::Result<()> {
     if proofs.is_empty() {
         return Ok(());
@@ -222,14 +222,14 @@ pub(super) fn print_proofs(proofs: &[Proof], out: &mut dyn Write) -> std::io::Re
     let kept = proofs.iter().filter(|p| p.holds).count();
     writeln!(
         out,
-        "\nplans that keep their word (difference to everything on within tolerance + 2 σ): {kept} of {}",
+        "\nplans within their tolerance (difference to the full computation at most tolerance + 2 σ): {kept} of {}",
         proofs.len()
     )?;
     for p in proofs {
         let verdict = if p.holds { "ok " } else { "NOT" };
         writeln!(
             out,
-            "  {verdict} {:<32} off {:+.2} % (allowed {:.2} %), ×{:.2} faster ({:.1} ms against {:.1} ms): {}",
+            "  {verdict} {:<32} error {:+.2} % (allowed {:.2} %), ×{:.2} faster ({:.1} ms instead of {:.1} ms): {}",
             p.scene,
             100.0 * p.off,
             100.0 * p.allowed,
@@ -274,7 +274,7 @@ fn print(report: &Report<'_>, json: bool) -> std::io::Result<()> {
                 group[0].method, best.error, best.seconds, group[0].quantity
             )?;
             match slope(&group) {
-                // More time does not help a method that leaves something out.
+                // More time does not help a method with a bias.
                 Some(slope) if slope > LEVEL => writeln!(out, ", levels off")?,
                 Some(slope) => writeln!(out, ", slope {slope:.2}")?,
                 None => writeln!(out)?,
@@ -282,12 +282,12 @@ fn print(report: &Report<'_>, json: bool) -> std::io::Result<()> {
         }
     }
     for r in &found.rates {
-        let told = r
+        let actual = r
             .found
-            .map_or_else(|| "rounding came first".to_owned(), |x| format!("{x:.4}"));
+            .map_or_else(|| "hidden by rounding".to_owned(), |x| format!("{x:.4}"));
         writeln!(
             out,
-            "\n{}: {} {told} ({:.4} predicted)",
+            "\n{}: {} {actual} ({:.4} predicted)",
             r.scene, r.quantity, r.predicted
         )?;
     }
@@ -317,7 +317,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_report_says_what_it_cost_and_what_it_left_out() {
+    fn the_report_states_its_cost_and_what_it_left_out() {
         let found = Measurements::default();
         let report = Report {
             machine: "a machine",

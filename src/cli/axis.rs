@@ -1,7 +1,7 @@
 //! Ticks of a figure's axis: round numbers from zero up.
 
-/// Values 0, s, 2s … and their labels, where s is 1, 2 or 5 times a power of ten; the last one is the first that
-/// reaches `max`, so an axis that ends there holds everything. `max` is above 0; about five steps make it up.
+/// Returns the values 0, s, 2s … and their labels, where s is 1, 2 or 5 times a power of ten. The last value is the first
+/// that reaches `max` (above 0), after about five steps.
 pub(super) fn ticks(max: f64) -> Vec<(f64, String)> {
     let step = step(max);
     let decimals = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
@@ -14,7 +14,7 @@ pub(super) fn ticks(max: f64) -> Vec<(f64, String)> {
         .collect()
 }
 
-/// 1, 2 or 5 times a power of ten, three to five of which make up `max`.
+/// Returns 1, 2 or 5 times a power of ten, so that three to five steps reach `max`.
 fn step(max: f64) -> f64 {
     let raw = max / 5.0;
     let power = 10f64.powf(raw.log10().floor());
@@ -23,7 +23,7 @@ fn step(max: f64) -> f64 {
     fits.unwrap_or(max)
 }
 
-/// A number as a figure writes it: a true minus sign.
+/// Formats a number for a figure, with a true minus sign.
 pub(super) fn signed(text: &str) -> String {
     text.replace('-', "\u{2212}")
 }

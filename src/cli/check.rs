@@ -1,4 +1,4 @@
-//! `ridged check`: stiff and extreme cases, expected and found.
+//! `ridged check`: stiff and extreme cases, expected and actual results.
 
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
@@ -11,7 +11,7 @@ use super::{CliError, interrupt};
 use crate::check::{self, Effort, Row};
 use crate::model::LeftOut;
 
-/// Computes stiff and extreme cases and compares them with what is known.
+/// Computes stiff and extreme cases and compares them with known results.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  ridged check --json | jq '.rows[] | select(.as_expected | not)'\n\nExit code 1 if a row is not as expected."
@@ -30,7 +30,7 @@ struct Report<'a> {
     rows: &'a [Row],
     as_expected: usize,
     not_as_expected: usize,
-    /// Largest share of what is allowed that a finding is off by.
+    /// Largest deviation of a result, as a share of the allowed deviation.
     largest_share_of_allowed: Option<f64>,
     /// Seconds per part.
     timing_s: BTreeMap<String, f64>,
@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_report_says_how_wrong_what_it_cost_and_what_it_left_out() {
+    fn the_report_states_error_cost_and_what_it_left_out() {
         let report = Report {
             rows: &[],
             as_expected: 0,

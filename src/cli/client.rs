@@ -1,4 +1,4 @@
-//! Commands that talk to a running daemon: where it is, and plain JSON over HTTP.
+//! The client of a running daemon: finds it by its notice and sends JSON over HTTP.
 
 use std::path::Path;
 use std::time::Duration;
@@ -7,7 +7,7 @@ use anyhow::anyhow;
 use serde_json::Value;
 
 use super::CliError;
-use super::daemon::NOTICE_FILE;
+use crate::daemon::NOTICE_FILE;
 use crate::store::Store;
 
 /// A running daemon.
@@ -18,28 +18,28 @@ pub struct Client {
     pub url: String,
 }
 
-/// Who works on a data folder.
-enum Holder {
-    Nobody,
-    /// A daemon, by its notice; with its process where the lock names the same one.
+/// The process that holds a data folder.
+enum FolderHolder {
+    Free,
+    /// A daemon, by its notice; with its process number where the lock names the same one.
     Daemon(Client, Option<u64>),
-    /// A process that answers no commands: a scan or an import that does its work itself, a daemon that begins or ends.
+    /// A process that answers no commands: a scan or import without a daemon, or a daemon that is starting or ending.
     Other(Option<u64>),
 }
 
-impl Holder {
-    fn of(folder: &Path) -> Holder {
-        // The notice of a daemon that was killed is still there, and its port may be another's now:
-        // only the lock tells that somebody has this folder.
+impl FolderHolder {
+    fn of(folder: &Path) -> FolderHolder {
+        // The notice of a killed daemon remains, and another program may have its port now: only the lock shows whether a
+        // process holds this folder.
         if !Store::is_in_use(folder) {
-            return Holder::Nobody;
+            return FolderHolder::Free;
         }
         let locked_by = locked_by(folder);
         let Some((url, process)) = notice(folder) else {
-            return Holder::Other(locked_by);
+            return FolderHolder::Other(locked_by);
         };
         if locked_by.is_some() && locked_by != process {
-            return Holder::Other(locked_by);
+            return FolderHolder::Other(locked_by);
         }
         let client = Client {
             agent: ureq::Agent::config_builder()
@@ -49,41 +49,41 @@ impl Holder {
                 .into(),
             url,
         };
-        Holder::Daemon(client, locked_by)
+        FolderHolder::Daemon(client, locked_by)
     }
 }
 
-/// Why there is nobody to talk to.
+/// The error where no daemon runs.
 fn no_daemon(folder: &Path) -> CliError {
     CliError::no_result(anyhow!(
-        "no daemon runs on {}; start one with `ridged serve`, or name its folder with --data",
+        "no daemon runs on {}; start one with `ridged serve`, or give its data folder with --data",
         folder.display()
     ))
 }
 
-/// The same where the folder is taken: a second daemon would be refused.
+/// The error where another process holds the folder, so that a second daemon would be refused.
 fn works_alone(folder: &Path, process: Option<u64>) -> CliError {
     let folder = folder.display();
     CliError::no_result(match process {
         Some(process) => anyhow!(
-            "no daemon runs on {folder}, but another ridged process (process {process}) has it and takes no commands: a \
-             scan without a daemon, or a daemon that begins or ends; Ctrl-C there, or `kill -INT {process}`, stops \
-             what it drives"
+            "no daemon runs on {folder}, but another ridged process (process {process}) holds it and takes no commands: \
+            a scan without a daemon, or a daemon that is starting or ending; Ctrl-C there, or `kill -INT {process}`, \
+            stops what it drives"
         ),
         None => anyhow!(
-            "no daemon runs on {folder}, but another ridged process has it and takes no commands: a scan without a \
-             daemon, or a daemon that begins or ends; Ctrl-C there stops what it drives"
+            "no daemon runs on {folder}, but another ridged process holds it and takes no commands: a scan without a \
+            daemon, or a daemon that is starting or ending; Ctrl-C there stops what it drives"
         ),
     })
 }
 
-/// Number of the process that has the folder, as it wrote it into the lock; on a full disk it could not.
+/// Number of the process that holds the folder, read from the lock; `None` if a full disk prevented writing it.
 fn locked_by(folder: &Path) -> Option<u64> {
     let text = std::fs::read_to_string(folder.join("lock")).ok()?;
     text.trim().strip_prefix("process ")?.parse().ok()
 }
 
-/// Address and process of the daemon that left its notice last.
+/// Address and process of the daemon that wrote the last notice.
 fn notice(folder: &Path) -> Option<(String, Option<u64>)> {
     let notice = std::fs::read_to_string(folder.join(NOTICE_FILE)).ok()?;
     let notice: Value = serde_json::from_str(&notice).ok()?;
@@ -94,26 +94,26 @@ fn notice(folder: &Path) -> Option<(String, Option<u64>)> {
 }
 
 impl Client {
-    /// The daemon that runs on a data folder, if one does.
+    /// Returns the daemon that runs on a data folder, if there is one.
     ///
     /// # Errors
     /// No result if it is there and does not answer.
     pub fn find(folder: &Path) -> Result<Option<Client>, CliError> {
-        let Holder::Daemon(client, process) = Holder::of(folder) else {
+        let FolderHolder::Daemon(client, process) = FolderHolder::of(folder) else {
             return Ok(None);
         };
         let answer = client.agent.get(format!("{}/healthz", client.url)).call();
         let why = match answer {
             Ok(answer) if answer.status().is_success() => return Ok(Some(client)),
             Ok(mut answer) => match answer.body_mut().read_json() {
-                Ok(problem) => told(&problem),
+                Ok(problem) => message(&problem),
                 Err(_) => format!("it answers {}", answer.status()),
             },
             Err(error) => error.to_string(),
         };
         match process {
             Some(process) => Err(CliError::no_result(anyhow!(
-                "the daemon on {} is there (process {process}, {}) and does not answer: {why}",
+                "the daemon on {} runs (process {process}, {}) but does not answer: {why}",
                 folder.display(),
                 client.url
             ))),
@@ -121,7 +121,7 @@ impl Client {
         }
     }
 
-    /// The daemon that runs on a data folder.
+    /// Returns the daemon that runs on a data folder.
     ///
     /// # Errors
     /// No result if none does, or if it does not answer.
@@ -132,16 +132,16 @@ impl Client {
         }
     }
 
-    /// The daemon that runs on a data folder by its notice, without a question to it before: for the stop, which is
-    /// answered where nothing else is.
+    /// Returns the daemon of a data folder by its notice, without asking it first: for the stop, which is answered even where
+    /// other requests are not.
     ///
     /// # Errors
     /// No result if none does.
     pub fn noticed(folder: &Path) -> Result<Client, CliError> {
-        match Holder::of(folder) {
-            Holder::Daemon(client, _) => Ok(client),
-            Holder::Nobody => Err(no_daemon(folder)),
-            Holder::Other(process) => Err(works_alone(folder, process)),
+        match FolderHolder::of(folder) {
+            FolderHolder::Daemon(client, _) => Ok(client),
+            FolderHolder::Free => Err(no_daemon(folder)),
+            FolderHolder::Other(process) => Err(works_alone(folder, process)),
         }
     }
 
@@ -152,15 +152,15 @@ impl Client {
     pub fn stop(&self) -> Result<Value, CliError> {
         let answer = self.send("/rig/stop", None).map_err(|error| {
             CliError::no_result(anyhow!(
-                "the daemon at {} does not answer the stop, and the stages may be moving: use the hardware emergency \
-                 switch ({error})",
+                "the daemon at {} does not answer the stop; the stages may be moving: use the hardware emergency switch \
+                ({error})",
                 self.url
             ))
         })?;
         read(answer)
     }
 
-    /// Asks for a path below `/api/v1`.
+    /// Gets a path below `/api/v1`.
     ///
     /// # Errors
     /// The daemon's problem, with exit code 2 where the input is to blame.
@@ -168,7 +168,7 @@ impl Client {
         self.search(path, &[])
     }
 
-    /// Asks for a path below `/api/v1` with parameters, whatever their values have in them.
+    /// Gets a path below `/api/v1` with parameters, which are escaped.
     ///
     /// # Errors
     /// As [`Client::get`].
@@ -190,7 +190,7 @@ impl Client {
         read(self.send(path, body).map_err(unreachable)?)
     }
 
-    /// The same for what is answered only once it is done, however long it takes.
+    /// Sends a body without a time limit on the answer, for requests that are answered once their work is done.
     ///
     /// # Errors
     /// As [`Client::get`].
@@ -200,7 +200,7 @@ impl Client {
         read(request.send_json(body).map_err(unreachable)?)
     }
 
-    /// The same for what may have come too late: `None` where it is not allowed any more.
+    /// Sends a body; returns `None` for a conflict, where the request came too late.
     ///
     /// # Errors
     /// As [`Client::get`], but for a conflict.
@@ -231,12 +231,12 @@ fn unreachable(error: ureq::Error) -> CliError {
     CliError::no_result(anyhow!("the daemon does not answer: {error}"))
 }
 
-/// What a problem says.
-fn told(problem: &Value) -> String {
+/// The message of a problem.
+fn message(problem: &Value) -> String {
     let detail = problem["detail"].as_str();
     let detail = detail.unwrap_or("the daemon refused");
     match problem["code"] == "too-many-connections" {
-        true => format!("the daemon is there, but full: {detail}"),
+        true => format!("the daemon is busy: {detail}"),
         false => detail.to_owned(),
     }
 }
@@ -249,8 +249,8 @@ fn read(mut answer: Response) -> Result<Value, CliError> {
     if status.is_success() {
         return Ok(body);
     }
-    let error = anyhow!("{}", told(&body));
-    // What the machine refuses is no mistake of the user.
+    let error = anyhow!("{}", message(&body));
+    // A refusal by the machine is not the user's mistake.
     let refused = status.is_server_error() || status == 409;
     Err(match refused {
         true => CliError::NoResult(error),
@@ -265,13 +265,13 @@ mod tests {
     use std::net::TcpListener;
 
     #[test]
-    fn an_import_is_waited_for_however_long_it_takes() {
+    fn an_import_may_take_any_time() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
         std::thread::spawn(move || {
             for stream in listener.incoming().flatten() {
                 let mut stream = stream;
-                // All that was asked, and longer than the client waits for anything else.
+                // The answer comes later than the client waits for other requests.
                 stream
                     .set_read_timeout(Some(Duration::from_millis(600)))
                     .ok();

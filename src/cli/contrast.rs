@@ -12,11 +12,11 @@ use anyhow::{Context, anyhow};
 use clap::Args as _;
 use serde_json::{Value, json};
 
-use compare::Comparison;
+use compare::TableComparison;
 
 use super::limits::{PredictionLimits, Stopwatch};
 use super::prediction::{Model, Scene};
-use super::{CliError, answer, daemon, inputs, interrupt, place};
+use super::{CliError, interrupt, output, output_collision, output_path, runtime};
 use crate::contrast::{as_json, measure, rounded_deg};
 use crate::forecast::Expected;
 use crate::model::LeftOut;
@@ -29,8 +29,8 @@ use crate::wording::significant;
 
 /// Contrast after rotation: absolute difference of radiances at azimuths 0°, 90° and 180°.
 ///
-/// With a folder it is measured in that series, otherwise predicted for the rig and the surface that
-/// the options describe; without options that is the paper's rig with narrow lobes.
+/// With a folder it is measured in that series. Otherwise it is predicted for the rig and surface given by the options;
+/// the defaults are the paper's rig with narrow lobes.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  \
     ridged contrast --theta-r-deg 5 10 15 20 --svg contrast.svg\n  \
@@ -54,13 +54,13 @@ pub struct Args {
     #[arg(long, num_args = 1.., value_name = "DEG", conflicts_with = "measured",
           default_values_t = PAPER_RIDGES_DEG)]
     pub theta_r_deg: Vec<f64>,
-    /// The rig and the surface that is predicted.
+    /// Rig and surface of the prediction.
     #[command(flatten)]
     pub scene: Scene,
     /// How the radiances are computed.
     #[arg(long, value_enum, default_value_t = Model::Sawtooth)]
     pub variant: Model,
-    /// Time and error allowed of a prediction.
+    /// Limits of time and error of a prediction.
     #[command(flatten)]
     pub limits: PredictionLimits,
     /// CSV of radiances to compare with (theta_r_deg, theta_c_deg, phi_s_deg, radiance; a column
@@ -75,7 +75,7 @@ pub struct Args {
     pub json: bool,
 }
 
-/// What a measured contrast has nowhere to put: the series says it, or nobody asks.
+/// Options that do not apply to a measured contrast.
 fn of_predictions(arg: clap::Arg) -> clap::Arg {
     let options = PredictionLimits::augment_args(Scene::augment_args(clap::Command::new("")));
     let mut predicted = options.get_arguments().map(clap::Arg::get_id);
@@ -89,12 +89,14 @@ fn of_predictions(arg: clap::Arg) -> clap::Arg {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for options out of range, a folder that is no series, a file that is no table; no
-/// result where the series has no pose at the paper's azimuths or a file cannot be written.
+/// Bad input for options out of range, a folder that is not a series, or a file that is not a table; no result where the
+/// series has no pose at the paper's azimuths or a file cannot be written.
 pub fn run(args: Args) -> Result<(), CliError> {
-    args.svg.as_deref().map_or(Ok(()), place::for_file)?;
+    args.svg
+        .as_deref()
+        .map_or(Ok(()), output_path::check_file)?;
     if let (Some(svg), Some(compared)) = (&args.svg, &args.compare) {
-        inputs::not_the_input(svg, compared)?;
+        output_collision::not_the_input(svg, compared)?;
     }
     let started = Instant::now();
     let region = args.region.as_deref();
@@ -102,11 +104,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
         (Some(dir), _) => {
             let series = Series::open_own(dir).map_err(CliError::bad_input)?;
             if let Some(svg) = &args.svg {
-                inputs::no_file_of_series(svg, &series)?;
+                output_collision::no_file_of_series(svg, &series)?;
             }
             measured(&series, region)?
         }
-        (None, Some(scan)) => measured(&daemon::stored_series(&args.data, scan)?, region)?,
+        (None, Some(scan)) => measured(&runtime::stored_series(&args.data, scan)?, region)?,
         (None, None) => predicted(&args)?,
     };
     report["seconds"] = json!(started.elapsed().as_secs_f64());
@@ -130,7 +132,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             .with_context(|| format!("cannot write {}", path.display()))
             .map_err(CliError::NoResult)?;
     }
-    answer::put(args.json, &report, || {
+    output::write(args.json, &report, || {
         as_text(&table, &report, compared.as_ref())
     })
 }
@@ -147,17 +149,18 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
     let pace = args.limits.pace(&in_time);
     let tier = args.variant.tier();
     let middle = args.theta_r_deg.len() / 2;
-    args.limits.foretell(args.theta_r_deg.len() as u64, || {
-        let one = args.theta_r_deg.get(middle).copied().unwrap_or_default();
-        std::hint::black_box(predicted(tier, &[one], &pace.to_the_end()));
-    });
+    args.limits
+        .print_forecast(args.theta_r_deg.len() as u64, || {
+            let one = args.theta_r_deg.get(middle).copied().unwrap_or_default();
+            std::hint::black_box(predicted(tier, &[one], &pace.to_the_end()));
+        });
     let found = predicted(tier, &args.theta_r_deg, &pace);
     if found.table.lines.is_empty() && !found.left.is_empty() {
         return Err(CliError::no_result(anyhow!(
-            "nothing was finished in time: allow more seconds"
+            "no surface was finished within the time limit: allow more time"
         )));
     }
-    // A closed form is compared with two bounces integrated, as long as time is.
+    // A closed form is compared with two integrated bounces, within the time limit.
     let apart = match args.variant {
         Model::Quadrature => None,
         Model::Paper | Model::Sawtooth => {
@@ -185,7 +188,7 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
         let ridges: Vec<String> = found.left.iter().map(f64::to_string).collect();
         left_out.push(LeftOut::new(
             format!("ridge angles {}", ridges.join(", ")),
-            "time was over",
+            "time limit reached",
             None,
         ));
     }
@@ -213,7 +216,7 @@ fn reduced(
     })
 }
 
-fn as_text(table: &Table, report: &Value, compared: Option<&Comparison>) -> String {
+fn as_text(table: &Table, report: &Value, compared: Option<&TableComparison>) -> String {
     let mut text = String::new();
     let predicted = report["mode"] == "predicted";
     let ridge = |a: Angle| {
@@ -271,7 +274,7 @@ fn as_text(table: &Table, report: &Value, compared: Option<&Comparison>) -> Stri
         let of = |key: &str| report["stray_light"][key].as_f64().unwrap_or(f64::NAN);
         let _ = writeln!(
             text,
-            "L and |0–90|, |90–180| in {unit}, ± standard uncertainties; stray light {} ± {} taken off",
+            "L and |0–90|, |90–180| in {unit}, ± standard uncertainties (k = 1); stray light {} ± {} subtracted",
             significant(of("radiance")),
             significant(of("std"))
         );
@@ -299,7 +302,7 @@ fn as_text(table: &Table, report: &Value, compared: Option<&Comparison>) -> Stri
         let of = |key: &str| all[key].as_f64().unwrap_or(f64::NAN);
         let _ = writeln!(
             text,
-            "mean of all: {:.4} ± {:.1e} ({} ± {:.1e}), as judge has it",
+            "mean of all: {:.4} ± {:.1e} ({} ± {:.1e}), as `judge` uses it",
             of("absolute"),
             of("absolute_std"),
             michelson(of("michelson")),
@@ -346,7 +349,10 @@ mod tests {
         let CliError::BadInput(e) = refused else {
             panic!("{refused:?}")
         };
-        assert_eq!(e.to_string(), "--rho-d = 1.5 is not within 0 and 1");
+        assert_eq!(
+            e.to_string(),
+            "--rho-d 1.5 is out of range: expected 0 to 1"
+        );
         assert!(predicted(&parsed(&["--theta-r-deg", "5", "75"])).is_err());
     }
 }

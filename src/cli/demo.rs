@@ -1,4 +1,4 @@
-//! `ridged demo`: a simulated rig scans a sample through the very same lab; the fit beside the truth.
+//! `ridged demo`: a simulated rig scans a sample through the same lab as a real one; prints the fit beside the truth.
 
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
@@ -9,15 +9,18 @@ use anyhow::anyhow;
 use serde_json::{Value, json};
 
 use super::CliError;
-use super::daemon::{self, Daemon};
+use super::runtime;
 use super::scan::{follow, timing_words, with_times};
 use super::serve::listen_error;
-use super::simulated::{Built, SimulatedRig, Simulation, TRACED_SAMPLE};
+use super::simulated::ConstructionArgs;
 use crate::api::server::{self, ListenError};
+use crate::daemon::{self, Daemon};
 use crate::job::JobState;
 use crate::lab::{FitRequest, Lab, ScanRequest};
 use crate::scan::plan::Preset;
 use crate::scan::{PlanRequest, ScanState};
+use crate::sim::operator::TRACED_SAMPLE;
+use crate::sim::rig::{Construction, SimulatedRig, Simulation};
 use crate::sim::sample::{SimulatedSample, Truth};
 use crate::units::Angle;
 
@@ -37,7 +40,7 @@ pub struct Args {
     /// Seed of the noise, the fixed pattern and the mechanics.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// How far the sample is turned from where the rig takes it to be, in degrees.
+    /// True minus recorded azimuth of the sample, in degrees.
     #[arg(
         long,
         value_name = "DEG",
@@ -45,7 +48,7 @@ pub struct Args {
         allow_negative_numbers = true
     )]
     pub azimuth_offset_deg: f64,
-    /// How far the camera is tilted from where the rig takes it to be, in degrees.
+    /// True minus recorded tilt of the camera, in degrees.
     #[arg(
         long,
         value_name = "DEG",
@@ -55,7 +58,7 @@ pub struct Args {
     pub tilt_offset_deg: f64,
     /// How the simulated rig is built.
     #[command(flatten)]
-    pub built: Built,
+    pub construction: ConstructionArgs,
     /// How many times faster than real time the rig runs.
     #[arg(long, value_name = "X", default_value_t = 30.0)]
     pub time_scale: f64,
@@ -73,10 +76,10 @@ pub struct Args {
 /// Runs the command; Ctrl-C ends it cleanly at any time.
 ///
 /// # Errors
-/// Bad input for offsets that make no sense; no result where scan or fit give none; interrupted where
-/// Ctrl-C comes before the answer of `--once`.
+/// Bad input for offsets out of range; no result where scan or fit give none; interrupted where Ctrl-C comes before the
+/// result of `--once`.
 pub fn run(args: Args) -> Result<(), CliError> {
-    daemon::block_on(demo(args))
+    runtime::block_on(demo(args))
 }
 
 async fn demo(args: Args) -> Result<(), CliError> {
@@ -85,13 +88,15 @@ async fn demo(args: Args) -> Result<(), CliError> {
         seed: args.seed,
         azimuth_offset: Angle::from_deg(args.azimuth_offset_deg),
         tilt_offset: Angle::from_deg(args.tilt_offset_deg),
-        built: args.built,
+        construction: args.construction.into(),
     })?;
     let listener = listen(args.port).await?;
-    let lab = daemon::open_lab(&args.data, Arc::clone(&rig.clock), Some(parts)).await?;
-    rig.stock(&lab).await.map_err(daemon::lab_error)?;
-    let hands = rig.hands(&lab, true);
-    let daemon = Daemon::start(lab, listener)?;
+    let lab = daemon::open_lab(&args.data, Arc::clone(&rig.clock), Some(parts))
+        .await
+        .map_err(CliError::no_result)?;
+    rig.add_samples(&lab).await.map_err(runtime::lab_error)?;
+    let operator = rig.operate(&lab, true);
+    let daemon = Daemon::start(lab, listener).map_err(CliError::no_result)?;
     tracing::info!("page: {}", daemon.url);
     let work = async {
         let shown = show(&daemon, &args).await?;
@@ -108,14 +113,14 @@ async fn demo(args: Args) -> Result<(), CliError> {
     };
     let outcome = tokio::select! {
         outcome = work => outcome,
-        // Without its answer a `--once` is not done; else the page was what it was for.
-        ended = daemon::told_to_end() => match args.once {
+        // `--once` is incomplete without its result; otherwise Ctrl-C is the normal end.
+        ended = runtime::stop_requested() => match args.once {
             true => ended.and(Err(CliError::Interrupted)),
             false => ended,
         },
     };
     daemon.end().await;
-    hands.abort();
+    operator.abort();
     outcome
 }
 
@@ -131,7 +136,7 @@ async fn listen(port: Option<u16>) -> Result<tokio::net::TcpListener, CliError> 
     }
 }
 
-/// Scans, fits, and puts the truth beside it.
+/// Scans, fits and adds the truth.
 async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
     let started = Instant::now();
     let lab = &daemon.lab;
@@ -139,7 +144,7 @@ async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
         .store()
         .last_event_id()
         .await
-        .map_err(|e| daemon::lab_error(e.into()))?;
+        .map_err(|e| runtime::lab_error(e.into()))?;
     let plan = PlanRequest {
         reuse_calibrations: Some(false),
         ..PlanRequest::preset(Preset::Full)
@@ -148,7 +153,7 @@ async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
     let scan = lab
         .start_scan(&ScanRequest { sample_id, plan })
         .await
-        .map_err(daemon::lab_error)?;
+        .map_err(runtime::lab_error)?;
     let state = follow(lab, scan.id, after, None).await?;
     if state != ScanState::Completed {
         return Err(CliError::no_result(anyhow!("scan {} is {state}", scan.id)));
@@ -160,8 +165,9 @@ async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
         alpha_v,
         rho_d,
     } = SimulatedSample::polymer_10().truth();
-    // To the turntable, which is what a fit finds.
-    let (steeper, turned) = args.built.wedge_on(Angle::from_deg(theta_r_deg));
+    // Relative to the turntable, as the fit reports it.
+    let (steeper, turned) =
+        Construction::from(args.construction).wedge_on(Angle::from_deg(theta_r_deg));
     let truth = json!({
         "theta_r_deg": theta_r_deg + steeper.deg(),
         "alpha_u": alpha_u,
@@ -184,7 +190,7 @@ async fn traced_sample(lab: &Lab) -> Result<i64, CliError> {
     lab.store()
         .newest_sample(Some(TRACED_SAMPLE), |_| true)
         .await
-        .map_err(|e| daemon::lab_error(e.into()))?
+        .map_err(|e| runtime::lab_error(e.into()))?
         .map(|s| s.id)
         .ok_or_else(|| {
             CliError::bad_input(anyhow!(
@@ -201,28 +207,31 @@ async fn fitted(lab: &Lab, scan_id: i64) -> Result<Value, CliError> {
         scan_id,
         ..FitRequest::default()
     };
-    let id = lab.start_job(request).await.map_err(daemon::lab_error)?;
+    let id = lab.start_job(request).await.map_err(runtime::lab_error)?;
     loop {
         let fit = lab
             .store()
             .job(id)
             .await
-            .map_err(|e| daemon::lab_error(e.into()))?;
+            .map_err(|e| runtime::lab_error(e.into()))?;
         match (&fit.result, fit.state) {
             (Some(report), _) => {
                 return serde_json::from_str(report).map_err(CliError::no_result);
             }
             (None, JobState::Running) => {
-                // Whatever wakes this, the store has the whole story.
-                let told = tokio::time::timeout(Duration::from_secs(5), events.recv()).await;
-                if let Ok(Ok(event)) = told
+                // Any event is a reason to look; the store has the complete state.
+                let next = tokio::time::timeout(Duration::from_secs(5), events.recv()).await;
+                if let Ok(Ok(event)) = next
                     && let Some((job, state)) = event.event.job()
                 {
                     tracing::debug!(%job, %state, "{job} is {state}");
                 }
             }
             (None, state) => {
-                let why = fit.error_detail.as_deref().unwrap_or("no reason is known");
+                let why = fit
+                    .error_detail
+                    .as_deref()
+                    .unwrap_or("no reason was recorded");
                 return Err(CliError::no_result(anyhow!("the fit is {state}: {why}")));
             }
         }
@@ -302,7 +311,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_says_whether_the_truth_is_inside() {
+    fn the_table_shows_whether_the_truth_is_inside() {
         let parameter = |value: f64, expanded: f64| json!({"value": value, "expanded": expanded});
         let shown = json!({
             "truth": {"theta_r_deg": 10.0, "alpha_u": 0.12},
@@ -318,7 +327,7 @@ mod tests {
             seed: 1,
             azimuth_offset_deg: 0.0,
             tilt_offset_deg: 0.0,
-            built: Built::default(),
+            construction: ConstructionArgs::default(),
             time_scale: 1.0,
             data: PathBuf::new(),
             timing: false,

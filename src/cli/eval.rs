@@ -1,9 +1,8 @@
 //! `ridged eval`: closed forms over a table of cases.
 //!
-//! The output has the input's columns, then the computed ones with 17 significant digits; a name
-//! that the input has already gets the suffix `_ridged`. A row without an answer has empty
-//! computed fields and the reason in the column `refused`. A new table is one file beside this
-//! one with a `Table`, and one line in [`Kind::table`].
+//! The output has the input's columns, then the computed ones with 17 significant digits; a computed name that the input
+//! already has gets the suffix `_ridged`. A row without a result has empty computed fields and the reason in the column
+//! `refused`. A new table is one file in `eval/` with a `Table`, and one line in [`Kind::table`].
 
 mod brdf;
 mod mueller;
@@ -17,7 +16,7 @@ use std::time::Instant;
 use anyhow::{Context, anyhow};
 
 use super::CliError;
-use super::inputs::same_file;
+use super::output_collision::same_file;
 use crate::wording::refusals::other_separator;
 
 /// Evaluates closed forms over a table.
@@ -52,7 +51,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// What the closed form does without, and why.
+    /// What the closed form omits, and why.
     const fn left_out(self) -> &'static str {
         match self {
             Kind::Brdf => {
@@ -60,10 +59,10 @@ impl Kind {
             }
             Kind::Visibility => "nothing: the geometry of an ideal sawtooth is exact",
             Kind::Mueller => {
-                "masking, shadowing and all bounces but the first (the form as asked for)"
+                "masking, shadowing and all bounces after the first (by definition of this form)"
             }
             Kind::Stack => {
-                "interference between the faces of a layer (they are taken as incoherent)"
+                "interference between the faces of a layer (they are treated as incoherent)"
             }
         }
     }
@@ -84,17 +83,17 @@ pub(super) struct Table {
     pub inputs: &'static [&'static str],
     /// Columns that are written.
     pub outputs: &'static [&'static str],
-    /// The answer to a row, in the order of `outputs`, or why there is none.
-    pub compute: fn(&Row<'_>) -> Result<Vec<f64>, String>,
+    /// Computes a row, in the order of `outputs`, or returns why it has no result.
+    pub compute: fn(&InputCase<'_>) -> Result<Vec<f64>, String>,
 }
 
 /// The needed columns of one case, in the order of [`Table::inputs`].
-pub(super) struct Row<'a> {
+pub(super) struct InputCase<'a> {
     names: &'static [&'static str],
     fields: Vec<&'a str>,
 }
 
-impl Row<'_> {
+impl InputCase<'_> {
     /// The text in a column.
     pub fn text(&self, column: usize) -> &str {
         self.fields[column].trim()
@@ -120,17 +119,17 @@ impl Row<'_> {
 pub fn run(args: Args) -> Result<(), CliError> {
     let started = Instant::now();
     let (rows, refused) = evaluate(&args.kind.table(), &args.cases, &args.out)?;
-    // The table's form is fixed, so what it took and does without is told beside it.
+    // The table's form is fixed, so time and omissions are printed to stderr.
     super::say(&format_args!(
-        "{rows} rows in {:.2} s, {refused} refused (column `refused`); right to the last digits that a row's condition \
-         leaves; left out: {}",
+        "{rows} rows in {:.2} s, {refused} refused (column `refused`); exact to the digits that each row's conditioning \
+        allows; left out: {}",
         started.elapsed().as_secs_f64(),
         args.kind.left_out()
     ));
     Ok(())
 }
 
-/// Rows, and how many of them have no answer.
+/// Number of rows, and of rows without a result.
 fn evaluate(table: &Table, cases: &Path, out: &Path) -> Result<(usize, usize), CliError> {
     let (mut rows, mut refused) = (0, 0);
     let mut reader = csv::ReaderBuilder::new()
@@ -161,7 +160,7 @@ fn evaluate(table: &Table, cases: &Path, out: &Path) -> Result<(usize, usize), C
         .collect::<Result<Vec<_>, _>>()?;
     if same_file(cases, out) {
         return Err(CliError::bad_input(anyhow!(
-            "--out is the file of the cases, {}: choose another name for the answers",
+            "--out is the file of the cases, {}: choose another name for the results",
             cases.display()
         )));
     }
@@ -199,7 +198,7 @@ fn evaluate(table: &Table, cases: &Path, out: &Path) -> Result<(usize, usize), C
                 texts[column]
             ))
         } else {
-            (table.compute)(&Row {
+            (table.compute)(&InputCase {
                 names: table.inputs,
                 fields: columns.iter().map(|&i| &*texts[i]).collect(),
             })
@@ -309,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_that_is_no_text_is_refused_and_the_others_are_answered() {
+    fn a_row_that_is_not_text_is_refused_and_the_others_are_computed() {
         let rows = run_on(
             Kind::Stack,
             b"id,stack,theta_deg\na,1.5,1\xff0\nb\xe9,1.5,10\nc,1.5,10\n",
@@ -331,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cases_are_not_written_over() {
+    fn the_cases_are_not_overwritten() {
         let folder = tempfile::tempdir().unwrap();
         let cases = folder.path().join("in.csv");
         let text = "stack,theta_deg\n1.5,30\n";

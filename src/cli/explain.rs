@@ -32,7 +32,7 @@ pub struct Args {
     /// A scene of `ridged trace`, or the folder of a recorded series.
     #[arg(value_name = "SCENE.toml | DIR")]
     pub input: PathBuf,
-    /// Largest relative error that each simplification may cost.
+    /// Largest relative error that each simplification may cause.
     #[arg(long, value_name = "E", default_value_t = plan::TOLERANCE)]
     pub tolerance: f64,
     /// Plan for Mueller matrices by direction (as `ridged trace --out` needs them) instead of energies.
@@ -68,23 +68,24 @@ struct Explanation {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for what is neither a scene nor a series; no result where stdout cannot be written; interrupted by Ctrl-C.
+/// Bad input for an input that is neither a scene nor a series; no result where stdout cannot be written; interrupted by
+/// Ctrl-C.
 pub fn run(args: Args) -> Result<(), CliError> {
     limits::check_tolerance(Some(args.tolerance))?;
     if args.prove && args.input.is_dir() {
         return Err(CliError::bad_input(anyhow!(
-            "--prove is for scenes; `ridged accuracy` proves the plans of recorded series whose truth is known"
+            "--prove applies only to scenes; `ridged accuracy` tests the plans of recorded series of known truth"
         )));
     }
     if args.mueller && args.input.is_dir() {
         return Err(CliError::bad_input(anyhow!(
-            "--mueller is for scenes; {} is a folder",
+            "--mueller applies only to scenes; {} is a folder",
             args.input.display()
         )));
     }
     if args.map && !args.input.is_dir() {
         return Err(CliError::bad_input(anyhow!(
-            "--map is for recorded series; {} is not such a folder",
+            "--map applies only to recorded series; {} is not a folder of one",
             args.input.display()
         )));
     }
@@ -95,7 +96,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     } else {
         of_scene(&args)?
     };
-    // A forecast that was cut short is none.
+    // An interrupted forecast is not used.
     if super::interrupt::flag()?.load(Ordering::Relaxed) {
         return Err(CliError::Interrupted);
     }
@@ -114,7 +115,7 @@ fn program() -> String {
     format!("ridged {}", env!("CARGO_PKG_VERSION"))
 }
 
-/// What no fit and no map could be made of needs no plan.
+/// Refuses a series of which neither a fit nor a map can be made.
 fn reducible(series: &Series) -> Result<(), CliError> {
     reduction::check(series).map_err(|reason| match reason {
         ReductionError::NoObservations { .. } => CliError::no_result(reason),
@@ -149,16 +150,15 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
     })
 }
 
-/// Before a frame is read nobody knows whether double reflections on plastic were polarised when the frames were made: a fit
-/// tries both.
+/// Before frames are read it is unknown whether double reflections on plastic were polarised; a fit tries both.
 fn leave_to_the_data(plan: &mut Plan, material: &Material) {
     let plastic = matches!(material, Material::Dielectric { .. });
     let polarisation = |d: Decision| plastic && d == Decision::Polarisation;
     for choice in &mut plan.decisions {
         if polarisation(choice.decision) && choice.included {
             choice.why.push_str(
-                ", unless the data are explained better without it (as those of a renderer that knows no polarisation): then \
-                 the fit lists it under what was left out",
+                ", unless the unpolarised model fits the data better (frames of a renderer without polarisation); the fit then \
+                lists it as left out",
             );
         }
     }
@@ -180,14 +180,14 @@ fn of_map(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
         input: "map",
         computes: vec![
             format!(
-                "{} × {} pixels, brought from {} frames into the sample's frame",
+                "{} × {} pixels, resampled from {} frames into the sample's frame",
                 camera.width_px,
                 camera.height_px,
                 series.rows().len()
             ),
-            "gain, stray light and the tilt's zero from a sample of pixels, on whose surfaces this is decided again"
+            "gain, stray light and the tilt's zero from a sample of pixels; this decision is repeated on their surfaces"
                 .to_owned(),
-            "variant sawtooth fitted to every pixel that shows a lobe".to_owned(),
+            "variant sawtooth fitted to every pixel with a lobe".to_owned(),
         ],
         left_out: plan.told(),
         plan,
@@ -242,7 +242,7 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
     })
 }
 
-/// The plan beside everything on.
+/// Compares the plan with the full computation.
 fn proved(args: &Args, scene: &Scene, plan: &Plan) -> Result<Proof, CliError> {
     let cancel = super::interrupt::flag()?;
     let name = args.input.display().to_string();
@@ -282,7 +282,7 @@ fn print(e: &Explanation, out: &mut dyn Write) -> std::io::Result<()> {
                 Basis::Pilot => "by the pilot, at most",
             };
             let left = if choice.included {
-                "leaving it out would cost"
+                "omitting it would cause an error of"
             } else {
                 "costs"
             };
@@ -296,7 +296,7 @@ fn print(e: &Explanation, out: &mut dyn Write) -> std::io::Result<()> {
     for choice in beyond {
         writeln!(
             out,
-            "beyond the tolerance: {}; a fit by the ray tracer has it (--variant traced)",
+            "beyond the tolerance: {}; a fit with the ray tracer includes it (--variant traced)",
             choice.what
         )?;
     }
@@ -311,7 +311,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn polarisation_on_plastic_is_planned_with_what_a_fit_may_say_of_it() {
+    fn polarisation_on_plastic_is_planned_with_the_alternative_of_a_fit() {
         let of = |name: &str, tolerance: f64| {
             let folder = Path::new("tests/data/series").join(name);
             let explanation = of_series(&folder, tolerance).unwrap();

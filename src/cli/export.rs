@@ -1,4 +1,4 @@
-//! `ridged export`: a scan out of the store as a recorded series.
+//! `ridged export`: writes a scan of the store as a recorded series.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -7,8 +7,8 @@ use std::sync::Arc;
 use anyhow::anyhow;
 
 use super::CliError;
-use super::daemon;
 use super::interrupt;
+use super::runtime;
 use crate::lab::{self, Exported, LabError};
 use crate::store::disk::RealDisk;
 use crate::store::{Store, StoreError};
@@ -39,11 +39,11 @@ pub struct Args {
 /// full disk; interrupted by Ctrl-C, with nothing written.
 pub fn run(args: Args) -> Result<(), CliError> {
     let cancel = interrupt::flag()?;
-    daemon::block_on(async {
-        let clock = daemon::real_clock();
+    runtime::block_on(async {
+        let clock = runtime::real_clock();
         let store = Store::open_for_reading(&args.data, Arc::new(RealDisk), clock)
             .await
-            .map_err(|error| daemon::lab_error(error.into()))?;
+            .map_err(|error| runtime::lab_error(error.into()))?;
         let written = match args.skip_unreadable {
             true => lab::export_readable(&store, args.scan, &args.out, cancel).await,
             false => lab::export(&store, args.scan, &args.out, cancel)
@@ -58,7 +58,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             LabError::Store(StoreError::FrameDamaged { .. }) => CliError::no_result(anyhow!(
                 "{error}, or pass --skip-unreadable to leave it out; nothing was written"
             )),
-            error => daemon::lab_error(error),
+            error => runtime::lab_error(error),
         })?;
         for reason in &written.skipped {
             tracing::warn!("left out: {reason}");

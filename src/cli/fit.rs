@@ -1,5 +1,5 @@
-//! `ridged fit`: a recorded series in, ridge angle with uncertainty out; of several series of one
-//! sample one common surface.
+//! `ridged fit`: ridge angle with uncertainty from a recorded series, or one common surface from several series of one
+//! sample.
 
 mod joint;
 mod table;
@@ -15,7 +15,8 @@ use clap::ValueEnum;
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 use super::limits::FitLimits;
-use super::{CliError, answer, daemon, interrupt, told};
+use super::values::whole;
+use super::{CliError, constraint_args, interrupt, output, runtime};
 use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, DRAWS, Progress, STARTS, analyse};
 use crate::fit::told::agree;
@@ -28,7 +29,7 @@ use crate::reduction::{FrameSource, ReductionError};
 use crate::series::Series;
 use crate::tables;
 
-/// Reduces and fits one series of frames, or several of one sample together.
+/// Reduces and fits one series of frames, or several series of one sample together.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  ridged fit tests/data/series/polymer-10 --json > polymer-10.json\n  \
@@ -59,27 +60,26 @@ pub struct Args {
     /// Region of a sample with a layout: even, odd or patch-I-J.
     #[arg(long, value_name = "NAME")]
     pub region: Option<String>,
-    /// How residuals count: least squares, or a loss that limits the pull of outliers.
+    /// Loss of the residuals: least squares, or one that limits the influence of outliers.
     #[arg(long, value_enum, default_value_t = LossName::Linear)]
     pub loss: LossName,
     /// Fix a parameter at a value, for example rho_d=0.3 (names as in the JSON form, and eta, k).
-    #[arg(long, value_name = "NAME=VALUE", value_parser = told::fixed)]
+    #[arg(long, value_name = "NAME=VALUE", value_parser = constraint_args::fixed)]
     pub fix: Vec<Told>,
     /// Prior knowledge of a parameter: value ± standard uncertainty, for example theta_r_deg=10±0.5.
-    #[arg(long, value_name = "NAME=VALUE±STD", value_parser = told::prior)]
+    #[arg(long, value_name = "NAME=VALUE±STD", value_parser = constraint_args::prior)]
     pub prior: Vec<Told>,
-    /// Most starting points of a search, per variant; a prior or a robust loss searches more than once. By default 8,
-    /// and as many more as a doubt about what these find asks for.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(STARTS))]
+    /// Largest number of starting points of a search, per variant; with a prior or a robust loss the search is repeated.
+    /// Default: 8, and more where these leave the minimum in doubt.
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(STARTS))]
     pub starts: Option<u16>,
     /// Add profile-likelihood intervals to the expanded uncertainties.
     #[arg(long)]
     pub profile: bool,
     /// Add bootstrap intervals from N series drawn from the fitted model (20 to 100000).
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(DRAWS))]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(DRAWS))]
     pub bootstrap: Option<u32>,
-    /// Let the ray tracer check the variant: the difference from `traced` becomes the `model` line of the
-    /// budget.
+    /// Check the variant with the ray tracer: the difference from `traced` becomes the `model` line of the budget.
     #[arg(long)]
     pub judge: bool,
     /// Trace on this measured shape instead of an ideal sawtooth. A profile: CSV rows of v and height in µm across
@@ -99,7 +99,7 @@ pub struct Args {
     /// Micrometres per unit of height, if the file does not state it.
     #[arg(long, value_name = "UM", requires = "shape")]
     pub height_unit_um: Option<f64>,
-    /// Time and error allowed.
+    /// Limits of time and error.
     #[command(flatten)]
     pub limits: FitLimits,
     /// Record cost, gradient, step size and error of every iteration of a descent to the minimum, against seconds
@@ -111,13 +111,13 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Share of a limit of time that a forecast leaves in any case.
+/// Share of a time limit that the forecast always leaves for the work.
 const LEAST_LEFT: f64 = 0.1;
 
-/// Says on stderr what an analysis will take: where a limit is set, and on a terminal where it is long (the ray
-/// tracer, the bootstrap). On a terminal its seconds are returned, for the bar to tell. What the forecast itself takes is
-/// taken off the limit of time.
-pub fn foretell(
+/// Prints a forecast of the analysis to stderr: where a limit is set, and on a terminal where the analysis is long (the
+/// ray tracer, the bootstrap). On a terminal it returns the seconds for the progress bar. The time of the forecast itself
+/// is subtracted from the limit.
+pub fn print_forecast(
     source: &dyn FrameSource,
     options: &mut AnalysisOptions,
     cancel: &AtomicBool,
@@ -133,15 +133,15 @@ pub fn foretell(
         return None;
     }
     let begun = Instant::now();
-    let told = of_analysis(source, options, cancel);
+    let forecast = of_analysis(source, options, cancel);
     if let Some(limit) = &mut options.max_seconds {
         *limit = (*limit - begun.elapsed().as_secs_f64()).max(LEAST_LEFT * *limit);
     }
-    let told = told?;
+    let forecast = forecast?;
     if limited || long {
-        super::say(&format_args!("forecast: {told}"));
+        super::say(&format_args!("forecast: {forecast}"));
     }
-    terminal.then_some(told.seconds)
+    terminal.then_some(forecast.seconds)
 }
 
 /// Losses by the names of the command line.
@@ -149,9 +149,9 @@ pub fn foretell(
 pub enum LossName {
     /// Least squares.
     Linear,
-    /// Outliers pull no harder than a residual of 1.345 standard uncertainties.
+    /// An outlier has at most the influence of a residual of 1.345 standard uncertainties.
     Huber,
-    /// Far outliers do not count at all.
+    /// Far outliers have no influence.
     Tukey,
 }
 
@@ -160,7 +160,7 @@ pub enum LossName {
 pub enum Variant {
     /// The BRDF as printed.
     Paper,
-    /// The sawtooth in full.
+    /// The sawtooth with all its terms.
     Sawtooth,
     /// The sawtooth corrected by the ray tracer.
     Traced,
@@ -184,8 +184,8 @@ impl Variant {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for a folder that is no series, a region that is missing or unknown, a profile that is
-/// none, options of the tracer where it is not asked; no result where no frame can be used.
+/// Bad input for a folder that is not a series, a region that is missing or unknown, an invalid profile, or options of
+/// the tracer without the tracer; no result where no frame can be used.
 pub fn run(args: Args) -> Result<(), CliError> {
     let tracer = tracing_options(&args)?;
     let units = Units {
@@ -227,12 +227,15 @@ pub fn run(args: Args) -> Result<(), CliError> {
         return table::run(dir, options, args.json, &cancel);
     }
     let source: Box<dyn FrameSource> = match (&args.dirs[..], args.scan) {
-        ([], scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
+        ([], scan) => Box::new(runtime::stored_series(
+            &args.data,
+            scan.unwrap_or_default(),
+        )?),
         ([dir], _) => Box::new(Series::open_own(dir).map_err(CliError::bad_input)?),
         (dirs, _) => return joint::run(dirs, &options, args.json, &cancel),
     };
     suits(&options.fit.told, &source.manifest().material())?;
-    let expected_s = foretell(source.as_ref(), &mut options, &cancel);
+    let expected_s = print_forecast(source.as_ref(), &mut options, &cancel);
     let analysis = watched(source.as_ref(), &options, expected_s, &cancel)?;
     print(&analysis, args.json)
 }
@@ -251,25 +254,25 @@ fn shape_in(path: &Path, units: &Units) -> Result<MeasuredShape, CliError> {
         .map_err(CliError::bad_input)
 }
 
-/// Refuses statements that contradict each other, or the sample.
-fn suits(told: &[Told], material: &Material) -> Result<(), CliError> {
-    agree(told, material).map_err(CliError::bad_input)
+/// Refuses constraints that contradict each other, or the sample.
+fn suits(constraints: &[Told], material: &Material) -> Result<(), CliError> {
+    agree(constraints, material).map_err(CliError::bad_input)
 }
 
-/// What the command line says about the tracer.
+/// Returns the options of the tracer.
 fn tracing_options(args: &Args) -> Result<TracingOptions, CliError> {
     let traces = args.judge || args.variant == Variant::Traced;
     if args.shape.is_some() && !traces {
         return Err(CliError::bad_input(anyhow!(
-            "--shape is for the ray tracer: add --variant traced, or --judge"
+            "--shape applies only to the ray tracer; add --variant traced or --judge"
         )));
     }
     args.limits.check(traces)?;
     Ok(TracingOptions::to_error(args.limits.target_error))
 }
 
-/// The analysis of any source of frames, with a progress bar on a terminal once it takes more than
-/// a second; `expected_s` is what it is expected to take in all, where that is known.
+/// Analyses any source of frames, with a progress bar on a terminal after a second; `expected_s` is the expected time of
+/// the whole, if it is known.
 ///
 /// # Errors
 /// See [`run`].
@@ -285,7 +288,7 @@ pub fn watched(
     .map_err(refusal)
 }
 
-/// What an analysis without an answer is to the shell.
+/// Maps a failed analysis to an exit code.
 fn refusal(error: AnalysisError) -> CliError {
     match error {
         AnalysisError::Cancelled => CliError::Interrupted,
@@ -296,10 +299,10 @@ fn refusal(error: AnalysisError) -> CliError {
     }
 }
 
-/// What is told how work gets on.
+/// Receives the progress of the work.
 type Tell<'t> = &'t (dyn Fn(Progress) + Sync);
 
-/// Anything that reads and fits, with that bar.
+/// Runs work that reads and fits, with that bar.
 fn with_bar<T>(expected_s: Option<f64>, work: impl FnOnce(Tell<'_>) -> T) -> T {
     let started = Instant::now();
     let bar: OnceLock<ProgressBar> = OnceLock::new();
@@ -310,7 +313,7 @@ fn with_bar<T>(expected_s: Option<f64>, work: impl FnOnce(Tell<'_>) -> T) -> T {
             return;
         }
         if matches!(p, Progress::Fitting) {
-            // Nobody tells how far a search is, so the time does; the first tick comes after a second.
+            // A search has no known length, so the bar shows the time; the first tick comes after a second.
             let bar = bar.get_or_init(new_bar);
             bar.set_style(fitting_style());
             bar.set_message(expected_s.map_or_else(String::new, |all_s| {
@@ -372,7 +375,7 @@ fn paths_style() -> ProgressStyle {
 /// # Errors
 /// No result where stdout cannot be written.
 pub fn print(analysis: &Analysis, json: bool) -> Result<(), CliError> {
-    answer::put(json, &analysis.report, || {
+    output::write(json, &analysis.report, || {
         text::table(&analysis.report, std::io::stdout().is_terminal())
     })
 }

@@ -1,4 +1,4 @@
-//! `ridged import`: a recorded series into the store.
+//! `ridged import`: imports a recorded series into the store.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -12,13 +12,14 @@ use serde_json::{Value, json};
 
 use super::CliError;
 use super::client::Client;
-use super::daemon;
 use super::interrupt;
 use super::progress::Bar;
+use super::runtime;
+use crate::daemon;
 use crate::lab::ImportOptions;
 use crate::wording::differences;
 
-/// Takes a recorded series into the store: PNG frames bit for bit, TIFF frames as PNG with the same counts.
+/// Imports a recorded series into the store: PNG frames bit for bit, TIFF frames as PNG with the same counts.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  ridged import tests/data/series/polymer-10 && ridged fit --scan 1"
@@ -37,16 +38,16 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command; a daemon that runs on the folder does it.
+/// Runs the command; a daemon that runs on the folder does the import.
 ///
 /// # Errors
-/// Bad input for a folder that is no series or a frame that cannot be read; no result where the disk has
-/// no room for it beside the reserve; interrupted by Ctrl-C, with nothing imported.
+/// Bad input for a folder that is not a series or a frame that cannot be read; no result where the disk has no room for
+/// it beside the reserve; interrupted by Ctrl-C, with nothing imported.
 pub fn run(args: Args) -> Result<(), CliError> {
     let cancel = interrupt::flag()?;
     let answer = match Client::find(&args.data)? {
         Some(client) => {
-            // A folder that is not there has a place all the same, and is refused by it.
+            // A missing folder has an absolute path too, and the refusal names it.
             let folder = args
                 .dir
                 .canonicalize()
@@ -55,7 +56,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             let body = json!({ "folder": folder, "skip_unreadable": args.skip_unreadable });
             by_daemon(client, body, &cancel)?
         }
-        None => daemon::block_on(import(&args, cancel))?,
+        None => runtime::block_on(import(&args, cancel))?,
     };
     if let Some(skipped) = answer["skipped"].as_array() {
         for reason in skipped.iter().filter_map(Value::as_str) {
@@ -63,18 +64,18 @@ pub fn run(args: Args) -> Result<(), CliError> {
         }
     }
     if let Some(same) = answer["same_as_scan_id"].as_i64() {
-        tracing::warn!("scan {same} holds the same series: it is in the store twice now");
+        tracing::warn!("scan {same} holds the same series: the store has it twice now");
     }
     if let Some(like) = answer["like_scan_id"].as_i64() {
         let all = answer["differences"].as_array();
-        let told: Vec<&str> = all
+        let differing: Vec<&str> = all
             .into_iter()
             .flatten()
             .filter_map(Value::as_str)
             .collect();
         tracing::warn!(
-            "scan {like} holds the same frames with other facts: {}; both are kept, and a fit of this one goes by the new",
-            differences::in_words(&told)
+            "scan {like} holds the same frames with other facts: {}; both are kept, and a fit of this one uses the new facts",
+            differences::in_words(&differing)
         );
     }
     let text = match args.json {
@@ -90,15 +91,15 @@ pub fn run(args: Args) -> Result<(), CliError> {
         .map_err(CliError::no_result)
 }
 
-/// Waits for the daemon's answer as long as nobody presses Ctrl-C.
+/// Waits for the daemon's answer until Ctrl-C.
 fn by_daemon(client: Client, body: Value, cancel: &AtomicBool) -> Result<Value, CliError> {
-    let (tell, told) = mpsc::channel();
-    std::thread::spawn(move || tell.send(client.post_patiently("/imports", &body)));
+    let (sender, answer) = mpsc::channel();
+    std::thread::spawn(move || sender.send(client.post_patiently("/imports", &body)));
     loop {
-        match told.recv_timeout(Duration::from_millis(50)) {
+        match answer.recv_timeout(Duration::from_millis(50)) {
             Ok(answer) => return answer,
             Err(RecvTimeoutError::Timeout) if cancel.load(Ordering::Relaxed) => {
-                tracing::warn!("the daemon goes on with the import by itself");
+                tracing::warn!("the daemon continues the import");
                 return Err(CliError::Interrupted);
             }
             Err(RecvTimeoutError::Timeout) => {}
@@ -110,10 +111,12 @@ fn by_daemon(client: Client, body: Value, cancel: &AtomicBool) -> Result<Value, 
 }
 
 async fn import(args: &Args, cancel: Arc<AtomicBool>) -> Result<Value, CliError> {
-    let reserve_mb = daemon::read_config(None)?.store.reserve_mb;
-    // Looked at first, so that a wrong folder does not leave an empty store behind.
+    let reserve_mb = runtime::read_config(None)?.store.reserve_mb;
+    // The series is checked first, so that a wrong folder does not leave an empty store.
     crate::series::Series::open_own(&args.dir).map_err(CliError::bad_input)?;
-    let lab = daemon::open_lab(&args.data, daemon::real_clock(), None).await?;
+    let lab = daemon::open_lab(&args.data, runtime::real_clock(), None)
+        .await
+        .map_err(CliError::no_result)?;
     lab.keep_free(reserve_mb * 1_000_000);
     let bar = Bar::new("frames");
     let options = ImportOptions {
@@ -128,7 +131,7 @@ async fn import(args: &Args, cancel: Arc<AtomicBool>) -> Result<Value, CliError>
         .await;
     bar.clear();
     lab.shut_down().await;
-    let imported = imported.map_err(daemon::lab_error)?;
+    let imported = imported.map_err(runtime::lab_error)?;
     Ok(json!({
         "scan_id": imported.scan_id,
         "sample_id": imported.sample_id,

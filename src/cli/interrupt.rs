@@ -1,12 +1,12 @@
-//! Ctrl-C as a flag that long work looks at; SIGTERM, which batch queues and service managers send, is the same, and
-//! so is SIGHUP.
+//! Ctrl-C as a flag that long work checks. SIGTERM (sent by batch queues and service managers) and SIGHUP have the same
+//! effect.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::CliError;
 
-/// A flag that Ctrl-C, SIGTERM or SIGHUP raises. A second one ends the program at once.
+/// Returns a flag that Ctrl-C, SIGTERM or SIGHUP raises. A second signal ends the program at once.
 ///
 /// # Errors
 /// No result where the system refuses a thread or a signal handler.
@@ -41,14 +41,14 @@ pub async fn asked_to_stop() -> std::io::Result<()> {
     Ok(())
 }
 
-/// Listens from now on; completes on the first of Ctrl-C, SIGTERM, and SIGHUP, which a terminal that is closed sends.
-/// What `nohup` has made deaf to SIGHUP stays so.
+/// Listens from now on; completes on the first of Ctrl-C, SIGTERM and SIGHUP (sent when a terminal is closed). A process
+/// under `nohup` keeps ignoring SIGHUP.
 ///
 /// # Errors
 /// Where the system refuses a signal handler.
 pub fn signals() -> std::io::Result<impl Future<Output = ()> + Send> {
     use tokio::signal::unix::{Signal, SignalKind, signal};
-    /// Linux tells; elsewhere nobody is taken for deaf.
+    /// Known on Linux only; elsewhere no signal counts as ignored.
     const TOLD_IN: &str = "/proc/self/status";
     let status = std::fs::read_to_string(TOLD_IN).unwrap_or_default();
     let hangup = SignalKind::hangup();
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_nohup_ignores_is_known() {
+    fn an_ignored_signal_is_recognised() {
         let status =
             "Name:\tridged\nSigBlk:\t0000000000000001\nSigIgn:\t0000000000001001\nSigCgt:\t0\n";
         assert!(ignores(status, 1));

@@ -1,12 +1,12 @@
-//! `ridged judge`: a series and a specification in, pass, fail or cannot tell out.
+//! `ridged judge`: judges a series against a specification: pass, fail or cannot tell.
 
 use std::path::PathBuf;
 
 use anyhow::anyhow;
 
-use super::fit::{Variant, foretell, watched};
+use super::fit::{Variant, print_forecast, watched};
 use super::limits::FitLimits;
-use super::{CliError, answer, daemon, interrupt};
+use super::{CliError, interrupt, output, runtime};
 use crate::analysis::AnalysisOptions;
 use crate::fit::FitOptions;
 use crate::fit::traced::TracingOptions;
@@ -44,7 +44,7 @@ pub struct Args {
     /// Region of a sample with a layout: even, odd or patch-I-J.
     #[arg(long, value_name = "NAME")]
     pub region: Option<String>,
-    /// Time and error allowed.
+    /// Limits of time and error.
     #[command(flatten)]
     pub limits: FitLimits,
     /// One JSON object on stdout instead of a table.
@@ -52,9 +52,9 @@ pub struct Args {
     pub json: bool,
 }
 
-/// The specification that a file states.
+/// Reads a specification.
 fn specified(text: &str, file: &str) -> Result<Specification, CliError> {
-    // First its form, which is told as that of all files is: line, key and what is wanted.
+    // The form first, so that a refusal has line, key and what is expected.
     toml_text::read::<Specification>(text)
         .map_err(|refused| CliError::bad_input(anyhow!("{file}, {refused}")))?;
     Specification::from_toml(text, file).map_err(CliError::bad_input)
@@ -63,13 +63,13 @@ fn specified(text: &str, file: &str) -> Result<Specification, CliError> {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for a folder that is no series or a text that is no specification; no result where no
-/// frame can be used; interrupted after Ctrl-C. A sample that fails is no error.
+/// Bad input for a folder that is not a series or a text that is not a specification; no result where no frame can be
+/// used; interrupted after Ctrl-C. A sample that fails is not an error.
 pub fn run(args: Args) -> Result<(), CliError> {
     let file = args.spec.display().to_string();
     let text = std::fs::read_to_string(&args.spec).map_err(|error| {
         CliError::bad_input(anyhow::Error::new(error).context(format!(
-            "{file} cannot be read; give a specification such as docs/example-specification.toml"
+            "{file} cannot be read; docs/example-specification.toml is an example of a specification"
         )))
     })?;
     let specification = specified(&text, &file)?;
@@ -87,10 +87,13 @@ pub fn run(args: Args) -> Result<(), CliError> {
     };
     let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
         (Some(dir), _) => Box::new(Series::open_own(dir).map_err(CliError::bad_input)?),
-        (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
+        (None, scan) => Box::new(runtime::stored_series(
+            &args.data,
+            scan.unwrap_or_default(),
+        )?),
     };
     let cancel = interrupt::flag()?;
-    let expected_s = foretell(source.as_ref(), &mut options, &cancel);
+    let expected_s = print_forecast(source.as_ref(), &mut options, &cancel);
     let analysis = watched(source.as_ref(), &options, expected_s, &cancel)?;
     let verdict = VerdictReport::new(
         &specification,
@@ -98,10 +101,10 @@ pub fn run(args: Args) -> Result<(), CliError> {
         &analysis.observations,
         &source.sample_poses(),
     );
-    answer::put(args.json, &verdict, || table(&verdict))
+    output::write(args.json, &verdict, || table(&verdict))
 }
 
-/// Columns as wide as what stands in them; numbers to the right, words to the left, nothing after the last.
+/// Aligns columns: numbers to the right, words to the left, no blanks after the last column.
 fn columns<const N: usize>(rows: &[[String; N]]) -> String {
     let widths: [usize; N] = std::array::from_fn(|k| {
         rows.iter()
@@ -142,7 +145,7 @@ fn table(verdict: &VerdictReport) -> String {
     ];
     for item in &judgement.items {
         let decimals = item.expanded.map_or(4, decimals);
-        // As many digits as the uncertainty has two of, unless the value is beyond any table.
+        // Two digits of the uncertainty, unless the value is too large for a table.
         let measured = |x: Option<f64>| match x {
             None => none(),
             Some(x) if x.abs() < 1e7 => format!("{x:.decimals$}"),

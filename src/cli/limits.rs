@@ -1,12 +1,14 @@
-//! What a user allows a command: seconds and errors, refused in one wording and timed by one [`Stopwatch`].
+//! Limits of time and error that a user sets: the options of all commands, one wording of refusals, one [`Stopwatch`].
 //!
-//! The options that commands share are here too, by what they bound: [`PredictionLimits`] tables of closed forms
-//! and quadratures, [`PathLimits`] surfaces of so many paths each, [`FitLimits`] fits. A command whose limits mean
-//! something of its own keeps the options and calls [`check`]. What a limit leaves out is told by the command.
+//! [`PredictionLimits`] bound tables of closed forms and quadratures, [`PathLimits`] surfaces traced with many paths
+//! each, [`TraceLimits`] and [`RunLimits`] scenes, [`FitLimits`] fits and [`MapLimits`] maps. The command reports what a
+//! limit left out.
 
 mod fit;
+mod map;
 mod paths;
 mod prediction;
+mod trace;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -16,10 +18,12 @@ use anyhow::anyhow;
 use super::CliError;
 
 pub use fit::FitLimits;
-pub use paths::{PATHS, PathLimits, Trial, Work, check_paths};
+pub use map::MapLimits;
+pub use paths::{PATHS, PathLimits, PathWork, PilotResult, check_paths};
 pub use prediction::PredictionLimits;
+pub use trace::{RunLimits, TraceLimits};
 
-/// Refuses limits that are not greater than 0; those that nobody set are fine.
+/// Refuses limits that are not greater than 0; a limit that is not set passes.
 ///
 /// # Errors
 /// Bad input, naming the option.
@@ -34,7 +38,7 @@ pub fn check(limits: &[(&str, Option<f64>)]) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Refuses a relative error to be kept to that is not one.
+/// Refuses a tolerance that is not a share.
 ///
 /// # Errors
 /// Bad input, naming the option.
@@ -42,14 +46,14 @@ pub fn check_tolerance(tolerance: Option<f64>) -> Result<(), CliError> {
     check_share("--tolerance", tolerance)
 }
 
-/// The same of another option that is a share of the brightest.
+/// Refuses the value of an option that is not a share between 0 and 1.
 ///
 /// # Errors
 /// Bad input, naming the option.
 pub fn check_share(name: &str, share: Option<f64>) -> Result<(), CliError> {
     if share.is_some_and(|x| !(x > 0.0 && x < 1.0)) {
         return Err(CliError::bad_input(anyhow!(
-            "{name} must be between 0 and 1: 0.01 is one per cent"
+            "{name} must be between 0 and 1 (0.01 is one per cent)"
         )));
     }
     Ok(())
@@ -63,7 +67,7 @@ pub struct Stopwatch {
 }
 
 impl Stopwatch {
-    /// Runs from now on; without `max_seconds` for ever.
+    /// Starts now; without `max_seconds` it is never late.
     #[must_use]
     pub fn start(max_seconds: Option<f64>) -> Self {
         Stopwatch {
@@ -78,14 +82,15 @@ impl Stopwatch {
         self.started.elapsed().as_secs_f64()
     }
 
-    /// Whether the time allowed is over.
+    /// Whether the time limit has passed.
     #[must_use]
     pub fn is_late(&self) -> bool {
         self.max_seconds
             .is_some_and(|limit| self.seconds() >= limit)
     }
 
-    /// Does `work` with a flag that is raised once `cancel` is, or time is over: for work that looks at nothing else.
+    /// Does `work` with a flag that is raised once `cancel` is raised or the time limit has passed, for work that only
+    /// checks a flag.
     pub fn flagging<T>(&self, cancel: &AtomicBool, work: impl FnOnce(&AtomicBool) -> T) -> T {
         const LOOK: Duration = Duration::from_millis(10);
         let (end, done) = (AtomicBool::new(false), AtomicBool::new(false));
@@ -98,14 +103,14 @@ impl Stopwatch {
                     std::thread::sleep(LOOK);
                 }
             });
-            // Work that panics ends the thread, too.
+            // Ends the thread also where the work panics.
             let _done = Raised(&done);
             work(&end)
         })
     }
 }
 
-/// Raises a flag when it goes.
+/// Raises a flag when dropped.
 struct Raised<'a>(&'a AtomicBool);
 
 impl Drop for Raised<'_> {
@@ -147,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn work_that_looks_at_a_flag_alone_ends_with_its_time_and_when_it_is_cancelled() {
+    fn work_that_only_checks_a_flag_ends_with_its_time_and_on_cancel() {
         let waits = |watch: &Stopwatch, cancelled: bool| {
             watch.flagging(&AtomicBool::new(cancelled), |end| {
                 while !end.load(Ordering::Relaxed) {

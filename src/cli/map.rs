@@ -1,4 +1,4 @@
-//! `ridged map`: a recorded series in, pictures of ridge angle and roughness out.
+//! `ridged map`: pictures of ridge angle and roughness from a recorded series.
 
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::inputs;
-use super::{CliError, answer, daemon, interrupt, limits, place};
+use super::limits::MapLimits;
+use super::output_collision;
+use super::{CliError, interrupt, output, output_path, runtime};
 use crate::accuracy::map_forecast::of_map;
 use crate::map::folder::{FolderError, map_into};
 use crate::map::summary::Summary;
@@ -56,14 +57,9 @@ pub struct Args {
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
-    /// Time limit: no further pixels are begun after it. Pixels not reached have no value and are counted.
-    #[arg(long, value_name = "S")]
-    pub max_seconds: Option<f64>,
-    /// Largest share of the brightest radiance that may be neglected. Decides whether double reflections are integrated
-    /// and whether each pixel gets its own directions. Default: neglect nothing. `ridged explain DIR --map` shows the
-    /// decisions.
-    #[arg(long, value_name = "E")]
-    pub target_error: Option<f64>,
+    /// Limits of time and error.
+    #[command(flatten)]
+    pub limits: MapLimits,
     /// Memory for resampled frames, in MiB; what exceeds it goes to a scratch file in the output folder.
     #[arg(long, value_name = "MIB", default_value_t = 1024)]
     pub memory_mib: usize,
@@ -72,41 +68,40 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for a folder that is no series or has too few poses; no result where no pixel shows a
-/// lobe or files cannot be written; interrupted after Ctrl-C.
+/// Bad input for a folder that is not a series or has too few poses; no result where no pixel has a lobe or files cannot
+/// be written; interrupted after Ctrl-C.
 pub fn run(args: Args) -> Result<(), CliError> {
     let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
         (Some(dir), _) => {
             let series = Series::open_own(dir).map_err(CliError::bad_input)?;
-            inputs::no_folder_of_frames(&args.out, &series)?;
+            output_collision::no_folder_of_frames(&args.out, &series)?;
             Box::new(series)
         }
-        (None, scan) => Box::new(daemon::stored_series(&args.data, scan.unwrap_or_default())?),
+        (None, scan) => Box::new(runtime::stored_series(
+            &args.data,
+            scan.unwrap_or_default(),
+        )?),
     };
-    limits::check(&[
-        ("--max-seconds", args.max_seconds),
-        ("--target-error", args.target_error),
-    ])?;
-    limits::check_share("--target-error", args.target_error)?;
-    place::for_files(&args.out)?;
+    args.limits.check()?;
+    output_path::check_folder(&args.out)?;
     let cancel = interrupt::flag()?;
     let watch = Watch::new();
     let options = MapOptions {
         memory_bytes_max: args.memory_mib << 20,
         scratch: args.out.clone(),
-        target_error: args.target_error,
-        max_seconds: args.max_seconds,
+        target_error: args.limits.target_error,
+        max_seconds: args.limits.max_seconds,
     };
-    if (args.max_seconds.is_some() || args.target_error.is_some())
-        && let Some(told) = of_map(source.as_ref(), &options, &cancel)
+    if args.limits.is_any()
+        && let Some(forecast) = of_map(source.as_ref(), &options, &cancel)
     {
-        super::say(&format_args!("forecast: {told}"));
+        super::say(&format_args!("forecast: {forecast}"));
     }
     let summary = map_into(
         source.as_ref(),
         &options,
         &args.out,
-        &|p| watch.tell(p),
+        &|p| watch.show(p),
         &cancel,
     );
     watch.clear();
@@ -117,7 +112,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         FolderError::Map(error @ MapError::TooFewPoses { .. }) => CliError::bad_input(error),
         error => CliError::no_result(error),
     })?;
-    answer::put(args.json, &summary, || table(&summary, &args))
+    output::write(args.json, &summary, || table(&summary, &args))
 }
 
 /// A bar on a terminal once the work takes more than a second.
@@ -138,7 +133,7 @@ impl Watch {
         }
     }
 
-    fn tell(&self, p: Progress) {
+    fn show(&self, p: Progress) {
         if !self.terminal || self.started.elapsed() < Duration::from_secs(1) {
             return;
         }
@@ -191,7 +186,7 @@ fn table(summary: &Summary, args: &Args) -> String {
     text.push('\n');
     for lean in &summary.lean_directions {
         text.push_str(&format!(
-            "{:.0} % of the pixels lean to {:.2}°\n",
+            "{:.0} % of the pixels have the lean direction {:.2}°\n",
             100.0 * lean.share,
             lean.azimuth_deg
         ));

@@ -1,41 +1,43 @@
-//! The command line: one file per subcommand, each thin.
+//! The command line: one file or folder per subcommand, with its options and its output.
 //!
-//! JSON goes to stdout alone; progress, logs and errors go to stderr. Exit codes: 0 done, 1 no
+//! JSON goes to stdout; progress, logs and errors go to stderr. Exit codes: 0 done, 1 no
 //! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
 
 pub mod accuracy;
-mod answer;
 mod axis;
 pub mod check;
 pub mod client;
+pub mod constraint_args;
 pub mod contrast;
-pub mod daemon;
 pub mod demo;
 pub mod eval;
 pub mod explain;
 pub mod export;
 pub mod fit;
 pub mod import;
-mod inputs;
 pub mod interrupt;
 pub mod judge;
 mod limits;
 pub mod map;
 pub mod model_error;
+pub mod operator_prompt;
 pub mod optimize;
-pub mod people;
-mod place;
+mod output;
+mod output_collision;
+mod output_path;
 pub mod prediction;
 pub mod progress;
 pub mod render;
 pub mod rig;
+pub mod runtime;
 pub mod scan;
 pub mod score;
 pub mod serve;
 pub mod simulate_rig;
 pub mod simulated;
-pub mod told;
+
 pub mod trace;
+mod values;
 pub mod wear;
 
 use std::io::{IsTerminal as _, Write as _};
@@ -45,7 +47,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::wording::numbers::readable;
 
-/// Measures the ridge angle of micro-structured surfaces, says how sure it is, and why.
+/// Measures the ridge angle of micro-structured surfaces, with its uncertainty and the reasons for it.
 #[derive(Debug, Parser)]
 #[command(name = "ridged", version, about, max_term_width = 100)]
 #[command(after_help = "Examples:\n  \
@@ -53,7 +55,7 @@ use crate::wording::numbers::readable;
     ridged fit tests/data/series/polymer-10  the ridge angle of a recorded series\n  \
     ridged COMMAND --help                    more examples")]
 pub struct Cli {
-    /// What to do.
+    /// The subcommand.
     #[command(subcommand)]
     pub command: Command,
 }
@@ -79,21 +81,21 @@ pub enum Command {
     Eval(eval::Args),
     /// Fit ridge angle, roughness and reflectance to a recorded series.
     Fit(fit::Args),
-    /// Fit series of known truth and compare: value, uncertainty, how far apart.
+    /// Fit series of known truth and compare: value, uncertainty, difference.
     Score(score::Args),
     /// Fit ridge angle and roughness to every pixel of a recorded series.
     Map(map::Args),
     /// Judge a series against a specification: pass, fail or cannot tell.
     Judge(judge::Args),
-    /// Compare the closed forms with the ray tracer: where they are wrong, and by how much.
+    /// Compare the closed forms with the ray tracer: the error at each pose.
     ModelError(model_error::Args),
     /// Find the micro-structure of greatest contrast on a rig.
     Optimize(optimize::Args),
     /// Draw a board of patches before and after a turn.
     Render(render::Args),
-    /// Run the simulated controller alone, on a pseudo-terminal or a TCP port.
+    /// Run only the simulated controller, on a pseudo-terminal or a TCP port.
     SimulateRig(simulate_rig::Args),
-    /// Explain what would be computed, what is left out, and what that may cost.
+    /// Explain what would be computed, what is left out, and the possible error.
     Explain(explain::Args),
     /// Measure the error of every method against its run time.
     Accuracy(accuracy::Args),
@@ -105,7 +107,7 @@ pub enum Command {
     Wear(wear::Args),
 }
 
-/// Why a command ended without what was asked for.
+/// Why a command ended without its result.
 #[derive(Debug)]
 pub enum CliError {
     /// The input or its use is wrong: exit 2.
@@ -128,7 +130,7 @@ impl CliError {
     }
 }
 
-/// The command line as its words make it; help, and what is wrong with them, end the program.
+/// Parses the command line. Help, and errors of the command line, end the program.
 #[must_use]
 pub fn parse() -> Cli {
     let matches = with_negative_numbers(Cli::command()).try_get_matches();
@@ -137,52 +139,13 @@ pub fn parse() -> Cli {
         if !error.use_stderr() {
             error.exit();
         }
-        let said = error.render();
-        let said = match std::io::stderr().is_terminal() {
-            true => said.ansi().to_string(),
-            false => said.to_string(),
-        };
-        let _ = write!(std::io::stderr(), "{}", in_plain_words(&said));
+        let message = values::message(&error, std::io::stderr().is_terminal());
+        let _ = write!(std::io::stderr(), "{message}");
         std::process::exit(error.exit_code())
     })
 }
 
-/// What the parsers of numbers say, in words for those who wrote the number.
-fn in_plain_words(said: &str) -> String {
-    const WORDS: [(&str, &str); 8] = [
-        ("invalid float literal", "it is not a number"),
-        (
-            "invalid digit found in string",
-            "it is not a whole number from 0 on",
-        ),
-        (
-            "cannot parse float from empty string",
-            "it is empty, not a number",
-        ),
-        (
-            "cannot parse integer from empty string",
-            "it is empty, not a number",
-        ),
-        (
-            "number too large to fit in target type",
-            "it is too large a number",
-        ),
-        (
-            "number too small to fit in target type",
-            "it is too small a number",
-        ),
-        (
-            "provided string was not `true` or `false`",
-            "it is neither true nor false",
-        ),
-        ("..=", " to "),
-    ];
-    WORDS.iter().fold(said.to_owned(), |said, (words, plain)| {
-        said.replace(words, plain)
-    })
-}
-
-/// A negative number is a value, and refused as one where it is out of range, not an option that there is none of.
+/// Takes a negative number as a value, so that it is refused by its range and not as an unknown option.
 fn with_negative_numbers(command: clap::Command) -> clap::Command {
     command
         .mut_args(|arg| {
@@ -239,13 +202,13 @@ pub fn run(cli: Cli) -> ExitCode {
     }
 }
 
-/// A line on stderr. Where nobody listens there (a terminal that was closed, a full disk behind it), the work goes on and
-/// the exit code still says how it ended.
+/// Prints a line on stderr. Where it cannot be written (a closed terminal, a full disk), the work continues and the exit
+/// code still shows how it ended.
 fn say(line: &(impl std::fmt::Display + ?Sized)) {
     let _ = writeln!(std::io::stderr(), "{line}");
 }
 
-/// An error and its causes, without those that the error says already.
+/// Returns an error with its causes, without causes that the error already contains.
 fn once(error: &anyhow::Error) -> String {
     let mut said = String::new();
     for cause in error.chain() {
@@ -259,13 +222,13 @@ fn once(error: &anyhow::Error) -> String {
     readable(&said)
 }
 
-/// The arguments that the words of a command line make, for tests of the subcommands.
+/// Parses arguments, for tests of the subcommands.
 #[cfg(test)]
 fn parsed<A: clap::Args>(words: &[&str]) -> A {
     try_parsed(words).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// The same, or why the words make none.
+/// Parses arguments, or returns the error.
 #[cfg(test)]
 fn try_parsed<A: clap::Args>(words: &[&str]) -> Result<A, clap::Error> {
     #[derive(Parser)]
@@ -280,7 +243,7 @@ fn try_parsed<A: clap::Args>(words: &[&str]) -> Result<A, clap::Error> {
 mod tests {
     use anyhow::{Context as _, anyhow};
 
-    use super::{Cli, in_plain_words, once, with_negative_numbers};
+    use super::{Cli, once};
     use crate::series::SeriesError;
 
     use clap::CommandFactory as _;
@@ -301,41 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_negative_number_is_refused_as_a_number() {
-        let line = with_negative_numbers(Cli::command());
-        let refused = line.try_get_matches_from(["ridged", "fit", "series", "--bootstrap", "-5"]);
-        let said = refused.unwrap_err().to_string();
-        assert!(
-            said.contains("is not in 20..=100000") && !said.contains("unexpected"),
-            "{said}"
-        );
-    }
-
-    #[test]
-    fn what_is_no_number_is_said_in_plain_words() {
-        let said = |words: &[&str]| {
-            let line = with_negative_numbers(Cli::command());
-            let refused = line.try_get_matches_from([&["ridged"], words].concat());
-            in_plain_words(&refused.unwrap_err().to_string())
-        };
-        for (words, wanted) in [
-            (
-                &["scan", "--preset", "full", "--sample", "s", "--eta", "x"][..],
-                "it is not a number",
-            ),
-            (
-                &["fit", "series", "--bootstrap", "5"],
-                "5 is not in 20 to 100000",
-            ),
-            (&["serve", "--seed", "1.5"], "it is not a whole number"),
-        ] {
-            let said = said(words);
-            assert!(said.contains(wanted), "{wanted} is not in: {said}");
-        }
-    }
-
-    #[test]
-    fn a_cause_that_was_told_is_not_told_again() {
+    fn a_cause_that_the_error_contains_is_not_repeated() {
         let twice = SeriesError::Unreadable {
             file: "manifest.toml".into(),
             source: std::io::Error::other("it is a folder"),

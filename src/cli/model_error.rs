@@ -1,8 +1,8 @@
-//! `ridged model-error`: where and by how much the closed forms are wrong, measured with the tracer.
+//! `ridged model-error`: the errors of the closed forms, measured with the tracer.
 //!
-//! A surface of every ridge angle and roughness is traced at the poses of the full scan. The closed
-//! form at the true parameters is compared pose by pose; then the variants are fitted to the traced
-//! radiances, and what they read is compared with the truth.
+//! A surface of every ridge angle and roughness is traced at the poses of the full scan. The closed form at the true
+//! parameters is compared pose by pose; then the variants are fitted to the traced radiances, and the fitted parameters
+//! are compared with the truth.
 
 mod figure;
 mod table;
@@ -13,12 +13,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, anyhow};
 
-use super::limits::{PATHS, PathLimits, Stopwatch, Trial, Work, check_paths};
+use super::limits::{PATHS, PathLimits, PathWork, PilotResult, Stopwatch, check_paths};
 use super::progress::Bar;
-use super::{CliError, answer, interrupt, place};
+use super::{CliError, interrupt, output, output_path};
 use crate::accuracy::model_error::{Cell, Comparison, MATERIALS, Wanted};
 
-/// Where and by how much the variants paper and sawtooth are wrong: table, maps.
+/// Errors of the variants paper and sawtooth: table and maps.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  ridged model-error --out docs\n  \
     ridged model-error --theta-r-deg 10 --alpha 0.12 --paths 16384")]
@@ -33,13 +33,13 @@ pub struct Args {
     /// Diffuse reflectance of the plastic.
     #[arg(long, default_value_t = 0.35)]
     pub rho_d: f64,
-    /// Paths per radiance, from the camera and as many from the lamp.
+    /// Paths per radiance: from the camera, and the same number from the lamp.
     #[arg(long, default_value_t = 8192)]
     pub paths: u64,
-    /// Time and error allowed.
+    /// Limits of time and error.
     #[command(flatten)]
     pub limits: PathLimits,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// One JSON object on stdout instead of a table.
@@ -50,16 +50,18 @@ pub struct Args {
     pub out: Option<PathBuf>,
 }
 
-/// Times that a surface is traced anew with more paths: the first errors, of few paths, may be too small.
+/// Times that a surface may be traced again with more paths: errors estimated from few paths may be too small.
 const RETRIES: usize = 4;
 
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for options out of range; no result where a file cannot be written or an error asked for was missed though
-/// time was left; interrupted.
+/// Bad input for options out of range; no result where a file cannot be written or the target error was not reached
+/// within the time limit; interrupted.
 pub fn run(args: Args) -> Result<(), CliError> {
-    args.out.as_deref().map_or(Ok(()), place::for_files)?;
+    args.out
+        .as_deref()
+        .map_or(Ok(()), output_path::check_folder)?;
     let cancel = interrupt::flag()?;
     let watch = Stopwatch::start(args.limits.max_seconds);
     let compared = cells(&args, &watch, &cancel)?;
@@ -76,7 +78,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             .with_context(|| format!("cannot write to {}", out.display()))
             .map_err(CliError::no_result)?;
     }
-    answer::put(args.json, &table::report(cells, &left_out, seconds), || {
+    output::write(args.json, &table::report(cells, &left_out, seconds), || {
         let mut text = table::table(cells);
         for left in &left_out {
             let _ = writeln!(text, "\nleft out: {} ({})", left.what, left.why);
@@ -86,18 +88,18 @@ pub fn run(args: Args) -> Result<(), CliError> {
     compared.verdict(&args.limits)
 }
 
-/// What was compared.
+/// The comparison.
 #[derive(Debug)]
 struct Compared {
     cells: Vec<Cell>,
-    /// Surfaces for which no time was left.
+    /// Surfaces left out by the time limit.
     missing: Vec<Wanted>,
-    /// Whether time allowed no more paths.
+    /// Whether the time limit reduced the number of paths.
     cut_short: bool,
 }
 
 impl Compared {
-    /// Whether what was asked for was reached, where time did not decide.
+    /// Checks that the target error was reached, unless the time limit ended the run.
     fn verdict(&self, limits: &PathLimits) -> Result<(), CliError> {
         let worst = self.cells.iter().max_by(|a, b| a.noise.total_cmp(&b.noise));
         match worst {
@@ -112,7 +114,9 @@ impl Compared {
 fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared, CliError> {
     let bad = |what: String| Err(CliError::bad_input(anyhow!(what)));
     if let Some(t) = args.theta_r_deg.iter().find(|t| !(0.1..=45.0).contains(*t)) {
-        return bad(format!("--theta-r-deg {t}: give degrees from 0.1 to 45"));
+        return bad(format!(
+            "--theta-r-deg {t} is out of range: expected 0.1 to 45 degrees"
+        ));
     }
     if let Some(a) = args.alpha.iter().find(|a| !(0.005..=1.0).contains(*a)) {
         return bad(format!("--alpha {a}: give 0.005 to 1"));
@@ -144,12 +148,12 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
         watch.flagging(cancel, |end| wanted.run(paths, args.seed, end))
     };
     if args.limits.is_any() {
-        // One of each material: plastic takes more of the tracer, and their fits are not alike.
+        // One surface of each material: plastic takes more tracing, and the fits differ.
         let each = wanted.len() / MATERIALS.len();
         let middle = (0..MATERIALS.len()).map(|m| m * each + each / 2);
         let middle: Vec<&Comparison> = middle.filter_map(|n| wanted.get(n)).collect();
         let pilot = |paths| {
-            let mut trial = Trial {
+            let mut trial = PilotResult {
                 surfaces: middle.len(),
                 error: 0.0,
                 apart_s: 0.0,
@@ -161,15 +165,15 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
             }
             Some(trial)
         };
-        let work = Work {
+        let work = PathWork {
             surfaces: wanted.len(),
             abreast: 1,
             paths,
             may_miss_some: true,
         };
-        if let Some(told) = args.limits.plan(&work, &pilot)? {
-            super::say(&format_args!("forecast: {}", told.forecast));
-            (paths, cut_short) = (told.paths, told.forecast.cut_short);
+        if let Some(planned) = args.limits.plan(&work, &pilot)? {
+            super::say(&format_args!("forecast: {}", planned.forecast));
+            (paths, cut_short) = (planned.paths, planned.forecast.cut_short);
         }
     }
     let bar = Bar::new("surfaces");
@@ -194,7 +198,7 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
     bar.clear();
     if cells.is_empty() && !missing.is_empty() {
         return Err(CliError::no_result(anyhow!(
-            "no surface was finished in time: allow more seconds"
+            "no surface was finished within the time limit: allow more time"
         )));
     }
     Ok(Compared {
@@ -204,8 +208,8 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
     })
 }
 
-/// A surface traced with so many paths, and where it misses the error asked for again with those that it needs, some
-/// more than the root says: the pilots' surfaces stand for all, and some are noisier.
+/// Traces a surface, and where it misses the target error traces it again with the paths that it needs, and some more than
+/// the square-root law requires: the pilots' surfaces represent all, but some are noisier.
 fn traced(paths: u64, target: Option<f64>, trace: &dyn Fn(u64) -> Option<Cell>) -> Option<Cell> {
     let mut found = trace(paths)?;
     for _ in 0..RETRIES {
@@ -254,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn surfaces_for_which_no_time_is_left_are_named() {
+    fn surfaces_left_out_by_the_time_limit_are_named() {
         let words = [
             "--theta-r-deg",
             "5",
@@ -266,7 +270,7 @@ mod tests {
         ];
         let args: Args = parsed(&words);
         let calm = AtomicBool::new(false);
-        // Time is over before the first.
+        // The limit has passed before the first surface.
         let late = cells(&args, &Stopwatch::start(Some(1e-9)), &calm);
         let Err(CliError::NoResult(why)) = late else {
             panic!("{late:?}");
@@ -277,14 +281,14 @@ mod tests {
             theta_r_deg: 10.0,
             alpha: 0.2,
         }];
-        let told = report(&[], &left_out(&missing), 1.0);
-        let last = &told["left_out"][2];
+        let object = report(&[], &left_out(&missing), 1.0);
+        let last = &object["left_out"][2];
         assert_eq!(last["what"], "1 surface: steel of 10° and α 0.2");
         assert!(left_out(&[]).len() == 2);
     }
 
     #[test]
-    fn an_error_that_was_asked_for_and_not_reached_is_no_result_unless_time_was_over() {
+    fn a_target_error_that_is_not_reached_is_no_result_unless_the_time_limit_ended_the_run() {
         let args: Args = parsed(&["--theta-r-deg", "5", "--alpha", "0.2", "--paths", "64"]);
         let watch = Stopwatch::start(None);
         let mut few = cells(&args, &watch, &AtomicBool::new(false)).unwrap();
@@ -327,10 +331,10 @@ mod tests {
         assert_eq!(asked.take(), [64, 64]);
         assert!(reached(64, Some(0.05)) < 0.05);
         assert_eq!(asked.take(), [64, 282]);
-        // What no number of paths reaches ends, and a second run that time ends leaves the first.
+        // An unreachable error ends the run; a second run that the time limit ends leaves the first result.
         assert!(reached(64, Some(1e-9)) > 1e-9);
         assert_eq!(asked.take(), [64, PATHS.1]);
-        // An error that falls more slowly takes more than two.
+        // An error that falls more slowly takes more than two runs.
         let slow = |paths: u64| {
             let cell = trace(paths)?;
             let noise = (paths as f64).powf(-0.45);

@@ -1,11 +1,11 @@
-//! `ridged optimize`: the micro-structure of greatest contrast on a rig, and how flat the optimum is.
+//! `ridged optimize`: the micro-structure of greatest contrast on a rig, and the width of the optimum.
 
 use anyhow::anyhow;
 use serde_json::{Value, json};
 
 use super::limits::{PredictionLimits, Stopwatch};
 use super::prediction::{Model, Scene};
-use super::{CliError, answer};
+use super::{CliError, output};
 use crate::forecast::Expected;
 use crate::model::LeftOut;
 use crate::model::Surface;
@@ -33,13 +33,13 @@ pub struct Args {
     /// Largest roughness that can be made.
     #[arg(long, value_name = "ALPHA", requires = "alpha_min")]
     pub alpha_max: Option<f64>,
-    /// The rig and the rest of the surface.
+    /// Rig and other parameters of the surface.
     #[command(flatten)]
     pub scene: Scene,
     /// How the radiances are computed.
     #[arg(long, value_enum, default_value_t = Model::Sawtooth)]
     pub variant: Model,
-    /// Time and error allowed.
+    /// Limits of time and error.
     #[command(flatten)]
     pub limits: PredictionLimits,
     /// One JSON object on stdout instead of sentences.
@@ -53,29 +53,29 @@ pub struct Args {
 /// Bad input for options out of range or bounds that are not in order.
 pub fn run(args: Args) -> Result<(), CliError> {
     let report = report(&args)?;
-    answer::put(args.json, &report, || text(&report))
+    output::write(args.json, &report, || text(&report))
 }
 
-/// The report for people.
+/// Formats the report as text.
 fn text(report: &Value) -> String {
     let number = |key: &str| report[key].as_f64().unwrap_or(f64::NAN);
     let range = |key: &str| {
         let at = |j: usize| report[key][j].as_f64();
         match (at(0), at(1)) {
             (Some(low), Some(high)) => format!("{low:.2}° to {high:.2}°"),
-            _ => "(time was over)".to_owned(),
+            _ => "(time limit reached)".to_owned(),
         }
     };
     let bound = |key: &str, what: &str| {
         if report[key] == true {
-            format!("\nThe optimum lies on a bound of {what}: a wider bound may give more.")
+            format!("\nThe optimum is at a bound of {what}: a wider bound may give more.")
         } else {
             String::new()
         }
     };
     let stopped = match report["complete"] == false {
         true => format!(
-            "\nTime was over before the search came to its end: this is the best of {}; allow more with --max-seconds.",
+            "\nThe time limit ended the search: this is the best of {}. Allow more time with --max-seconds.",
             counted(report["tables"].as_u64().unwrap_or(0) as usize, "table")
         ),
         false => String::new(),
@@ -113,7 +113,7 @@ fn report(args: &Args) -> Result<Value, CliError> {
         }
         _ if surface.alpha_u != surface.alpha_v => {
             return Err(CliError::bad_input(anyhow!(
-                "optimize keeps one roughness for both axes: give --alpha instead of --alpha-u, --alpha-v"
+                "optimize uses one roughness for both axes: give --alpha instead of --alpha-u, --alpha-v"
             )));
         }
         _ => [surface.alpha_u; 2],
@@ -138,13 +138,13 @@ fn report(args: &Args) -> Result<Value, CliError> {
         let tilts = &search.tilts_deg;
         predict_paced(tier, &rig, &optics, &surface, &[theta_r_deg], tilts, &all)
     };
-    args.limits.foretell(tables_of(&search), || {
+    args.limits.print_forecast(tables_of(&search), || {
         let middle = 0.5 * (theta_r_deg[0] + theta_r_deg[1]);
         let alpha = (search.alpha[0] * search.alpha[1]).sqrt();
         std::hint::black_box(table(tier, middle, alpha));
     });
     let best = optimise(tier, &rig, &optics, &surface, &search, &pace);
-    // The closed form's own error is told by the integral at what it found.
+    // The integral at the optimum shows the error of the closed form.
     let apart = (tier != Tier::Quadrature).then(|| {
         let full = table(Tier::Quadrature, best.theta_r_deg, best.alpha).table;
         let closed = table(tier, best.theta_r_deg, best.alpha).table;
@@ -161,7 +161,7 @@ fn report(args: &Args) -> Result<Value, CliError> {
     if !best.complete {
         left_out.push(LeftOut::new(
             "the rest of the search",
-            "time was over: ridge angle and roughness are the best of those that were tried",
+            "time limit reached: ridge angle and roughness are the best of those tried",
             None,
         ));
     }
@@ -217,7 +217,7 @@ mod tests {
         );
         assert!(report(&parsed(&["--alpha-min", "0.3", "--alpha-max", "0.1"])).is_err());
         assert!(report(&parsed(&["--alpha-u", "0.3"])).is_err());
-        // One roughness, or bounds of it: what would be ignored is refused.
+        // One roughness or its bounds: an option that would be ignored is refused.
         let both = [
             "--alpha",
             "0.1",

@@ -1,5 +1,5 @@
-//! What every prediction is asked for: a rig and a surface given by options ([`Scene`]), and how the radiances are
-//! computed ([`Model`]). `contrast`, `optimize`, `render` and `wear` share them, so that an option means the same in all.
+//! Options that all predictions share: rig and surface ([`Scene`]), and how radiances are computed ([`Model`]).
+//! `contrast`, `optimize`, `render` and `wear` use them, so that an option means the same in all.
 
 use anyhow::anyhow;
 use clap::ValueEnum;
@@ -37,7 +37,7 @@ pub struct Scene {
     /// Imaginary part of the index.
     #[arg(long, default_value_t = 0.0)]
     pub k: f64,
-    /// A metal of the tables (Ag, Al, Au, Cr, Cu, W) in place of its index.
+    /// A metal of the tables (Ag, Al, Au, Cr, Cu, W) instead of an index.
     #[arg(long, value_name = "NAME", conflicts_with_all = ["eta", "k"])]
     pub metal: Option<String>,
     /// Wavelength at which the metal is looked up.
@@ -82,7 +82,7 @@ pub enum Model {
 }
 
 impl Model {
-    /// The tier it names.
+    /// Returns the tier.
     #[must_use]
     pub fn tier(self) -> Tier {
         match self {
@@ -92,8 +92,8 @@ impl Model {
         }
     }
 
-    /// What its radiances do without on a rig of those cones, the lobes' narrower roughness being `alpha`; `apart` is how
-    /// far they are from those with two bounces integrated, as a share of the brightest.
+    /// Effects that its radiances omit on a rig with these cones, where `alpha` is the smaller roughness; `apart` is their
+    /// difference from radiances with two integrated bounces, as a share of the brightest.
     #[must_use]
     pub fn left_out(
         self,
@@ -115,7 +115,7 @@ impl Model {
                 list.push(left_out::two_bounce_quadrature(apart));
                 list
             }
-            // It averages over the cones.
+            // This tier averages over the cones.
             Model::Quadrature => {
                 let mut list: Vec<LeftOut> = left_out::lens(cones).into_iter().collect();
                 list.extend([left_out::ideal_profile(), left_out::third_bounce()]);
@@ -124,8 +124,8 @@ impl Model {
         };
         if !metal && self != Model::Paper {
             list.push(left_out::polarisation(
-                "on plastic predictions multiply unpolarised reflectances where light bounces twice, as many renderers \
-                 do; single reflections do not depend on it",
+                "on plastic, predictions multiply unpolarised reflectances where light bounces twice; single reflections do not \
+                depend on it",
             ));
         }
         list
@@ -143,8 +143,8 @@ impl Model {
 }
 
 impl Scene {
-    /// Checks the numbers, and that ridges of `theta_r_deg` (degrees) have a radiance with them; makes
-    /// rig, optics and surface (ridge angle 0) of them.
+    /// Checks the numbers, and that ridges of `theta_r_deg` (degrees) have a radiance with them. Returns rig, optics and
+    /// surface (with ridge angle 0).
     ///
     /// # Errors
     /// Bad input, naming the option and its range.
@@ -203,7 +203,7 @@ impl Scene {
         check(&limits::RHO_D, rho_d)?;
         if k > 0.0 && rho_d > 0.0 {
             return Err(CliError::bad_input(anyhow!(
-                "rho_d is light from below the surface, and a metal sends none back: leave --rho-d out, or k"
+                "--rho-d is light from below the surface, which a metal does not return: leave out --rho-d, or --k"
             )));
         }
         let optics = Optics {
@@ -228,7 +228,7 @@ impl Scene {
     }
 }
 
-/// Refuses a number that an option of this limit may not have.
+/// Refuses a number outside the limit of its option.
 fn check(limit: &Limit, value: f64) -> Result<(), CliError> {
     let Limit { low, high, .. } = limit;
     if limit.holds(value) {
@@ -236,6 +236,6 @@ fn check(limit: &Limit, value: f64) -> Result<(), CliError> {
     }
     let option = limit.name.replace('_', "-");
     Err(CliError::bad_input(anyhow!(
-        "--{option} = {value} is not within {low} and {high}"
+        "--{option} {value} is out of range: expected {low} to {high}"
     )))
 }

@@ -1,4 +1,4 @@
-//! A progress bar that shows itself on a terminal only, and only once it is worth it.
+//! A progress bar, shown only on a terminal and only for work of more than a second.
 
 use std::io::IsTerminal;
 use std::sync::{Mutex, OnceLock};
@@ -12,20 +12,20 @@ pub struct Bar {
     terminal: bool,
     unit: &'static str,
     bar: OnceLock<ProgressBar>,
-    stage: Mutex<Option<Stage>>,
+    stage: Mutex<Option<CountedStage>>,
 }
 
-/// What is counted at present: another total, or a count that falls back, begins anew.
-struct Stage {
+/// The present stage; another total, or a smaller count, starts a new stage.
+struct CountedStage {
     begun: Instant,
     total: u64,
-    /// What was done already as it began.
+    /// Count at the start of the stage.
     from: u64,
     done: u64,
 }
 
 impl Bar {
-    /// A bar that counts `unit`; nothing is shown yet.
+    /// Creates a bar that counts `unit`; nothing is shown yet.
     #[must_use]
     pub fn new(unit: &'static str) -> Self {
         Bar {
@@ -42,7 +42,7 @@ impl Bar {
         self.show(done, total, "");
     }
 
-    /// The same with a word on what is going on.
+    /// Shows `done` of `total` with a word about the present work.
     pub fn show(&self, done: u64, total: u64, word: &str) {
         if !self.terminal {
             return;
@@ -70,14 +70,14 @@ impl Bar {
         }
     }
 
-    /// Time left of what is counted at present; `None` for as long as nobody can tell.
+    /// Time left in the present stage; `None` while it is unknown.
     fn left(&self, done: u64, total: u64) -> Option<Duration> {
         let done = done.min(total);
         let mut stage = self.stage.lock().expect("no holder of this lock panics");
         match stage.as_mut() {
             Some(s) if s.total == total && s.done <= done => s.done = done,
             _ => {
-                *stage = Some(Stage {
+                *stage = Some(CountedStage {
                     begun: Instant::now(),
                     total,
                     from: done,
@@ -89,7 +89,7 @@ impl Bar {
         time_left(done - stage.from, total - stage.from, stage.begun.elapsed())
     }
 
-    /// Prints a line above the bar, or plainly to stderr where there is none.
+    /// Prints a line above the bar, or to stderr if there is no bar.
     pub fn say(&self, line: &str) {
         match self.bar.get() {
             Some(bar) => bar.println(line),
@@ -97,7 +97,7 @@ impl Bar {
         }
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn clear(&self) {
         if let Some(bar) = self.bar.get() {
             bar.finish_and_clear();
@@ -105,11 +105,12 @@ impl Bar {
     }
 }
 
-/// Time that the rest takes at the pace so far; `None` in the first half second, before anything is done, and
-/// where less than a second is left.
+/// Time that the rest takes at the present pace; `None` in the first half second, before anything is done, and where less
+/// than a second is left.
 fn time_left(done: u64, total: u64, spent: Duration) -> Option<Duration> {
-    let told = 0 < done && done < total && spent >= Duration::from_millis(500);
-    told.then(|| spent.mul_f64((total - done) as f64 / done as f64))
+    let is_known = 0 < done && done < total && spent >= Duration::from_millis(500);
+    is_known
+        .then(|| spent.mul_f64((total - done) as f64 / done as f64))
         .filter(|left| *left >= Duration::from_secs(1))
 }
 
@@ -118,13 +119,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_time_left_is_not_told_before_there_is_a_pace() {
+    fn the_time_left_is_unknown_before_there_is_a_pace() {
         let s = Duration::from_secs;
         assert_eq!(time_left(0, 100, s(5)), None);
         assert_eq!(time_left(1, 10_000, Duration::from_millis(200)), None);
         assert_eq!(time_left(10, 100, Duration::from_millis(20)), None);
         assert_eq!(time_left(25, 100, s(4)), Some(s(12)));
-        // At the end there is nothing to say, rather than no second left.
+        // At the end there is no time left to show.
         assert_eq!(time_left(99, 100, s(4)), None);
         assert_eq!(time_left(100, 100, s(4)), None);
     }

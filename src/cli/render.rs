@@ -1,4 +1,4 @@
-//! `ridged render`: pictures of a board of patches before and after a turn (the paper's Fig. 2).
+//! `ridged render`: pictures of a board of patches before and after a rotation (the paper's Fig. 2).
 
 mod exr;
 
@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, anyhow};
 
 use super::prediction::Scene;
-use super::{CliError, place};
+use super::values::whole;
+use super::{CliError, output_path};
 use crate::map::colour::srgb;
 use crate::model::picture::{Board, Picture};
 use crate::model::{Surface, Variant, left_out};
@@ -26,7 +27,7 @@ pub struct Args {
     /// PNG to write.
     #[arg(long, value_name = "FILE.png")]
     pub out: PathBuf,
-    /// EXR with linear radiances to write as well.
+    /// EXR with linear radiances to write, too.
     #[arg(long, value_name = "FILE.exr")]
     pub exr: Option<PathBuf>,
     /// Ridge angle.
@@ -44,10 +45,10 @@ pub struct Args {
     #[command(flatten)]
     pub scene: Scene,
     /// Pixels along a side of each picture.
-    #[arg(long, value_name = "N", default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=8192))]
+    #[arg(long, value_name = "N", default_value_t = 512, value_parser = whole::<u32>(16..=8192))]
     pub pixels: u32,
     /// Patches along a side of the board; with an odd number, a quarter turn swaps bright and dark.
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = whole::<u32>(1..=1000))]
     pub patches: u32,
     /// Side of the board, in mm.
     #[arg(long, default_value_t = 40.0, value_name = "MM")]
@@ -57,7 +58,7 @@ pub struct Args {
     pub distance_mm: f64,
 }
 
-/// A table of contrasts has several tilts, a picture one.
+/// A table of contrasts has several tilts, a picture only one.
 fn of_one_picture(tilts: clap::Arg) -> clap::Arg {
     tilts.num_args(1).default_value("0").help("Camera tilt")
 }
@@ -83,8 +84,10 @@ pub fn run(args: Args) -> Result<(), CliError> {
             args.out.display()
         )));
     }
-    place::for_file(&args.out)?;
-    args.exr.as_deref().map_or(Ok(()), place::for_file)?;
+    output_path::check_file(&args.out)?;
+    args.exr
+        .as_deref()
+        .map_or(Ok(()), output_path::check_file)?;
     let both = pictures(&args)?;
     let unwritable = |path: &Path| format!("cannot write {}", path.display());
     write_png(&args.out, &both)
@@ -104,7 +107,7 @@ fn pictures(args: &Args) -> Result<Picture, CliError> {
     for (name, value) in [("size-mm", args.size_mm), ("distance-mm", args.distance_mm)] {
         if !(value.is_finite() && value > 0.0) {
             return Err(CliError::bad_input(anyhow!(
-                "--{name} = {value} is not positive"
+                "--{name} {value} is out of range: expected a positive number"
             )));
         }
     }
@@ -168,7 +171,7 @@ fn write_png(path: &Path, picture: &Picture) -> anyhow::Result<()> {
     let mut encoder = png::Encoder::new(file, picture.width as u32, picture.height as u32);
     encoder.set_color(png::ColorType::Grayscale);
     encoder.set_depth(png::BitDepth::Eight);
-    // A picture keeps with it what its radiances do without.
+    // The picture's metadata state what its radiances omit.
     let mut left_out = left_out::of_closed_form(
         Variant::Sawtooth,
         &crate::geometry::Cones::NONE,
@@ -188,7 +191,7 @@ mod tests {
     use crate::cli::parsed;
 
     #[test]
-    fn both_pictures_stand_side_by_side_in_png_and_exr() {
+    fn both_pictures_are_side_by_side_in_png_and_exr() {
         let folder = tempfile::tempdir().unwrap();
         let (png, exr) = (folder.path().join("q.png"), folder.path().join("q.exr"));
         let args: Args = parsed(&[

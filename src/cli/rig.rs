@@ -1,4 +1,4 @@
-//! `ridged rig`: look at and stop the rig of a running daemon.
+//! `ridged rig`: commands for the rig of a running daemon.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -10,13 +10,13 @@ use serde_json::Value;
 use super::CliError;
 use super::client::Client;
 
-/// Looks at, homes, unparks or stops the rig of a running daemon.
+/// Shows, homes, unparks or stops the rig of a running daemon.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  ridged rig stop        stops both axes at once, whoever moves them"
+    after_help = "Example:\n  ridged rig stop        stops both axes at once, whatever moves them"
 )]
 pub struct Args {
-    /// What to do.
+    /// The action.
     #[command(subcommand)]
     pub action: Action,
     /// Data folder of the daemon.
@@ -27,16 +27,16 @@ pub struct Args {
     pub json: bool,
 }
 
-/// What to do with the rig.
+/// An action on the rig.
 #[derive(Debug, Clone, Copy, clap::Subcommand)]
 pub enum Action {
-    /// Show where both axes are.
+    /// Show the positions of both axes.
     #[command(after_help = "Example:\n  ridged rig status --json")]
     Status,
     /// Home both axes.
     #[command(after_help = "Example:\n  ridged rig home")]
     Home,
-    /// Let both axes move again where another program parked them; nothing moves by that.
+    /// Unpark axes that another program parked, without moving them.
     #[command(after_help = "Example:\n  ridged rig unpark")]
     Unpark,
     /// Stop both axes at once; never refused.
@@ -78,7 +78,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         .map_err(CliError::no_result)
 }
 
-/// Waits until the motion is over, and looks whether the axis knows its reference by it.
+/// Waits until the motion is over and checks that the axis has a reference from it.
 fn until_homed(client: &Client, axis: &str) -> Result<(), CliError> {
     loop {
         let rig = client.get("/rig")?;
@@ -89,7 +89,7 @@ fn until_homed(client: &Client, axis: &str) -> Result<(), CliError> {
     }
 }
 
-/// Whether homing an axis came to a good end, or why not; `None` while it is not over.
+/// Returns whether homing an axis succeeded, or why not; `None` while it moves.
 fn homed(rig: &Value, axis: &str) -> Option<Result<(), String>> {
     let why = |problem: &Value| problem["detail"].as_str().map(str::to_owned);
     if rig["connected"] == false {
@@ -103,11 +103,11 @@ fn homed(rig: &Value, axis: &str) -> Option<Result<(), String>> {
     if let Some(failure) = why(&rig["failure"]) {
         return Some(Err(failure));
     }
-    // Somebody may have switched it off and on meanwhile.
+    // The controller may have been switched off and on in the meantime.
     Some(match rig["axes"][axis]["homed"] == true {
         true => Ok(()),
         false => Err(format!(
-            "{axis} has no reference after homing; look at the rig, then home it again"
+            "{axis} has no reference after homing; check the rig, then home it again"
         )),
     })
 }
@@ -158,7 +158,7 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn an_axis_that_nobody_hears_is_not_said_to_be_at_rest() {
+    fn an_axis_without_connection_is_not_reported_at_rest() {
         let axis = json!({ "position_deg": null, "moving": null, "homed": false, "warnings": [] });
         let gone = json!({
             "connected": false, "problem": { "code": "stage-silent", "detail": "no reply" },
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn homing_is_done_only_where_the_axis_knows_its_reference() {
+    fn homing_succeeds_only_where_the_axis_has_a_reference() {
         let rig = |activity: &str, reference: bool| {
             json!({
                 "connected": true, "problem": null, "failure": null, "activity": activity,
@@ -185,7 +185,7 @@ mod tests {
         assert_eq!(homed(&rig("idle", true), "theta_c"), Some(Ok(())));
         let unknown = homed(&rig("idle", false), "theta_c").unwrap().unwrap_err();
         assert!(unknown.contains("theta_c"), "{unknown}");
-        // A reference of old is no success of a motion that failed.
+        // An earlier reference does not make a failed motion a success.
         let mut failed = rig("idle", true);
         failed["failure"] = json!({ "code": "stage-stalled", "detail": "theta_c stalled" });
         assert_eq!(

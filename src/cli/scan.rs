@@ -1,4 +1,4 @@
-//! `ridged scan`: one scan, by a running daemon or by this process itself.
+//! `ridged scan`: runs one scan, by a running daemon or in this process.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::CliError;
 use super::client::Client;
-use super::daemon;
+use super::runtime;
 use crate::material::{Material, tables};
 use crate::scan::PlanRequest;
 use crate::scan::plan::Preset;
@@ -37,8 +37,7 @@ pub struct Args {
     /// A named plan instead of a file.
     #[arg(long, value_parser = preset, value_name = "paper|full")]
     pub preset: Option<Preset>,
-    /// Take the plan's dark and white-reference frames alone, new ones: scans to come use them, and need no hands but for
-    /// the sample.
+    /// Take only new dark and white-reference frames for the plan. Later scans reuse them and ask only for the sample.
     #[arg(long)]
     pub calibrate: bool,
     /// Name of the sample [default: the newest one].
@@ -85,7 +84,7 @@ fn preset(word: &str) -> Result<Preset, String> {
     match word {
         "paper" => Ok(Preset::Paper),
         "full" => Ok(Preset::Full),
-        other => Err(format!("`{other}` is neither paper nor full")),
+        other => Err(format!("expected paper or full, got `{other}`")),
     }
 }
 
@@ -102,7 +101,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     }
     let answer = match Client::find(&args.data)? {
         Some(client) => by_daemon::scan(&client, &args, &plan)?,
-        None => daemon::block_on(by_itself::scan(&args, plan))?,
+        None => runtime::block_on(by_itself::scan(&args, plan))?,
     };
     let text = match args.json {
         true => format!("{answer:#}\n"),
@@ -134,18 +133,21 @@ fn read_plan(args: &Args) -> Result<PlanRequest, CliError> {
         .map_err(|refused| CliError::bad_input(anyhow!("the plan {}, {refused}", path.display())))
 }
 
-/// Time over ideal, in words.
+/// Formats the scan time beside the ideal time.
 pub fn timing_words(answer: &Value) -> String {
     match (answer["elapsed_s"].as_f64(), answer["ideal_s"].as_f64()) {
         (Some(elapsed), Some(ideal)) if ideal > 0.0 => format!(
             "scan time {elapsed:.1} s, ideal motion + settling + exposure {ideal:.1} s, ratio {:.3}\n",
             elapsed / ideal
         ),
-        _ => "scan time over ideal is known where this command runs the scan itself\n".into(),
+        _ => {
+            "the scan time beside the ideal is known only where this command runs the scan itself\n"
+                .into()
+        }
     }
 }
 
-/// Times of a run as JSON.
+/// Adds the times of a run to the JSON object.
 pub fn with_times(mut answer: Value, end: Option<RunEnd>) -> Value {
     if let Some(end) = end {
         answer["elapsed_s"] = json!(end.elapsed_s);
@@ -158,11 +160,11 @@ pub fn with_times(mut answer: Value, end: Option<RunEnd>) -> Value {
     answer
 }
 
-/// The material that the arguments state; the uncertainty of a number is that of a data sheet, one unit in
-/// the second decimal.
+/// Returns the material that the arguments state; the uncertainty of an index is that of a data sheet, one unit in the
+/// second decimal.
 ///
 /// # Errors
-/// Bad input: a metal that is in no table, or not at that wavelength.
+/// Bad input: a metal that is not in the tables, or not at that wavelength.
 fn material(args: &Args) -> Result<Option<Material>, CliError> {
     const STD: f64 = 0.01;
     if let Some(name) = &args.metal {
@@ -180,7 +182,7 @@ fn material(args: &Args) -> Result<Option<Material>, CliError> {
     }))
 }
 
-/// Refuses a material that is another than that of the sample of this name, which nobody would look at.
+/// Refuses a material that differs from that of the existing sample, since it would be ignored.
 ///
 /// # Errors
 /// Bad input, with the sample's own index.
@@ -197,8 +199,7 @@ fn suits_the_sample(args: &Args, kept: &Material) -> Result<(), CliError> {
         false => format!("{n} + {k}i"),
     };
     Err(CliError::bad_input(anyhow!(
-        "sample `{}` is there, and its index is {kept}: leave the material out, or give another sample another name \
-         (--sample)",
+        "sample `{}` exists with index {kept}: leave out the material, or give another name with --sample",
         args.sample.as_deref().unwrap_or_default()
     )))
 }
@@ -214,7 +215,7 @@ fn no_sample(wanted: Option<&str>) -> CliError {
     })
 }
 
-/// The ridge angle in passing, with its expanded uncertainty (k = 2) and the rig's time.
+/// Formats the ridge angle during the scan, with its expanded uncertainty (k = 2) and the rig's time.
 fn sure_words(value_deg: f64, std_deg: f64, elapsed_s: f64) -> String {
     let expanded = 2.0 * std_deg;
     // Two digits of the uncertainty.
@@ -228,7 +229,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_material_that_is_not_the_samples_is_refused_and_not_passed_over() {
+    fn a_material_that_differs_from_the_samples_is_refused() {
         let args = |options: &[&str]| -> Args {
             let always = ["--preset", "paper", "--sample", "batch 7"];
             crate::cli::parsed(&[&always[..], options].concat())
@@ -241,14 +242,14 @@ mod tests {
                 panic!("{other:?} is passed over");
             };
             let words = refused.to_string();
-            assert!(words.contains("its index is 1.5"), "{words}");
+            assert!(words.contains("with index 1.5"), "{words}");
         }
         let idle = ["--preset", "paper", "--wavelength-nm", "600"];
         assert!(crate::cli::try_parsed::<Args>(&idle).is_err());
     }
 
     #[test]
-    fn the_ridge_angle_in_passing_has_two_digits_of_its_uncertainty() {
+    fn the_ridge_angle_during_a_scan_has_two_digits_of_its_uncertainty() {
         assert_eq!(
             sure_words(10.0312, 0.041, 330.0),
             "θr 10.031 ± 0.082° at 5.5 min"

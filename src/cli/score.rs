@@ -1,7 +1,7 @@
-//! `ridged score`: series of known truth fitted as any other, and how far the answers lie from it.
+//! `ridged score`: fits series of known truth like any other and reports the differences.
 //!
-//! The truth is the file `truth.toml` beside a series, which no reduction and no fit reads. E_n is the difference over the
-//! expanded uncertainty: below 1 the interval holds the truth.
+//! The truth is the file `truth.toml` of a series, which neither reduction nor fit reads. E_n is the difference divided by
+//! the expanded uncertainty; below 1 the interval contains the truth.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -9,13 +9,13 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use serde::{Deserialize, Serialize};
 
-use super::{CliError, answer, fit, interrupt};
+use super::{CliError, fit, interrupt, output};
 use crate::analysis::AnalysisOptions;
 use crate::fit::report::{FitReport, Parameter};
 use crate::series::Series;
 use crate::wording::decimals;
 
-/// What stands above the table in a file.
+/// Text above the table in a file.
 const HEAD: &str = "# Fits of samples, rigs and cameras as labs have them, against the truth
 
 Made by `ridged score tests/data/series tests/data/series2 --out docs/real-samples.md`. Each series was path-traced on ridges of known
@@ -36,7 +36,7 @@ pub struct Args {
     /// Series with a truth.toml, or folders that hold such series.
     #[arg(value_name = "DIR", required = true)]
     pub dirs: Vec<PathBuf>,
-    /// Write the table to a file (Markdown) as well.
+    /// Write the table to a file (Markdown), too.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// One JSON object on stdout instead of a table.
@@ -46,7 +46,7 @@ pub struct Args {
 
 /// One parameter of one series.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Row {
+pub struct ScoreRow {
     /// Name as in the report of a fit.
     pub parameter: String,
     /// True value, in the parameter's unit.
@@ -64,20 +64,20 @@ pub struct Row {
 pub struct Score {
     /// Name of its folder.
     pub series: String,
-    /// How its fit ended.
+    /// Status of its fit.
     pub status: crate::fit::report::Status,
     /// Residual, root mean square over the largest observation.
     pub rms_residual: Option<f64>,
     /// Code of the first finding.
     pub first_finding: Option<String>,
     /// Parameters whose truth is known.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ScoreRow>,
 }
 
 /// All series.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Scores {
-    /// One by one.
+    /// Each series.
     pub series: Vec<Score>,
     /// Root mean square of all E_n.
     pub rms_e_n: f64,
@@ -87,15 +87,15 @@ pub struct Scores {
     pub share_above_1: f64,
 }
 
-/// `truth.toml`, as far as it is compared.
+/// The values of `truth.toml` that are compared.
 #[derive(Debug, Default, Deserialize)]
-struct Truth {
+struct KnownTruth {
     #[serde(default)]
-    sample: Sample,
+    sample: TrueSample,
     #[serde(default)]
-    body: Body,
+    body: TrueBody,
     #[serde(default)]
-    mounting: Mounting,
+    mounting: TrueMounting,
     #[serde(default)]
     near_field: NearField,
     #[serde(default)]
@@ -103,7 +103,7 @@ struct Truth {
 }
 
 #[derive(Debug, Default, Deserialize)]
-struct Sample {
+struct TrueSample {
     theta_r_deg: Option<f64>,
     theta_r_effective_deg: Option<f64>,
     alpha_u: Option<f64>,
@@ -112,12 +112,12 @@ struct Sample {
 }
 
 #[derive(Debug, Default, Deserialize)]
-struct Body {
+struct TrueBody {
     translucency: Option<f64>,
 }
 
 #[derive(Debug, Default, Deserialize)]
-struct Mounting {
+struct TrueMounting {
     azimuth_offset_deg: Option<f64>,
     camera_tilt_zero_offset_deg: Option<f64>,
 }
@@ -133,8 +133,8 @@ struct Moulded {
     crest: Option<f64>,
 }
 
-impl Truth {
-    /// By the names of the report.
+impl KnownTruth {
+    /// By the names of the fit report.
     fn of(&self, parameter: &str) -> Option<f64> {
         let (sample, near) = (&self.sample, &self.near_field);
         match parameter {
@@ -159,7 +159,7 @@ impl Truth {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for a folder without a truth or that is no series; no result where a series gives none.
+/// Bad input for a folder that is not a series or has no truth; no result where a fit fails.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let mut series = Vec::new();
     for dir in &args.dirs {
@@ -170,7 +170,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     for dir in &series {
         super::say(&format_args!("{}", dir.display()));
         let source = Series::open(dir).map_err(CliError::bad_input)?;
-        // Patches of a board have truths of their own.
+        // Each patch of a board has its own truth.
         if crate::reduction::FrameSource::manifest(&source)
             .sample
             .layout
@@ -191,7 +191,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
             .with_context(|| format!("cannot write {}", path.display()))
             .map_err(CliError::bad_input)?;
     }
-    answer::put(args.json, &scores, || table)
+    output::write(args.json, &scores, || table)
 }
 
 fn name_of(dir: &Path) -> String {
@@ -200,7 +200,7 @@ fn name_of(dir: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
-/// The folder itself, or those in it, that hold a truth; by name.
+/// Returns the folders with a truth, by name: `dir` itself, or folders in it.
 fn with_truth(dir: &Path) -> anyhow::Result<Vec<PathBuf>> {
     if dir.join("truth.toml").is_file() {
         return Ok(vec![dir.to_owned()]);
@@ -220,18 +220,18 @@ fn with_truth(dir: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-fn truth_of(dir: &Path) -> anyhow::Result<Truth> {
+fn truth_of(dir: &Path) -> anyhow::Result<KnownTruth> {
     let path = dir.join("truth.toml");
     let text = std::fs::read_to_string(&path)
         .with_context(|| format!("cannot read {}", path.display()))?;
     toml::from_str(&text).with_context(|| path.display().to_string())
 }
 
-fn score(name: &str, truth: &Truth, report: &FitReport) -> Score {
+fn score(name: &str, truth: &KnownTruth, report: &FitReport) -> Score {
     let row = |(parameter, p): (&str, &Parameter)| {
         let truth = truth.of(parameter)?;
         let (value, expanded) = (p.value?, p.expanded?);
-        Some(Row {
+        Some(ScoreRow {
             parameter: parameter.to_owned(),
             truth,
             value,
@@ -308,7 +308,7 @@ mod tests {
 
     #[test]
     fn a_truth_is_compared_by_the_most_exact_of_its_angles() {
-        let truth: Truth = toml::from_str(
+        let truth: KnownTruth = toml::from_str(
             "[sample]\ntheta_r_deg = 14\ntheta_r_effective_deg = 13.9\nalpha_u = 0.1\n[near_field]\n\
              theta_r_to_the_turntable_deg = 13.8",
         )
@@ -320,7 +320,7 @@ mod tests {
 
     #[test]
     fn scores_add_up_over_series() {
-        let row = |e_n: f64| Row {
+        let row = |e_n: f64| ScoreRow {
             parameter: "theta_r_deg".into(),
             truth: 10.0,
             value: 10.0 + 0.1 * e_n,

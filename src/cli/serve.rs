@@ -5,10 +5,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::CliError;
-use super::daemon::{self, Daemon};
 use super::interrupt;
-use super::simulated::{self, Built, SimulatedRig, Simulation};
+use super::runtime;
+use super::simulated::ConstructionArgs;
 use crate::api::server::{self, ListenError};
+use crate::daemon::{self, Daemon};
+use crate::lab::assembly::real_rig;
+use crate::sim::rig::{SimulatedRig, Simulation};
 
 /// Runs the daemon: page, HTTP interface, rig.
 #[derive(Debug, clap::Args)]
@@ -47,25 +50,24 @@ pub struct Args {
     pub seed: u64,
     /// How the simulated rig is built.
     #[command(flatten)]
-    pub built: Built,
+    pub construction: ConstructionArgs,
 }
 
 /// Runs until Ctrl-C, SIGTERM or SIGHUP.
 ///
 /// # Errors
-/// Bad input for settings or an address that cannot be used; no result if address or data folder
-/// are taken.
+/// Bad input for settings or an address that cannot be used; no result if address or data folder are in use.
 pub fn run(args: Args) -> Result<(), CliError> {
-    daemon::block_on(serve(args))
+    runtime::block_on(serve(args))
 }
 
 async fn serve(args: Args) -> Result<(), CliError> {
-    if !args.simulated_rig && args.built != Built::default() {
+    if !args.simulated_rig && args.construction != ConstructionArgs::default() {
         return Err(CliError::bad_input(anyhow::anyhow!(
-            "how a simulated rig is built needs --simulated-rig; of a real one the settings' [rig] says it"
+            "options of the simulated rig need --simulated-rig; describe a real rig in [rig] of the settings"
         )));
     }
-    let config = daemon::read_config(args.config.as_deref())?;
+    let config = runtime::read_config(args.config.as_deref())?;
     let listen = args.listen.unwrap_or_else(|| config.server.listen.clone());
     let listener = server::bind(&listen).await.map_err(listen_error)?;
     let folder = args.data.unwrap_or_else(|| config.store.folder.clone());
@@ -73,39 +75,41 @@ async fn serve(args: Args) -> Result<(), CliError> {
         let (rig, mut parts) = SimulatedRig::build(Simulation {
             time_scale: args.time_scale,
             seed: args.seed,
-            built: args.built,
+            construction: args.construction.into(),
             ..Simulation::default()
         })?;
-        simulated::obey(&mut parts.settings, &config);
+        parts.settings.apply(&config);
         let clock = Arc::clone(&rig.clock);
         (Some(rig), Some(parts), clock)
     } else {
-        let clock = daemon::real_clock();
-        let parts = daemon::real_rig(&config, &clock)?;
+        let clock = runtime::real_clock();
+        let parts = real_rig(&config, &clock).map_err(CliError::bad_input)?;
         if parts.is_none() {
             tracing::warn!(
-                "no rig: the settings name no port; stored scans can be looked at and fitted \
-                 (--config FILE for a rig, --simulated-rig to try one)"
+                "no rig: the settings name no port; stored scans can be viewed and fitted \
+                (--config FILE for a rig, --simulated-rig to try one)"
             );
         }
         (None, parts, clock)
     };
-    let lab = daemon::open_lab(&folder, clock, parts).await?;
+    let lab = daemon::open_lab(&folder, clock, parts)
+        .await
+        .map_err(CliError::no_result)?;
     lab.keep_free(config.store.reserve_mb * 1_000_000);
-    let hands = match &simulator {
+    let operator = match &simulator {
         None => None,
         Some(rig) => {
-            rig.stock(&lab).await.map_err(daemon::lab_error)?;
-            Some(rig.hands(&lab, false))
+            rig.add_samples(&lab).await.map_err(runtime::lab_error)?;
+            Some(rig.operate(&lab, false))
         }
     };
-    // Before the line that says "ready": whoever reads it may send the signal at once.
+    // Before the line with the address, since a reader of it may send the signal at once.
     let told_to_end = interrupt::signals().map_err(CliError::no_result)?;
-    let daemon = Daemon::start(lab, listener)?;
+    let daemon = Daemon::start(lab, listener).map_err(CliError::no_result)?;
     let ready = writeln!(std::io::stdout(), "listening on {}", daemon.url)
         .and_then(|()| std::io::stdout().flush());
     ready.map_err(CliError::no_result)?;
-    // Connect now, so that trouble with the port is told before somebody wants to scan.
+    // Connect now, so that faults of the port are reported before the first scan.
     let lab = daemon.lab.clone();
     let connecting = tokio::spawn(async move {
         if let Ok(view) = lab.rig().await
@@ -118,13 +122,13 @@ async fn serve(args: Args) -> Result<(), CliError> {
     tracing::info!("stopping: rig first, then connections, then the store");
     connecting.abort();
     daemon.end().await;
-    if let Some(hands) = hands {
-        hands.abort();
+    if let Some(operator) = operator {
+        operator.abort();
     }
     Ok(())
 }
 
-/// An address that makes no sense or is no loopback is the user's mistake; a taken one is not.
+/// Maps an error of the listener: an invalid address, or one that is not loopback, is the user's mistake; one in use is not.
 pub fn listen_error(error: ListenError) -> CliError {
     match error {
         ListenError::Bind { .. } => CliError::no_result(error),

@@ -1,8 +1,7 @@
-//! `ridged simulate-rig`: the simulated controller alone, on a pty or a TCP port.
+//! `ridged simulate-rig`: only the simulated controller, on a pty or a TCP port.
 
 use std::io::Write;
 use std::net::{SocketAddr, ToSocketAddrs};
-use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use anyhow::{Context, anyhow};
@@ -10,10 +9,10 @@ use serde_json::{Value, json};
 
 use super::CliError;
 use super::interrupt;
-use super::simulated::check_time_scale;
 use crate::bench::AxisName;
 use crate::clock::{Clock, ScaledClock};
 use crate::sim::controller::Controller;
+use crate::sim::rig::{TIME_SCALES_OF_CONTROLLER, check_range};
 use crate::sim::server::{serve_pty, serve_tcp};
 use crate::sim::world::{World, WorldSettings};
 
@@ -44,15 +43,12 @@ pub struct Args {
     pub describe: bool,
 }
 
-/// How much faster than life the controller alone may be: it only answers.
-const TIME_SCALES_ALONE: RangeInclusive<f64> = 1e-3..=1e6;
-
 /// Serves until Ctrl-C, SIGTERM or SIGHUP.
 ///
 /// # Errors
-/// Bad input for a time scale or address that is none; no result if the line cannot be had.
+/// Bad input for an invalid time scale or address; no result if the line cannot be opened.
 pub fn run(args: Args) -> Result<(), CliError> {
-    check_time_scale(args.time_scale, TIME_SCALES_ALONE)?;
+    check_range("time_scale", args.time_scale, TIME_SCALES_OF_CONTROLLER)?;
     let clock: Arc<dyn Clock> = Arc::new(ScaledClock::new(args.time_scale));
     let world = Arc::new(World::new(clock, WorldSettings::default()));
     let controller = match args.one_controller {
@@ -64,7 +60,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         .build()
         .map_err(CliError::no_result)?;
     runtime.block_on(async {
-        // Before the line that says "ready": whoever reads it may send the signal at once.
+        // Before the line with the address, since a reader of it may send the signal at once.
         let stop = interrupt::signals().map_err(CliError::no_result)?;
         match &args.tcp {
             Some(address) => {
@@ -109,7 +105,7 @@ fn announce(place: &str, args: &Args, world: &World) -> Result<(), CliError> {
         .map_err(CliError::no_result)
 }
 
-/// What a client has to know about the rig.
+/// Describes the rig for a client.
 fn describe(world: &World, args: &Args) -> Value {
     let axis = |name: AxisName, address: u8, axis: u8| {
         let m = world.mechanics(name);

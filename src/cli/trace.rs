@@ -1,12 +1,12 @@
-//! `ridged trace`: a scene in, energies and Mueller bins out; and the merging of shards.
+//! `ridged trace`: energies and Mueller bins of a scene; and the merging of shards.
 
 mod compare;
 mod curves;
 mod ellipsometer;
 mod hemisphere;
-mod making;
 mod pictures;
 mod runs;
+mod surface_build;
 mod table;
 mod task;
 
@@ -16,9 +16,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, anyhow};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use task::Task;
+use task::TraceTask;
 
-use super::limits::Stopwatch;
+use super::limits::{Stopwatch, TraceLimits};
+use super::values::whole;
 use super::{CliError, interrupt};
 use crate::forecast::Forecast;
 use crate::heights;
@@ -44,41 +45,34 @@ pub struct Args {
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
-    /// Stop after this time; what is finished by then counts.
-    #[arg(long, value_name = "S")]
-    pub max_seconds: Option<f64>,
-    /// Stop once the relative error of the reflected bins (root mean square) is below this.
-    #[arg(long, value_name = "E")]
-    pub target_error: Option<f64>,
-    /// Leave out what costs the reflected energy no more than this share (see `ridged explain`). Without
-    /// it, what costs less than the run's own standard error.
-    #[arg(long, value_name = "E")]
-    pub tolerance: Option<f64>,
+    /// Limits of time and error.
+    #[command(flatten)]
+    pub limits: TraceLimits,
     /// Trace part K of N; `ridged trace merge` puts the parts together.
     #[arg(long, value_name = "K/N", value_parser = parse_shard)]
     pub shard: Option<Shard>,
-    /// CSV file of the direction bins. Of a run that is stopped (Ctrl-C, --max-seconds, --target-error) it
-    /// holds all that --resume needs.
+    /// CSV file of the direction bins. If a run is stopped (Ctrl-C, --max-seconds, --target-error), the file contains all
+    /// that --resume needs.
     #[arg(long, value_name = "FILE.csv")]
     pub out: Option<PathBuf>,
-    /// Go on with the stopped run that wrote this file; the end is the same, bit by bit, as without the
-    /// stop. Writes to the same file unless --out names another.
+    /// Continue the stopped run that wrote this file; the result is the same, bit by bit, as without the stop. Writes to the
+    /// same file unless --out names another.
     #[arg(long, value_name = "FILE.csv")]
     pub resume: Option<PathBuf>,
-    /// Trace so many surfaces of the same statistics in all, drawn by other seeds, and tell how much the energies differ
-    /// from surface to surface; the direction bins stay those of the scene's own.
+    /// Trace N surfaces of the same statistics, with different seeds, and report the scatter of the energies from surface to
+    /// surface. The direction bins are those of the scene's own surface.
     #[arg(long, value_name = "N", conflicts_with_all = ["shard", "resume"],
-          value_parser = clap::value_parser!(u32).range(2..=1000))]
+          value_parser = whole::<u32>(2..=1000))]
     pub surfaces: Option<u32>,
-    /// A folder for pictures (SVG): hemispheres of every Mueller and Stokes component, DOLP and AOP.
+    /// Folder for pictures (SVG): hemispheres of every Mueller and Stokes component, DOLP and AOP.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
 
-/// What else `ridged trace` does.
+/// Subcommands of `ridged trace`.
 #[derive(Debug, clap::Subcommand)]
 pub enum Action {
-    /// Puts the files of all shards of one run together; the same bits as one run.
+    /// Merges the files of all shards of one run; the result is bit-equal to one run.
     #[command(after_help = "Example:\n  ridged trace merge part-1.csv part-2.csv --out bins.csv")]
     Merge {
         /// Files that `--shard` wrote.
@@ -103,15 +97,15 @@ fn parse_shard(text: &str) -> Result<Shard, String> {
         .and_then(|(k, n)| Some((k.parse().ok()?, n.parse().ok()?)));
     match parts {
         Some((number, of)) if 1 <= number && number <= of => Ok(Shard { number, of }),
-        _ => Err("write K/N with K from 1 to N, such as 2/4".to_owned()),
+        _ => Err("expected K/N with K from 1 to N, for example 2/4".to_owned()),
     }
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for a scene or files that make no sense; no result where a target was not reached or a
-/// file cannot be written; interrupted after Ctrl-C, with what was finished written.
+/// Bad input for an invalid scene or file; no result where a target was not reached or a file cannot be written;
+/// interrupted after Ctrl-C, with the finished part written.
 pub fn run(args: Args) -> Result<(), CliError> {
     match &args.action {
         Some(Action::Merge { files, out, json }) => return merge(files, out, *json),
@@ -119,9 +113,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
         Some(Action::Ellipsometer(args)) => return ellipsometer::run(args),
         None => {}
     }
-    let task = Task::prepare(&args)?;
+    let task = TraceTask::prepare(&args)?;
     let before = task.kept()?;
-    task.foretell(before.is_some());
+    task.print_forecast(before.is_some());
     let done = task.execute(before)?;
     task.write(&done)?;
     let report = task.report(&done)?;
@@ -132,22 +126,22 @@ pub fn run(args: Args) -> Result<(), CliError> {
 fn unreached(target: f64, reached: Option<f64>, photons: u64) -> anyhow::Error {
     match reached {
         Some(e) => anyhow!(
-            "the target error {target} was not reached: {photons} photons gave {}; about {} would be needed \
-             (run.photons in the scene)",
+            "the target error {target} was not reached: {photons} photons gave {}; about {} are needed (run.photons in the \
+            scene)",
             significant(e),
             significant(photons as f64 * (e / target).powi(2))
         ),
         None => anyhow!(
-            "the target error {target} cannot be reached: no light was reflected, or no more than its own noise"
+            "the target error {target} cannot be reached: no reflected light exceeds its own noise"
         ),
     }
 }
 
-/// Says what a run will take. What is only bounded may be far less, so nobody knows if a limit cuts it.
+/// Prints a forecast. An upper bound may be far too large, so it does not show whether a limit cuts the run.
 fn say_forecast(forecast: Forecast, max_seconds: Option<f64>) {
     if forecast.at_most {
         super::say(&format_args!(
-            "forecast: {forecast}; likely far less, which shows once it is known where the light falls"
+            "forecast: {forecast}; probably far less, known once the illuminated part of the surface is found"
         ));
     } else {
         super::say(&format_args!(
@@ -157,7 +151,7 @@ fn say_forecast(forecast: Forecast, max_seconds: Option<f64>) {
     }
 }
 
-/// A scene with its files, ready to trace.
+/// Prepares a scene with its files.
 pub(super) fn ready(path: &Path, scene: &Scene) -> Result<Prepared, CliError> {
     scene
         .prepare(&beside(path))
@@ -165,7 +159,7 @@ pub(super) fn ready(path: &Path, scene: &Scene) -> Result<Prepared, CliError> {
         .map_err(CliError::bad_input)
 }
 
-/// Reads the files that a scene names, which lie beside it.
+/// Returns a reader of the files that a scene names, relative to its folder.
 fn beside(path: &Path) -> impl Fn(&str) -> Result<HeightMap, String> {
     let folder = path.parent().unwrap_or(Path::new("."));
     |file| {
@@ -174,7 +168,7 @@ fn beside(path: &Path) -> impl Fn(&str) -> Result<HeightMap, String> {
     }
 }
 
-/// A scene as its file has it, ready to trace, and the fingerprint of all that was read.
+/// Reads and prepares a scene; also returns the fingerprint of all that was read.
 fn prepare(path: &Path) -> Result<(Scene, Prepared, Sha256), CliError> {
     let mut fingerprint = Sha256::new();
     let text = std::fs::read_to_string(path)
@@ -197,7 +191,7 @@ fn prepare(path: &Path) -> Result<(Scene, Prepared, Sha256), CliError> {
     Ok((scene, prepared, fingerprint))
 }
 
-/// A scene as read from its file, to be varied.
+/// A scene as read from its file, of which variants are traced.
 struct Source {
     path: PathBuf,
     scene: Scene,
@@ -220,11 +214,11 @@ impl Source {
         })
     }
 
-    /// Its surfaces, which neither lamp nor run change.
+    /// Builds its surfaces, which do not depend on lamp or run.
     fn shapes(&self, watch: &Stopwatch) -> Result<Shapes, CliError> {
         let (scene, path) = (self.scene.clone(), self.path.clone());
         let cancel = interrupt::flag()?;
-        making::made(watch, &cancel, move || {
+        surface_build::build(watch, &cancel, move || {
             scene
                 .shapes(&beside(&path))
                 .with_context(|| path.display().to_string())
@@ -233,7 +227,7 @@ impl Source {
     }
 }
 
-/// Writes a picture into a folder, which is made if need be.
+/// Writes a picture into a folder, which is created if it does not exist.
 fn write_picture(folder: &Path, name: &str, svg: &str) -> Result<(), CliError> {
     let path = folder.join(name);
     std::fs::create_dir_all(folder)
@@ -242,7 +236,7 @@ fn write_picture(folder: &Path, name: &str, svg: &str) -> Result<(), CliError> {
         .map_err(CliError::no_result)
 }
 
-/// One JSON object or a table on stdout.
+/// Writes one JSON object or a table to stdout.
 fn print(
     json: bool,
     report: &impl Serialize,
@@ -269,18 +263,18 @@ fn merge(files: &[PathBuf], out: &Path, json: bool) -> Result<(), CliError> {
     print(json, &report, |out| table_of(&report, out))
 }
 
-/// Decimals of energies at least.
+/// Fewest decimals of energies.
 const LEAST_DECIMALS: usize = 6;
 
 fn or_not_known(x: f64) -> String {
     if x.is_finite() {
         significant(x)
     } else {
-        "not known".to_owned()
+        "unknown".to_owned()
     }
 }
 
-/// The report for people.
+/// Formats the report as text.
 fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
     let kind = if report.polarised {
         "polarised"
@@ -319,7 +313,7 @@ fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
     if let Some(s) = &report.surfaces {
         writeln!(
             out,
-            "  over {} (± their mean's error; by the photons; from surface to surface)",
+            "  over {} (± error of their mean; by the photons; from surface to surface)",
             counted(s.count, "surface")
         )?;
         for (name, x) in [

@@ -1,11 +1,11 @@
-//! `ridged wear`: where the contrast of worn ridges peaks, by tracing them.
+//! `ridged wear`: the ridge angle at which the contrast of worn ridges peaks, by tracing.
 //!
 //! The first paper's model peaks at a ridge angle of 5°, its experiments at 10° (Luongo et al. 2017,
-//! section 5). Rounded edges and burrs are swept here on the true geometry, to see whether they can
-//! be the reason, and from which wear on.
+//! section 5). This command traces rounded edges and burrs of several sizes on the true geometry, to show whether and at
+//! which size they explain the difference.
 
 mod figure;
-mod told;
+mod tables;
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -14,10 +14,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::{Context, anyhow};
 use rayon::prelude::*;
 
-use super::limits::{PathLimits, Stopwatch, Trial, Work, check_paths};
+use super::limits::{PathLimits, PathWork, PilotResult, Stopwatch, check_paths};
 use super::prediction::Scene;
 use super::progress::Bar;
-use super::{CliError, answer, interrupt, place};
+use super::{CliError, interrupt, output, output_path};
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::LeftOut;
 use crate::model::contrast::{PAPER_AZIMUTHS_DEG, PAPER_RIDGES_DEG};
@@ -28,7 +28,7 @@ use crate::trace::rng::{Purpose, Stream};
 use crate::trace::tally::Estimate;
 use crate::wording::{counted, significant};
 
-/// Contrast of rounded and burred ridges over the ridge angle, traced: CSV and figure.
+/// Traces the contrast of rounded and burred ridges over the ridge angle: CSV and figure.
 ///
 /// Contrast is the mean of |L(0°) − L(90°)| and |L(90°) − L(180°)| over the given tilts. Rounding is
 /// the radius of crests and valleys, burrs have exponentially distributed heights; both in units
@@ -52,16 +52,16 @@ pub struct Args {
     /// Step of the ridge angle.
     #[arg(long, default_value_t = 0.5, value_name = "DEG")]
     pub theta_r_step_deg: f64,
-    /// Paths per radiance from the camera, and as many from the lamp.
+    /// Paths per radiance: from the camera, and the same number from the lamp.
     #[arg(long, value_name = "N", default_value_t = 4096)]
     pub paths: u64,
-    /// Time and error allowed.
+    /// Limits of time and error.
     #[command(flatten)]
     pub limits: PathLimits,
     /// Seed of the random numbers.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// The rig and the rest of the surface.
+    /// Rig and other parameters of the surface.
     #[command(flatten)]
     pub scene: Scene,
     /// Folder for wear.csv and wear.svg.
@@ -72,10 +72,10 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Ridge angles nearer than this are one.
+/// Ridge angles closer than this are equal.
 const SAME_DEG: f64 = 1e-9;
 
-/// What wears the ridges.
+/// A kind of wear.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Wear {
     /// Radius of the edges in facet lengths.
@@ -84,35 +84,35 @@ pub(super) enum Wear {
     Burr(f64),
 }
 
-/// One wear: its contrast over the ridge angle.
+/// The contrast over the ridge angle at one wear.
 #[derive(Debug, Clone)]
 pub(super) struct Sweep {
     pub wear: Wear,
     /// By rising angle in even steps.
-    pub points: Vec<Point>,
-    /// The paper's ridge angles within the bounds that are none of those.
-    pub between: Vec<Point>,
-    /// Steps for which no time was left.
+    pub points: Vec<WearPoint>,
+    /// The paper's ridge angles within the bounds that are between the steps.
+    pub between: Vec<WearPoint>,
+    /// Number of steps left out by the time limit.
     pub missing: usize,
 }
 
-/// All wears, and what is to be told of them.
+/// All wears, and facts about the run.
 #[derive(Debug)]
 struct Swept {
     sweeps: Vec<Sweep>,
     left_out: Vec<LeftOut>,
     /// Paths per radiance.
     paths: u64,
-    /// Whether time decided how many surfaces or paths there are.
+    /// Whether the time limit reduced the number of surfaces or paths.
     cut_short: bool,
 }
 
 /// One surface.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Point {
+pub(super) struct WearPoint {
     /// Ridge angle of the facets before wear.
     pub theta_r_deg: f64,
-    /// Effective ridge angle of what is left.
+    /// Effective ridge angle after wear.
     pub effective_deg: f64,
     /// Mean absolute contrast, sr⁻¹.
     pub contrast: Estimate,
@@ -136,7 +136,7 @@ impl Sweep {
         if self.missing > 0 {
             return None;
         }
-        let value = |p: &Point| p.contrast.value;
+        let value = |p: &WearPoint| p.contrast.value;
         let best = (0..self.points.len())
             .max_by(|&a, &b| value(&self.points[a]).total_cmp(&value(&self.points[b])))?;
         let at = &self.points[best];
@@ -159,18 +159,18 @@ impl Sweep {
         })
     }
 
-    /// What was traced, in steps and between them.
-    fn all(&self) -> impl Iterator<Item = &Point> {
+    /// All traced surfaces, at the steps and between them.
+    fn all(&self) -> impl Iterator<Item = &WearPoint> {
         self.points.iter().chain(&self.between)
     }
 
-    /// The surface of a ridge angle, where it was traced.
-    pub fn at(&self, theta_r_deg: f64) -> Option<&Point> {
+    /// Returns the surface of a ridge angle, if it was traced.
+    pub fn at(&self, theta_r_deg: f64) -> Option<&WearPoint> {
         self.all()
             .find(|p| (p.theta_r_deg - theta_r_deg).abs() < SAME_DEG)
     }
 
-    /// Which of the paper's four ridge angles has the greatest contrast.
+    /// Returns the one of the paper's four ridge angles with the greatest contrast.
     pub fn best_of_paper(&self) -> Option<f64> {
         let known = PAPER_RIDGES_DEG
             .iter()
@@ -184,21 +184,23 @@ impl Sweep {
 /// # Errors
 /// Bad input for options out of range; no result where a file cannot be written; interrupted.
 pub fn run(args: Args) -> Result<(), CliError> {
-    args.out.as_deref().map_or(Ok(()), place::for_files)?;
+    args.out
+        .as_deref()
+        .map_or(Ok(()), output_path::check_folder)?;
     let cancel = interrupt::flag()?;
     let watch = Stopwatch::start(args.limits.max_seconds);
     let swept = sweep(&args, &watch, &cancel)?;
     let sweeps = &swept.sweeps;
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out)
-            .and_then(|()| std::fs::write(out.join("wear.csv"), told::csv(sweeps)))
+            .and_then(|()| std::fs::write(out.join("wear.csv"), tables::csv(sweeps)))
             .and_then(|()| std::fs::write(out.join("wear.svg"), figure::draw(sweeps)))
             .with_context(|| format!("cannot write to {}", out.display()))
             .map_err(CliError::no_result)?;
     }
     let seconds = watch.seconds();
-    answer::put(args.json, &told::report(&swept, seconds), || {
-        let mut text = told::table(sweeps) + "\n" + &told::errors_table(sweeps);
+    output::write(args.json, &tables::report(&swept, seconds), || {
+        let mut text = tables::table(sweeps) + "\n" + &tables::errors_table(sweeps);
         for left in &swept.left_out {
             let _ = writeln!(text, "\nleft out: {} ({})", left.what, left.why);
         }
@@ -216,14 +218,16 @@ fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, C
     );
     if !(low >= 0.2 && low < high && high <= 45.0 && step >= 0.01 && step <= high - low) {
         return bad(format!(
-            "ridge angles from {low} to {high} by {step} degrees: give bounds within 0.2 and 45 and a \
-             step of at least 0.01"
+            "ridge angles from {low} to {high} by {step} degrees are out of range: expected bounds within 0.2 and 45 and \
+            a step of at least 0.01"
         ));
     }
     let (rig, optics, surface) = args.scene.build(&[low, high])?;
     for (name, list) in [("--rounds", &args.rounds), ("--burrs", &args.burrs)] {
         if let Some(x) = list.iter().find(|x| !(0.0..=1.0).contains(*x)) {
-            return bad(format!("{name} {x}: give facet lengths from 0 to 1"));
+            return bad(format!(
+                "{name} {x} is out of range: expected 0 to 1 facet lengths"
+            ));
         }
     }
     check_paths(args.paths)?;
@@ -236,7 +240,7 @@ fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, C
     }
     let count = ((high - low) / step + 1e-9) as usize + 1;
     let mut angles: Vec<f64> = (0..count).map(|n| low + step * n as f64).collect();
-    // What is told of the paper's ridges is traced, not read between steps: contrast bends by a tenth within two degrees.
+    // The paper's ridges are traced, not interpolated: the contrast changes its course by a tenth within two degrees.
     for t in PAPER_RIDGES_DEG {
         let is_in = (low - SAME_DEG..=high + SAME_DEG).contains(&t);
         if is_in && angles.iter().all(|a| (a - t).abs() >= SAME_DEG) {
@@ -259,7 +263,7 @@ fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, C
         }
         ridges
     };
-    let surface_of = |n: usize, paths: u64| -> Option<Point> {
+    let surface_of = |n: usize, paths: u64| -> Option<WearPoint> {
         let theta_r_deg = angles[n % angles.len()];
         let profile = ridges_of(theta_r_deg, wears[n / angles.len()])
             .profile()
@@ -267,7 +271,7 @@ fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, C
         let effective = profile.effective_ridge_angle()?.to_degrees();
         let body = (optics.k == 0.0 && surface.rho_d > 0.0).then_some(body);
         let worn = RidgedSurface::new(profile, roughness, [optics.eta, optics.k], body);
-        Some(Point {
+        Some(WearPoint {
             theta_r_deg,
             effective_deg: effective,
             contrast: contrast(&worn, &rig, args, paths, &stopped)?,
@@ -278,27 +282,27 @@ fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, C
     if args.limits.is_any() {
         let pilot = |paths: u64| {
             let c = surface_of(surfaces / 2, paths)?.contrast;
-            Some(Trial {
+            Some(PilotResult {
                 surfaces: 1,
                 error: c.std / c.value.abs().max(f64::MIN_POSITIVE),
                 apart_s: 0.0,
             })
         };
-        let work = Work {
+        let work = PathWork {
             surfaces,
             abreast: rayon::current_num_threads(),
             paths,
             may_miss_some: false,
         };
-        let told = args.limits.plan(&work, &pilot)?;
-        if let Some(told) = told {
-            super::say(&format_args!("forecast: {}", told.forecast));
-            (paths, cut_short) = (told.paths, told.forecast.cut_short);
+        let planned = args.limits.plan(&work, &pilot)?;
+        if let Some(planned) = planned {
+            super::say(&format_args!("forecast: {}", planned.forecast));
+            (paths, cut_short) = (planned.paths, planned.forecast.cut_short);
         }
     }
     let bar = Bar::new("surfaces");
     let done = std::sync::atomic::AtomicU64::new(0);
-    let points: Vec<Option<Point>> = (0..surfaces)
+    let points: Vec<Option<WearPoint>> = (0..surfaces)
         .into_par_iter()
         .map(|n| {
             if stopped() {
@@ -316,13 +320,13 @@ fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, C
     let late = if watch.is_late() { late } else { 0 };
     if late == surfaces {
         return Err(CliError::no_result(anyhow!(
-            "no surface was finished in time: allow more seconds"
+            "no surface was finished within the time limit: allow more time"
         )));
     }
     let sweeps = wears.iter().zip(points.chunks(angles.len()));
     let sweeps = sweeps.map(|(wear, own)| {
-        let of = |points: &[Option<Point>]| points.iter().flatten().copied().collect();
-        let points: Vec<Point> = of(&own[..count]);
+        let of = |points: &[Option<WearPoint>]| points.iter().flatten().copied().collect();
+        let points: Vec<WearPoint> = of(&own[..count]);
         Sweep {
             wear: *wear,
             missing: if late > 0 { count - points.len() } else { 0 },
@@ -346,8 +350,8 @@ fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, C
     })
 }
 
-/// What the surfaces do not have, and those for which no time was left. Of burrs that are cut: their mean height as asked
-/// for, that of the cut and the mean that is left, in facet lengths.
+/// Effects that the surfaces omit, and surfaces left out by the time limit. `cut` has, for each burr that is cut, the mean
+/// height as given, the height of the cut and the remaining mean height, in facet lengths.
 fn left_out(
     late: usize,
     surfaces: usize,
@@ -355,14 +359,14 @@ fn left_out(
 ) -> Vec<LeftOut> {
     let mut list = vec![LeftOut::new(
         "bounces among the facets' own roughness",
-        "below the profile light meets one microfacet per hit, with Smith's masking",
+        "on the facets, light meets one microfacet per hit, with Smith's masking",
         None,
     )];
     list.extend(cuts.map(|(burr, most, mean)| {
         LeftOut::new(
             format!("the tops of burrs of mean height {burr} p"),
             format!(
-                "a burr leaves room on its facet: those of more than {} p are cut there, so their mean height is {} p",
+                "a burr must fit on its facet: burrs above {} p are cut there, so their mean height is {} p",
                 significant(most),
                 significant(mean)
             ),
@@ -372,7 +376,7 @@ fn left_out(
     if late > 0 {
         list.push(LeftOut::new(
             format!("{late} of {}", counted(surfaces, "surface")),
-            "time was over",
+            "time limit reached",
             None,
         ));
     }
@@ -387,7 +391,7 @@ impl Swept {
         relative.filter(|e| e.is_finite()).fold(0.0, f64::max)
     }
 
-    /// Whether what was asked for was reached, where time did not decide.
+    /// Checks that the target error was reached, unless the time limit ended the run.
     fn verdict(&self, limits: &PathLimits) -> Result<(), CliError> {
         match self.cut_short {
             true => Ok(()),
@@ -396,7 +400,7 @@ impl Swept {
     }
 }
 
-/// Mean absolute contrast over the tilts; every surface sees the same random numbers. `None` once it is to stop.
+/// Returns the mean absolute contrast over the tilts; all surfaces use the same random numbers. `None` once it is to stop.
 fn contrast(
     surface: &RidgedSurface,
     rig: &RigGeometry,
@@ -459,7 +463,7 @@ mod tests {
                          --paths 64";
 
     #[test]
-    fn surfaces_end_with_the_time_allowed_and_those_not_reached_are_told() {
+    fn surfaces_left_out_by_the_time_limit_are_reported() {
         let args: Args = parsed(&SMALL.split(' ').collect::<Vec<_>>());
         let late = sweep(
             &args,
@@ -470,9 +474,9 @@ mod tests {
             panic!("{late:?}");
         };
         assert!(why.to_string().contains("in time"), "{why}");
-        let told = left_out(2, 3, std::iter::empty());
-        assert_eq!(told[1].what, "2 of 3 surfaces");
-        // Of steps that are missing the best may be one.
+        let omitted = left_out(2, 3, std::iter::empty());
+        assert_eq!(omitted[1].what, "2 of 3 surfaces");
+        // A missing step may be the best one.
         let mut whole = swept(&SMALL.split(' ').collect::<Vec<_>>())
             .unwrap()
             .remove(0);
@@ -482,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_that_was_asked_for_and_not_reached_is_no_result_unless_time_was_over() {
+    fn a_target_error_that_is_not_reached_is_no_result_unless_the_time_limit_ended_the_run() {
         let mut few = all_of(&SMALL.split(' ').collect::<Vec<_>>()).unwrap();
         let error = few.error();
         let asked = |target: f64| PathLimits {
@@ -496,23 +500,23 @@ mod tests {
         };
         let why = why.to_string();
         assert!(
-            why.contains("not reached") && why.contains("about 256"),
+            why.contains("reached the target error") && why.contains("about 256"),
             "{why}"
         );
         few.cut_short = true;
         assert!(few.verdict(&asked(0.5 * error)).is_ok());
-        assert_eq!(told::report(&few, 1.0)["paths"], 64);
-        assert_eq!(told::errors_table(&few.sweeps).lines().count(), 2 + 1);
+        assert_eq!(tables::report(&few, 1.0)["paths"], 64);
+        assert_eq!(tables::errors_table(&few.sweeps).lines().count(), 2 + 1);
     }
 
     #[test]
-    fn burrs_that_are_cut_are_told_with_the_height_that_is_left() {
+    fn burrs_that_are_cut_are_reported_with_the_remaining_height() {
         let words = SMALL.replace("--burrs", "--burrs 0.02 0.2");
-        let told = all_of(&words.split(' ').collect::<Vec<_>>())
+        let omitted = all_of(&words.split(' ').collect::<Vec<_>>())
             .unwrap()
             .left_out;
-        let [_, cut] = &told[..] else {
-            panic!("{told:?}")
+        let [_, cut] = &omitted[..] else {
+            panic!("{omitted:?}")
         };
         // 0.2 (1 − exp(−0.4/0.2)).
         assert!(
@@ -546,8 +550,8 @@ mod tests {
         let ratio = |t: f64| contrast(&sweeps[1], t) / contrast(&sweeps[0], t);
         assert!(ratio(5.0) < 0.95, "{}", ratio(5.0));
         assert!(sweeps[1].points[0].effective_deg < 5.0);
-        assert_eq!(told::csv(&sweeps).lines().count(), 1 + 9);
-        assert!(told::table(&sweeps).lines().count() == 2 + 3);
+        assert_eq!(tables::csv(&sweeps).lines().count(), 1 + 9);
+        assert!(tables::table(&sweeps).lines().count() == 2 + 3);
         assert!(figure::draw(&sweeps).contains("</svg>"));
     }
 
@@ -567,7 +571,7 @@ mod tests {
             assert_eq!((a.contrast, a.effective_deg), (b.contrast, b.effective_deg));
         }
         assert!(coarse.at(20.0).is_none() && fine.between.is_empty());
-        let told = told::report(
+        let object = tables::report(
             &Swept {
                 sweeps: vec![coarse],
                 left_out: Vec::new(),
@@ -576,10 +580,10 @@ mod tests {
             },
             0.0,
         );
-        let effective = &told["sweeps"][0]["effective_deg_at_paper_ridges"];
+        let effective = &object["sweeps"][0]["effective_deg_at_paper_ridges"];
         assert!(
             (effective[1].as_f64().unwrap() - 10.0).abs() < 0.1 && effective[3].is_null(),
-            "{told}"
+            "{object}"
         );
     }
 

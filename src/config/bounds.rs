@@ -1,13 +1,12 @@
-//! What the numbers among the settings may be: those of the rig as [`limits`] has them for everybody, and those that
-//! only a daemon knows.
+//! Ranges of all numeric settings: those of the rig come from [`limits`], the others are defined here.
 
 use super::Config;
 use crate::limits::{self, Limit};
 
-/// A number among the settings: key, what it may be, and where it stands.
+/// A numeric setting: key, range, and access to its value.
 type Bounded = (&'static str, Limit, fn(&Config) -> Option<f64>);
 
-/// Every setting that has a least and a greatest value.
+/// Every setting with a range.
 #[rustfmt::skip]
 pub(super) const BOUNDED: &[Bounded] = &[
     ("store.reserve_mb", within(1.0, 1e6), |c| Some(c.store.reserve_mb as f64)),
@@ -55,7 +54,7 @@ pub(super) const BOUNDED: &[Bounded] = &[
     ("scan.capped_mean_dn_max", within(0.0, 65535.0), |c| Some(c.scan.capped_mean_dn_max)),
 ];
 
-/// A limit that the table of all quantities does not have, because a daemon alone has the quantity.
+/// A limit of a quantity that only the daemon has.
 const fn within(low: f64, high: f64) -> Limit {
     Limit {
         name: "",

@@ -1,9 +1,8 @@
-//! Every setting of the daemon with unit, default and range: one TOML file, environment on top.
+//! All settings of the daemon with unit, default and range: one TOML file, overridden by environment variables.
 //!
-//! [`Config::read`] is the one function to call; it checks everything at once and names file, line,
-//! key, allowed values and remedy. No other room reads the environment. A key may be overridden by
-//! `RIDGED_` and its path in capitals, parts joined by two underscores:
-//! `RIDGED_STAGE__THETA_C__LIMIT_MAX_DEG=45`.
+//! [`Config::read`] is the one function to call; it checks all settings and names file, line, key, allowed values and
+//! remedy. No other module reads settings from the environment. The variable of a key is `RIDGED_` and the key's path in
+//! capitals, parts joined by two underscores: `RIDGED_STAGE__THETA_C__LIMIT_MAX_DEG=45`.
 
 mod bounds;
 mod sections;
@@ -18,8 +17,7 @@ use crate::series::{CameraFacts, FlatFacts, RigFacts, misaimed};
 use crate::wording::toml_text::{self, Refused};
 
 pub use sections::{
-    CameraSettings, DarkSettings, FlatSettings, RigSettings, ScanSettings, ServerSettings,
-    StoreSettings,
+    CameraSection, DarkSection, FlatSection, RigSection, ScanSection, ServerSection, StoreSection,
 };
 
 /// All settings. Sections and keys are those of the file.
@@ -29,21 +27,21 @@ pub struct Config {
     /// Port of the stages, as `/dev/serial/by-id/…` or `tcp://host:port`. Required for a real rig.
     pub port: Option<PortAddress>,
     /// HTTP.
-    pub server: ServerSettings,
+    pub server: ServerSection,
     /// The data folder.
-    pub store: StoreSettings,
-    /// The two axes: required for a real rig, since nobody but the lab knows where they may go.
+    pub store: StoreSection,
+    /// The two axes. Required for a real rig, since only the lab knows how far they may travel.
     pub stage: Option<StageSettings>,
-    /// Where lamp and camera stand.
-    pub rig: RigSettings,
-    /// How frames come and what their counts mean.
-    pub camera: CameraSettings,
+    /// Positions of lamp and camera.
+    pub rig: RigSection,
+    /// The camera: how it delivers frames, and what their counts mean.
+    pub camera: CameraSection,
     /// The white reference.
-    pub flat: FlatSettings,
+    pub flat: FlatSection,
     /// Dark frames.
-    pub dark: DarkSettings,
-    /// How a scan deals with trouble.
-    pub scan: ScanSettings,
+    pub dark: DarkSection,
+    /// How a scan deals with faults.
+    pub scan: ScanSection,
 }
 
 /// Why the settings cannot be used.
@@ -54,10 +52,10 @@ pub enum ConfigError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the operating system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The text is no TOML, a key is unknown or a value has the wrong type.
+    /// The text is not TOML, a key is unknown or a value has the wrong type.
     #[error("{origin}: {detail}; ridged.example.toml shows every key")]
     Malformed {
         /// File and line, or variable.
@@ -66,17 +64,15 @@ pub enum ConfigError {
         detail: String,
     },
     /// A value is out of its range.
-    #[error(
-        "{origin}: {key} is {found}, allowed is {allowed}; ridged.example.toml shows every key"
-    )]
+    #[error("{origin}: {key} is {found}, expected {allowed}; ridged.example.toml shows every key")]
     OutOfRange {
         /// File and line, or variable.
         origin: String,
         /// Path of the key.
         key: String,
-        /// What it is.
+        /// The value found.
         found: String,
-        /// What it may be.
+        /// The allowed values.
         allowed: String,
     },
 }
@@ -85,7 +81,7 @@ impl Config {
     /// Reads settings: defaults, then `file` if given, then `environment` (name and value).
     ///
     /// # Errors
-    /// [`ConfigError`] names where, which key, what is allowed.
+    /// [`ConfigError`] names the place, the key and the allowed values.
     pub fn read(
         file: Option<&Path>,
         environment: impl IntoIterator<Item = (String, String)>,
@@ -108,7 +104,7 @@ impl Config {
         origin: &str,
         environment: impl IntoIterator<Item = (String, String)>,
     ) -> Result<Config, ConfigError> {
-        // First by itself, so that a mistake in the file is told with its line.
+        // The file is read by itself first, so that a mistake in it is reported with its line.
         let malformed = |origin: &str, refused: Refused| ConfigError::Malformed {
             origin: match refused.line {
                 Some(line) => format!("{origin}, line {line}"),
@@ -129,7 +125,7 @@ impl Config {
             };
             let path = path.to_lowercase();
             set(&mut table, &path, &value);
-            // One after the other, so that the variable at fault is named.
+            // One variable at a time, so that the wrong one is named.
             toml_text::of_table::<Config>(table.clone())
                 .map_err(|refused| malformed(&format!("environment variable {name}"), refused))?;
             variables.push((path.replace("__", "."), name));
@@ -140,7 +136,7 @@ impl Config {
             if let Some((_, name)) = variables.iter().find(|(path, _)| path == key) {
                 return format!("environment variable {name}");
             }
-            match line_of(text, key) {
+            match toml_text::line_of(text, key) {
                 Some(line) => format!("{origin}, line {line}"),
                 None => origin.to_owned(),
             }
@@ -162,11 +158,11 @@ impl Config {
         })
     }
 
-    fn check_numbers(&self) -> Result<(), Wrong> {
+    fn check_numbers(&self) -> Result<(), WrongSetting> {
         for (key, limit, of) in bounds::BOUNDED {
             match of(self) {
                 Some(value) if !limit.holds(value) => {
-                    return Err(Wrong::new(*key, value.to_string(), limit.allowed()));
+                    return Err(WrongSetting::new(*key, value.to_string(), limit.allowed()));
                 }
                 _ => {}
             }
@@ -174,29 +170,37 @@ impl Config {
         Ok(())
     }
 
-    fn check_exposures(&self) -> Result<(), Wrong> {
+    fn check_exposures(&self) -> Result<(), WrongSetting> {
         let camera = self.camera.exposures_s.as_slice();
         let flat = self.flat.exposures_s.as_deref().unwrap_or(camera);
         for (key, list) in [("camera.exposures_s", camera), ("flat.exposures_s", flat)] {
             let fine = |s: &f64| (EXPOSURE_S_MIN..=EXPOSURE_S_MAX).contains(s);
             if list.is_empty() || !list.iter().all(fine) {
                 let allowed = format!("one or more of {EXPOSURE_S_MIN} to {EXPOSURE_S_MAX} s");
-                return Err(Wrong::new(key, format!("{list:?}"), allowed));
+                return Err(WrongSetting::new(key, format!("{list:?}"), allowed));
             }
         }
         Ok(())
     }
 
-    /// What belongs together fits together.
-    fn check_camera(&self) -> Result<(), Wrong> {
+    /// Checks settings that depend on each other.
+    fn check_camera(&self) -> Result<(), WrongSetting> {
         if let Some(found) = self.camera_facts().contradiction() {
             let key = format!("camera.{}", found.key);
-            return Err(Wrong::new(key, found.value.to_string(), found.allowed));
+            return Err(WrongSetting::new(
+                key,
+                found.value.to_string(),
+                found.allowed,
+            ));
         }
         let (facts, camera) = (self.rig_facts(), self.camera_facts());
         if let Some(allowed) = misaimed(&facts, &camera, facts.camera_distance_mm) {
             let found = format!("{:?}", camera.principal_point_px.unwrap_or_default());
-            return Err(Wrong::new("camera.principal_point_px", found, allowed));
+            return Err(WrongSetting::new(
+                "camera.principal_point_px",
+                found,
+                allowed,
+            ));
         }
         let rig = &self.rig;
         let (lamp, lens) = (rig.light_angular_radius_deg, rig.lens_angular_radius_deg);
@@ -216,16 +220,16 @@ impl Config {
         ] {
             if let (Some(radius_mm), None) = (radius_mm, spans) {
                 let allowed = format!("only beside {distance}, without which it spans no angle");
-                return Err(Wrong::new(key, radius_mm.to_string(), allowed));
+                return Err(WrongSetting::new(key, radius_mm.to_string(), allowed));
             }
         }
         Ok(())
     }
 
-    fn check_stage(&self) -> Result<(), Wrong> {
+    fn check_stage(&self) -> Result<(), WrongSetting> {
         if self.port.is_some() && self.stage.is_none() {
             let allowed = "address, limit_min_deg and limit_max_deg of both axes";
-            return Err(Wrong::new("stage", "missing beside a port", allowed));
+            return Err(WrongSetting::new("stage", "missing beside a port", allowed));
         }
         match self.stage.as_ref().map(StageSettings::validate) {
             None | Some(Ok(())) => Ok(()),
@@ -233,11 +237,11 @@ impl Config {
                 key,
                 found,
                 allowed,
-            })) => Err(Wrong::new(format!("stage.{key}"), found, allowed)),
-            Some(Err(other)) => Err(Wrong::new(
+            })) => Err(WrongSetting::new(format!("stage.{key}"), found, allowed)),
+            Some(Err(other)) => Err(WrongSetting::new(
                 "stage",
                 other.to_string(),
-                "what a stage can do",
+                "a setting that a stage supports",
             )),
         }
     }
@@ -312,7 +316,7 @@ impl Config {
         }
     }
 
-    /// What a plan takes where it says nothing.
+    /// Defaults of a plan.
     #[must_use]
     pub fn plan_defaults(&self) -> PlanDefaults {
         PlanDefaults {
@@ -328,19 +332,23 @@ impl Config {
     }
 }
 
-/// Half angle of a lamp of which the settings say nothing, the recorded series' LED.
+/// Half angle, in degrees, of a lamp whose size the settings do not state: that of the LED of the recorded series.
 const USUAL_LAMP_DEG: f64 = 1.0;
 
-/// A setting that is not what it may be.
-struct Wrong {
+/// A setting with a value that is not allowed.
+struct WrongSetting {
     key: String,
     found: String,
     allowed: String,
 }
 
-impl Wrong {
-    fn new(key: impl Into<String>, found: impl Into<String>, allowed: impl Into<String>) -> Wrong {
-        Wrong {
+impl WrongSetting {
+    fn new(
+        key: impl Into<String>,
+        found: impl Into<String>,
+        allowed: impl Into<String>,
+    ) -> WrongSetting {
+        WrongSetting {
             key: key.into(),
             found: found.into(),
             allowed: allowed.into(),
@@ -348,7 +356,7 @@ impl Wrong {
     }
 }
 
-/// Sets `a__b__c` in a table; a value that is no TOML counts as text.
+/// Sets `a__b__c` in a table; a value that is not TOML counts as text.
 fn set(table: &mut toml::Table, path: &str, value: &str) {
     let parsed = toml::from_str::<toml::Table>(&format!("x = {value}"))
         .ok()
@@ -366,28 +374,13 @@ fn set(table: &mut toml::Table, path: &str, value: &str) {
             .or_insert_with(|| toml::Value::Table(toml::Table::new()));
         match next {
             toml::Value::Table(inner) => table = inner,
-            // The reader will say that this is no table.
+            // The reader will refuse this, since it is not a table.
             other => {
                 *other = parsed;
                 return;
             }
         }
     }
-}
-
-/// Line, from 1, on which `section.key` is set.
-fn line_of(text: &str, key: &str) -> Option<usize> {
-    let (section, name) = key.rsplit_once('.').unwrap_or(("", key));
-    let mut current = "";
-    for (i, line) in text.lines().enumerate() {
-        let line = line.trim();
-        if let Some(header) = line.strip_prefix('[') {
-            current = header.split(']').next().unwrap_or_default().trim();
-        } else if current == section && line.split('=').next().is_some_and(|k| k.trim() == name) {
-            return Some(i + 1);
-        }
-    }
-    None
 }
 
 #[cfg(test)]
@@ -405,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_said_means_the_defaults() {
+    fn an_empty_file_means_the_defaults() {
         assert_eq!(read("", &[]).unwrap(), Config::default());
     }
 
@@ -478,14 +471,14 @@ mod tests {
                 assert!(error.contains(part), "{part} is not in: {error}");
             }
         }
-        // Which of the two came from elsewhere does not matter.
+        // The check does not depend on which of the two comes from a variable.
         let variable = ("RIDGED_CAMERA__BIT_DEPTH", "10");
         let error = read("[camera]\nsaturation_dn = 4095.0\n", &[variable]);
         assert!(error.unwrap_err().to_string().contains("bit_depth = 10"));
     }
 
     #[test]
-    fn how_well_the_stages_and_the_lamp_are_known_goes_into_the_manifests() {
+    fn uncertainties_of_stages_and_lamp_go_into_the_manifests() {
         let text = "[rig]\ntheta_c_std_deg = 0.1\nphi_s_std_deg = 0.05\nlamp_drift_std = 0.002\n";
         let rig = read(text, &[]).unwrap().rig_facts();
         assert_eq!(rig.theta_c_std_deg, Some(0.1));

@@ -7,14 +7,14 @@ use serde::{Deserialize, Serialize};
 /// `[server]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct ServerSettings {
+pub struct ServerSection {
     /// Address to listen on; loopback only. Default 127.0.0.1:8787, port 0 takes a free one.
     pub listen: String,
 }
 
-impl Default for ServerSettings {
+impl Default for ServerSection {
     fn default() -> Self {
-        ServerSettings {
+        ServerSection {
             listen: "127.0.0.1:8787".into(),
         }
     }
@@ -23,39 +23,39 @@ impl Default for ServerSettings {
 /// `[store]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct StoreSettings {
+pub struct StoreSection {
     /// The data folder. Default `ridged-data`; `--data` overrides it.
     pub folder: PathBuf,
     /// Space that scans and imports leave free, MB. Default 200, 1 to 1 000 000.
     pub reserve_mb: u64,
 }
 
-impl Default for StoreSettings {
+impl Default for StoreSection {
     fn default() -> Self {
-        StoreSettings {
+        StoreSection {
             folder: "ridged-data".into(),
             reserve_mb: 200,
         }
     }
 }
 
-/// `[rig]`: see the manifest of a series, whose keys these are.
+/// `[rig]`: the keys of a series' manifest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct RigSettings {
+pub struct RigSection {
     /// Angle between lamp and camera. Default 10, 0 to 90.
     pub theta_l_deg: f64,
     /// Azimuth of the lamp about the camera's axis. Default 0 (in the tilt plane), −360 to 360.
     pub light_azimuth_deg: f64,
-    /// Added to the recorded φs it gives the azimuth of v. Default 0, −360 to 360.
+    /// Angle to add to the recorded φs for the azimuth of v. Default 0, −360 to 360.
     pub azimuth_zero_deg: f64,
-    /// Standard uncertainty of where v stands at a recorded φs. Default: not stated (then it is not told from a wedge across v),
-    /// 0 to 180.
+    /// Standard uncertainty of the azimuth of v at a recorded φs. Default: not stated (the fit cannot separate it from a wedge
+    /// across v), 0 to 180.
     pub azimuth_zero_std_deg: Option<f64>,
-    /// Half angle of the lamp seen from the sample. Default: what `light_radius_mm` spans, or else 1; 0 to 90.
+    /// Half angle of the lamp seen from the sample. Default: from `light_radius_mm`, or else 1; 0 to 90.
     pub light_angular_radius_deg: Option<f64>,
-    /// Half angle of the lens's pupil seen from the sample. Default: what `lens_radius_mm` spans, or else 0 (a
-    /// lens stopped down to a point); 0 to 90.
+    /// Half angle of the lens's pupil seen from the sample. Default: from `lens_radius_mm`, or else 0 (a lens stopped down
+    /// to a point); 0 to 90.
     pub lens_angular_radius_deg: Option<f64>,
     /// Wavelength of the lamp. Default 550, 100 to 100 000.
     pub wavelength_nm: f64,
@@ -64,32 +64,32 @@ pub struct RigSettings {
     pub tilt_centre_px: Option<[f64; 2]>,
     /// Column and row at which the rotation axis meets the sample at θc = 0. Default: `tilt_centre_px`.
     pub rotation_axis_px: Option<[f64; 2]>,
-    /// From the centre of tilt to the lamp; leave it out for a collimated one. Above 0.
+    /// Distance from the centre of tilt to the lamp; omit it for a collimated lamp. Above 0.
     pub light_distance_mm: Option<f64>,
     /// Radius of the lamp where its distance is given; 0 is a point.
     pub light_radius_mm: Option<f64>,
-    /// From the centre of tilt to the camera's pupil; leave it out for a telecentric lens. Above 0.
+    /// Distance from the centre of tilt to the camera's pupil; omit it for a telecentric lens. Above 0.
     pub camera_distance_mm: Option<f64>,
     /// Radius of the lens's pupil where its distance is given; 0 is a point.
     pub lens_radius_mm: Option<f64>,
-    /// Standard uncertainty of how a sample's mean plane is inclined to the turntable. Default: not stated (and told as left
-    /// out), 0 to 10.
+    /// Standard uncertainty of the inclination of a sample's mean plane to the turntable. Default: not stated (reported as
+    /// left out), 0 to 10.
     pub sample_wedge_std_deg: Option<f64>,
-    /// Standard uncertainty of `theta_l_deg`. Default: not stated (and told as left out), 0 to 10.
+    /// Standard uncertainty of `theta_l_deg`. Default: not stated (reported as left out), 0 to 10.
     pub theta_l_std_deg: Option<f64>,
-    /// Standard uncertainty of the tilt's angle beyond the offset that a fit finds. Default: not stated (0.02 is assumed, and
-    /// told), 0 to 10.
+    /// Standard uncertainty of the tilt beyond the offset that a fit determines. Default: not stated (0.02 is assumed and
+    /// reported), 0 to 10.
     pub theta_c_std_deg: Option<f64>,
-    /// The same of the sample's rotation.
+    /// The same for the sample's rotation.
     pub phi_s_std_deg: Option<f64>,
     /// Relative standard uncertainty of the lamp's drift between white reference and sample. Default: not stated (0.001 is
-    /// assumed, and told), 0 to 1.
+    /// assumed and reported), 0 to 1.
     pub lamp_drift_std: Option<f64>,
 }
 
-impl Default for RigSettings {
+impl Default for RigSection {
     fn default() -> Self {
-        RigSettings {
+        RigSection {
             theta_l_deg: 10.0,
             light_azimuth_deg: 0.0,
             azimuth_zero_deg: 0.0,
@@ -115,11 +115,11 @@ impl Default for RigSettings {
 /// `[camera]`: the program that delivers frames, and what the camera's data sheet says.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct CameraSettings {
+pub struct CameraSection {
     /// Folder into which the camera's program writes frames. Required for a real rig.
     pub folder: Option<PathBuf>,
     /// Program and arguments run for each frame; `{file}`, `{kind}`, `{theta_c_deg}`, `{phi_s_deg}`,
-    /// `{exposure_s}` and `{repeat}` are filled in. Empty: frames come by themselves.
+    /// `{exposure_s}` and `{repeat}` are filled in. Empty: the camera writes frames without being called.
     pub command: Vec<String>,
     /// How long to wait for a frame beyond its exposure, s. Default 30, 0.1 to 3600.
     pub timeout_s: f64,
@@ -137,7 +137,7 @@ pub struct CameraSettings {
     pub principal_point_px: Option<[f64; 2]>,
     /// Bits of the converter. Default 16, 1 to 16.
     pub bit_depth: u32,
-    /// Count at which a pixel is full. Default: what the bits allow. 1 to 65535.
+    /// Count at which a pixel saturates. Default: the largest count of the converter. 1 to 65535.
     pub saturation_dn: Option<f64>,
     /// Counts per electron. Default 1, above 0.
     pub gain_dn_per_electron: f64,
@@ -145,7 +145,7 @@ pub struct CameraSettings {
     pub black_level_dn: f64,
     /// Read noise. Default 2, 0 to 65535.
     pub read_noise_electrons_rms: f64,
-    /// Dark current, which a frame under the cap may show beside `scan.capped_mean_dn_max`. Default 0, 0 to 1e6.
+    /// Dark current, which a frame under the cap may show in addition to `scan.capped_mean_dn_max`. Default 0, 0 to 1e6.
     pub dark_current_electrons_per_s: f64,
     /// Exposures of a sample. Default 0.02, 0.06, 0.18; each 1e-6 to 3600.
     pub exposures_s: Vec<f64>,
@@ -154,9 +154,9 @@ pub struct CameraSettings {
     pub exposure_rel_std: Option<f64>,
 }
 
-impl Default for CameraSettings {
+impl Default for CameraSection {
     fn default() -> Self {
-        CameraSettings {
+        CameraSection {
             folder: None,
             command: Vec::new(),
             timeout_s: 30.0,
@@ -181,7 +181,7 @@ impl Default for CameraSettings {
 /// `[flat]`: the white reference and how it is photographed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct FlatSettings {
+pub struct FlatSection {
     /// Diffuse reflectance from the certificate. Default 0.99, above 0 and at most 1.2.
     pub reflectance: f64,
     /// Its standard uncertainty. Default 0.005, above 0 and at most 0.5.
@@ -195,9 +195,9 @@ pub struct FlatSettings {
     pub valid_h: f64,
 }
 
-impl Default for FlatSettings {
+impl Default for FlatSection {
     fn default() -> Self {
-        FlatSettings {
+        FlatSection {
             reflectance: 0.99,
             reflectance_std: 0.005,
             exposures_s: None,
@@ -210,16 +210,16 @@ impl Default for FlatSettings {
 /// `[dark]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct DarkSettings {
+pub struct DarkSection {
     /// Frames per exposure. Default 4, 0 to 1000.
     pub repeats: u32,
     /// How long its frames are valid, h. Default 24, 0 to 8760.
     pub valid_h: f64,
 }
 
-impl Default for DarkSettings {
+impl Default for DarkSection {
     fn default() -> Self {
-        DarkSettings {
+        DarkSection {
             repeats: 4,
             valid_h: 24.0,
         }
@@ -229,16 +229,16 @@ impl Default for DarkSettings {
 /// `[scan]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct ScanSettings {
-    /// Visits to one point before the scan pauses for a person. Default 3, 1 to 100.
+pub struct ScanSection {
+    /// Attempts at one pose before the scan pauses for the operator. Default 3, 1 to 100.
     pub attempts_max: u32,
-    /// Counts above the black level that a frame under the cap may show, its camera's dark current apart. Default 100, 0 to 65535.
+    /// Counts above the black level that a frame under the cap may show in addition to dark current. Default 100, 0 to 65535.
     pub capped_mean_dn_max: f64,
 }
 
-impl Default for ScanSettings {
+impl Default for ScanSection {
     fn default() -> Self {
-        ScanSettings {
+        ScanSection {
             attempts_max: 3,
             capped_mean_dn_max: 100.0,
         }

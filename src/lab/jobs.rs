@@ -4,7 +4,7 @@
 //! slot of its kind, publishes a forecast, runs the [`Work`] on a thread of its own and writes how it ended. A kind adds a
 //! request, a [`Work`] and a variant of [`JobRequest`].
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -225,12 +225,12 @@ impl Lab {
         })
     }
 
-    /// Returns the path of a file of a finished map or trace.
+    /// Reads a file of a finished map or trace.
     ///
     /// # Errors
     /// [`LabError::JobConflict`] for a job without files, [`LabError::Invalid`] for a name that it does not list, or
     /// [`LabError::Store`].
-    pub async fn job_file(&self, id: JobId, name: &str) -> Result<PathBuf, LabError> {
+    pub async fn read_job_file(&self, id: JobId, name: &str) -> Result<Vec<u8>, LabError> {
         let job = self.store().job(id).await?;
         let Some(result) = &job.result else {
             return Err(LabError::JobConflict {
@@ -254,7 +254,9 @@ impl Lab {
                 problem: format!("{id} has no such file; it has {}", names.join(", ")),
             });
         }
-        Ok(self.store().files_folder(id).join(name))
+        let path = self.store().files_folder(id).join(name);
+        let bytes = tokio::fs::read(&path).await;
+        Ok(bytes.map_err(|e| StoreError::file("a file of a job", &path, e))?)
     }
 }
 

@@ -7,6 +7,7 @@
 
 pub mod accuracy_results;
 mod along;
+pub mod assembly;
 mod bench;
 mod contrasts;
 mod curves;
@@ -26,6 +27,7 @@ mod recorder;
 mod request_checks;
 mod rig;
 mod running_jobs;
+mod samples;
 mod series;
 mod single_flight;
 mod tasks;

@@ -7,6 +7,7 @@ use super::text::line_of;
 use super::values;
 use crate::material::Material;
 use crate::wording::refusals::plain;
+use crate::wording::toml_text::line_at;
 
 /// The name of another form with a manifest: a goniometer's table.
 pub const TABLE_SCHEMA: &str = "brdf-table-1";
@@ -110,15 +111,6 @@ impl Manifest {
         checked.map_err(|problem| problem.told(text, file))?;
         Ok(manifest)
     }
-}
-
-fn line_at(text: &str, byte: usize) -> usize {
-    text.as_bytes()
-        .iter()
-        .take(byte)
-        .filter(|b| **b == b'\n')
-        .count()
-        + 1
 }
 
 fn one_line(message: &str) -> String {

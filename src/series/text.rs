@@ -1,6 +1,8 @@
-//! Where in a text a key stands, and which known word a misspelt one was meant to be.
+//! The line of a key in a manifest, and the known key that a misspelt one was probably meant to be.
 
-/// A key with the section that it stands in; the top has none.
+use crate::wording::toml_text;
+
+/// Returns the path of a key in a section; the top has no name.
 pub(super) fn path_of(section: &str, key: &str) -> String {
     match section {
         "" => key.to_owned(),
@@ -8,31 +10,16 @@ pub(super) fn path_of(section: &str, key: &str) -> String {
     }
 }
 
-/// Line (from 1) on which `key` of `[section]` is set, as `section.key` further up as well; the section's own line if the
-/// key is not there. `section` is empty for the top.
+/// Returns the line (from 1) on which `key` of `[section]` is set, or the section's own line if the key is missing.
+/// `section` is empty for the top.
 pub(super) fn line_of(text: &str, section: &str, key: &str) -> Option<usize> {
-    let wanted = path_of(section, key);
-    let mut current = "";
-    let mut header = section.is_empty().then_some(1);
-    for (index, line) in text.lines().enumerate() {
-        let line = line.trim();
-        if let Some(name) = line.strip_prefix('[').and_then(|l| l.split(']').next()) {
-            current = name.trim();
-            if current == section {
-                header = Some(index + 1);
-            }
-        } else if line
-            .split('=')
-            .next()
-            .is_some_and(|k| path_of(current, k.trim().trim_matches(['"', '\''])) == wanted)
-        {
-            return Some(index + 1);
-        }
-    }
-    header
+    toml_text::line_of(text, &path_of(section, key)).or_else(|| match section {
+        "" => Some(1),
+        section => toml_text::line_of(text, section),
+    })
 }
 
-/// Ends of keys that are a unit, the longer before those that they end in.
+/// Suffixes of keys that are a unit, longer ones before those that they end in.
 const UNITS: [&str; 12] = [
     "_dn_per_electron",
     "_electrons_rms",
@@ -54,8 +41,8 @@ fn unitless(key: &str) -> &str {
     end.unwrap_or(key)
 }
 
-/// The word of `known` that `word` was probably meant to be: at most two edits (one for short
-/// words) away, or the same with no unit or another one, case aside.
+/// Returns the word of `known` that `word` was probably meant to be: at most two edits away (one for short words), or
+/// equal but for the unit. Case does not matter.
 pub(super) fn meant<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
     let edits_max = if word.len() < 6 { 1 } else { 2 };
     let bare = word.to_lowercase();
@@ -65,26 +52,10 @@ pub(super) fn meant<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
     }
     known
         .iter()
-        .map(|k| (edits(&word.to_lowercase(), &k.to_lowercase()), *k))
+        .map(|k| (strsim::levenshtein(&bare, &k.to_lowercase()), *k))
         .filter(|(distance, _)| *distance <= edits_max)
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, k)| k)
-}
-
-/// Levenshtein distance in bytes.
-fn edits(a: &str, b: &str) -> usize {
-    let b = b.as_bytes();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.bytes().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(ca != *cb);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
 }
 
 #[cfg(test)]

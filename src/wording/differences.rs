@@ -1,20 +1,20 @@
-//! What differs between two settings or manifests, value by value.
+//! Differences between two settings or manifests, value by value.
 //!
-//! [`between`] is the one function to call. It knows values by their path alone, not what they mean.
+//! [`between`] is the one function to call. It compares values by their paths and does not know their meaning.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
 use serde_json::Value;
 
-/// A value that is another one now.
+/// A value that has changed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
     /// Path of its key: `camera.width_px`.
     pub key: String,
-    /// What it was; none where it was not stated.
+    /// Earlier value; `None` if it was not stated.
     pub before: Option<Value>,
-    /// What it is; none where it is not stated.
+    /// Present value; `None` if it is not stated.
     pub now: Option<Value>,
 }
 
@@ -29,7 +29,7 @@ impl fmt::Display for Difference {
     }
 }
 
-/// All values that differ, in the order of their paths. A list of numbers is one value; null is one that is not stated.
+/// Returns all values that differ, in the order of their paths. A list is one value; null counts as not stated.
 #[must_use]
 pub fn between(before: &Value, now: &Value) -> Vec<Difference> {
     let (mut was, mut is) = (BTreeMap::new(), BTreeMap::new());
@@ -64,7 +64,7 @@ fn flatten<'a>(path: &str, value: &'a Value, into: &mut BTreeMap<String, &'a Val
     }
 }
 
-/// So many of them in words, and how many more there are.
+/// Returns the first few differences in words, and the number of the others.
 #[must_use]
 pub fn in_words<T: fmt::Display>(differences: &[T]) -> String {
     const SHOWN: usize = 5;

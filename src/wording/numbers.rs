@@ -1,7 +1,7 @@
-//! Numbers in messages that somebody else wrote.
+//! Numbers in messages, shortened.
 
-/// A text with numbers that people can read: 1e300 has 301 digits when it is written out, and 1e-300 as many. Whole
-/// numbers of up to 19 digits are counts and ids, and stay.
+/// Shortens very large and very small numbers in a text: 1e300 written out has 301 digits. Whole numbers of up to 19
+/// digits are counts and ids and stay as they are.
 #[must_use]
 pub fn readable(text: &str) -> String {
     let mut out = String::with_capacity(text.len().min(1 << 12));
@@ -18,7 +18,7 @@ pub fn readable(text: &str) -> String {
             _ => whole + 1 + decimals,
         };
         let (number, after) = from.split_at(length);
-        // Part of a word, a hash or a version is no number.
+        // Digits that are part of a word, a hash or a version stay.
         let alone = !before.ends_with(|c: char| c.is_alphanumeric() || "._".contains(c))
             && !after.starts_with(|c: char| c.is_alphanumeric() || c == '_');
         let long = |value: f64| match decimals {
@@ -41,9 +41,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_number_is_told_in_as_many_digits_as_it_has() {
+    fn only_numbers_with_many_digits_are_shortened() {
         let huge = format!("theta_c = {:.3}° is outside {} … 80", 1e300, -1e20);
-        for (text, told) in [
+        for (text, shortened) in [
             (huge.as_str(), "theta_c = 1e300° is outside -1e20 … 80"),
             ("1234567.5 is wanted", "1.2345675e6 is wanted"),
             (
@@ -67,7 +67,7 @@ mod tests {
             ),
             ("none", "none"),
         ] {
-            assert_eq!(readable(text), told);
+            assert_eq!(readable(text), shortened);
         }
     }
 }

@@ -1,12 +1,13 @@
-//! Tables as spreadsheets save them: UTF-8 or UTF-16, columns parted by commas, semicolons or tabs, a line `sep=` for
+//! Tables as spreadsheets save them: UTF-8 or UTF-16, columns separated by commas, semicolons or tabs, a line `sep=` for
 //! Excel, a comma as decimal mark, a typographic minus.
 //!
-//! [`decoded`] makes text of a file's bytes, [`Sheet::open`] a table of the text, [`Sheet::number`] a number of a field.
+//! [`decoded`] turns a file's bytes into text, [`Sheet::open`] reads the text as a table, and [`Sheet::number`] reads a
+//! field as a number.
 
-/// Bytes of a text file as text: UTF-8, or UTF-16 as spreadsheets export it. A byte order mark stays where it is.
+/// Decodes a text file: UTF-8, or UTF-16 as spreadsheets export it. A byte order mark is kept.
 ///
 /// # Errors
-/// Line (from 1) and byte of the first that is no text.
+/// Line (from 1) and value of the first byte that is not text.
 pub fn decoded(bytes: Vec<u8>) -> Result<String, (usize, u8)> {
     let order: Option<fn([u8; 2]) -> u16> = match bytes.as_slice() {
         [0xff, 0xfe, ..] | [1..=255, 0, 1..=255, 0, ..] => Some(u16::from_le_bytes),
@@ -30,16 +31,16 @@ pub fn decoded(bytes: Vec<u8>) -> Result<String, (usize, u8)> {
 /// A table of named columns.
 #[derive(Debug)]
 pub struct Sheet<'t> {
-    /// Reads the header and the lines below it; its own count of lines starts at `first_line`.
+    /// Reads the header and the lines below it; its line numbers start at `first_line`.
     reader: csv::Reader<&'t [u8]>,
-    /// Whether a comma may be a decimal mark: it is none where it parts columns.
+    /// Whether a comma may be a decimal mark: not where it separates columns.
     decimal_comma: bool,
-    /// Line of the file, from 1, on which the header stands.
+    /// Line of the file, from 1, of the header.
     first_line: usize,
 }
 
 impl<'t> Sheet<'t> {
-    /// The table in a text. What parts the columns is what Excel's line `sep=` says, else the mark that the header has most of.
+    /// Opens the table in a text. The separator is that of Excel's line `sep=`, or else the most frequent one in the header.
     #[must_use]
     pub fn open(text: &'t str) -> Sheet<'t> {
         let text = text.trim_start_matches('\u{feff}');
@@ -66,7 +67,7 @@ impl<'t> Sheet<'t> {
         Sheet {
             reader: csv::ReaderBuilder::new()
                 .trim(csv::Trim::All)
-                // The parser counts lines by what ends them: of a carriage return and a line feed only the latter.
+                // The parser counts terminators; only the line feed must count, not the carriage return before it.
                 .terminator(csv::Terminator::Any(b'\n'))
                 .delimiter(delimiter)
                 .from_reader(text.as_bytes()),
@@ -78,7 +79,7 @@ impl<'t> Sheet<'t> {
     /// Names of the columns.
     ///
     /// # Errors
-    /// What the parser says.
+    /// The parser's error.
     pub fn headers(&mut self) -> csv::Result<csv::StringRecord> {
         self.reader.headers().cloned()
     }
@@ -99,17 +100,17 @@ impl<'t> Sheet<'t> {
         self.first_line
     }
 
-    /// Line of the file, from 1, at a position that the parser tells.
+    /// Line of the file, from 1, at a position of the parser.
     #[must_use]
     pub fn line(&self, position: Option<&csv::Position>) -> Option<usize> {
         let line = usize::try_from(position?.line()).ok()?;
         Some(line + self.first_line - 1)
     }
 
-    /// A finite number as this table writes it.
+    /// Reads a finite number in the notation of this table.
     ///
     /// # Errors
-    /// Why the field is none.
+    /// Why the field is not a finite number.
     pub fn number(&self, field: &str) -> Result<f64, String> {
         let mut plain = field.to_owned();
         for minus in ['\u{2212}', '\u{2013}', '\u{ff0d}', '\u{fe63}'] {
@@ -127,7 +128,7 @@ impl<'t> Sheet<'t> {
                 format!(": it holds `{c}` (U+{:04X})", u32::from(c))
             });
             let comma = match plain.contains(',') {
-                true => ": decimals follow a point, and nothing parts thousands",
+                true => ": write decimals after a point, without separators between thousands",
                 false => "",
             };
             format!("`{field}` is not a finite number{also}{comma}")
@@ -157,7 +158,7 @@ mod tests {
         assert_eq!(decoded(Vec::new()).unwrap(), "");
     }
 
-    /// Fields of the first line below the header, the line it stands on, and its second field as a number.
+    /// Fields of the first line below the header, its line number, and its second field as a number.
     fn first(text: &str) -> (Vec<String>, Option<usize>, Result<f64, String>) {
         let mut sheet = Sheet::open(text);
         assert_eq!(sheet.headers().unwrap(), vec!["a", "b"]);

@@ -1,8 +1,10 @@
-//! TOML as people write it, and what is wrong with it: the line, the key and what is wanted, in plain words.
+//! Reads TOML and reports what is wrong with it: line, key and what is expected.
 //!
-//! [`read`] is the one function to call for a file; [`of_table`] reads what was put together from several places.
+//! [`read`] is the one function to call for a file; [`of_table`] reads a table that was combined from several sources, and
+//! [`line_of`] finds the line of a key.
 
 use serde::de::DeserializeOwned;
+use toml::de::DeTable;
 
 use super::refusals::{missing, plain};
 
@@ -10,9 +12,9 @@ use super::refusals::{missing, plain};
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{}{}{words}", place(*.line), key_of(.key))]
 pub struct Refused {
-    /// Line from 1, where there is one.
+    /// Line from 1, if it is known.
     pub line: Option<usize>,
-    /// Path of the key; empty where it is the text.
+    /// Path of the key; empty if it is about the whole text.
     pub key: String,
     /// What is wrong with it.
     pub words: String,
@@ -38,17 +40,17 @@ pub fn read<T: DeserializeOwned>(text: &str) -> Result<T, Refused> {
     let syntax = |error: &toml::de::Error| {
         let message = one_line(error.message());
         Refused {
-            line: line_of(text, error),
+            line: error.span().map(|span| line_at(text, span.start)),
             key: String::new(),
             words: match message.strip_prefix("duplicate key") {
-                Some(_) => "this key is there twice".to_owned(),
+                Some(_) => "this key is given twice".to_owned(),
                 None => format!("this is not TOML: {message}"),
             },
         }
     };
     let from = toml::Deserializer::parse(text).map_err(|error| syntax(&error))?;
     serde_path_to_error::deserialize(from).map_err(|error| {
-        let line = line_of(text, error.inner());
+        let line = error.inner().span().map(|span| line_at(text, span.start));
         told(line, &error)
     })
 }
@@ -80,10 +82,26 @@ fn told(line: Option<usize>, error: &serde_path_to_error::Error<toml::de::Error>
     }
 }
 
-fn line_of(text: &str, error: &toml::de::Error) -> Option<usize> {
-    let span = error.span()?;
-    let before = text.as_bytes().get(..span.start)?;
-    Some(before.iter().filter(|b| **b == b'\n').count() + 1)
+/// Returns the line (from 1) on which the key at `path` is set, for example `camera.width_px`; for a section, the line of
+/// its first header. `None` if the text does not set it.
+#[must_use]
+pub fn line_of(text: &str, path: &str) -> Option<usize> {
+    let text = text.trim_start_matches('\u{feff}');
+    let (table, _) = DeTable::parse_recoverable(text);
+    let (mut within, mut at) = (Some(table.get_ref()), None);
+    for key in path.split('.') {
+        let (key, value) = within?.get_key_value(key)?;
+        at = Some(key.span().start);
+        within = value.get_ref().as_table();
+    }
+    at.map(|byte| line_at(text, byte))
+}
+
+/// Returns the line (from 1) of a byte.
+#[must_use]
+pub fn line_at(text: &str, byte: usize) -> usize {
+    let before = text.bytes().take(byte);
+    before.filter(|b| *b == b'\n').count() + 1
 }
 
 fn one_line(message: &str) -> String {
@@ -122,6 +140,25 @@ mod tests {
 
     fn said(text: &str) -> String {
         read::<Outer>(text).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_key_is_found_in_its_own_section() {
+        let text = "a = 1\n\n[rig]\n a = 2\n[camera]\n\"a\" = 3\n[sample.layout]\nx = { y = 1 }";
+        for (path, line) in [
+            ("a", Some(1)),
+            ("rig.a", Some(4)),
+            ("camera.a", Some(6)),
+            ("camera", Some(5)),
+            ("camera.b", None),
+            ("sample", Some(7)),
+            ("sample.layout.x.y", Some(8)),
+            ("rig.a.b", None),
+        ] {
+            assert_eq!(line_of(text, path), line, "{path}");
+        }
+        assert_eq!(line_of("x = 1\nrig.a = 2\n", "rig.a"), Some(2));
+        assert_eq!(line_of("\u{feff}x = 1\ny = [\n1,\n]\nz = 1", "z"), Some(5));
     }
 
     #[test]

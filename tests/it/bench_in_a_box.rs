@@ -4,11 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ridged::cli::simulated::{SimulatedRig, Simulation};
 use ridged::clock::{Clock, SteppedClock};
 use ridged::lab::{Lab, RigParts, ScanRequest};
 use ridged::scan::plan::{DarkRequest, FlatRequest, Values};
 use ridged::scan::{PlanRequest, ScanState};
+use ridged::sim::rig::{SimulatedRig, Simulation};
 use ridged::store::disk::{Disk, RealDisk};
 use ridged::store::scans::Scan;
 
@@ -52,8 +52,8 @@ impl BenchInABox {
         let (lab, _) = Lab::open(folder, disk, Arc::clone(&rig.clock), Some(parts))
             .await
             .unwrap();
-        rig.stock(&lab).await.unwrap();
-        let hands = hands.then(|| rig.hands(&lab, true));
+        rig.add_samples(&lab).await.unwrap();
+        let hands = hands.then(|| rig.operate(&lab, true));
         BenchInABox {
             lab,
             rig,

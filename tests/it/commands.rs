@@ -141,7 +141,7 @@ fn more_shards_than_a_run_has_parts_are_refused_and_leave_no_pictures() {
         "--pictures",
         "p",
     ];
-    refuses(at, &empty, 2, &["100/200", "64 shards at most"]);
+    refuses(at, &empty, 2, &["100/200", "at most 64 shards"]);
     let left = std::fs::read_dir(at.join("p")).map_or(0, Iterator::count);
     assert_eq!(left, 0);
     let full = ["trace", "flat.toml", "--shard", "1/2", "--pictures", "p"];

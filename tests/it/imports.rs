@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use circles::Source;
 use code::Code;
 
-/// A room and the rooms it may name. `*` means every room.
+/// A module and the modules it may name. `*` means every module.
 const RULES: &[(&str, &[&str])] = &[
     ("units", &[]),
     ("material", &[]),
@@ -178,7 +178,8 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "sim",
         &[
-            "units", "geometry", "material", "model", "frame", "clock", "series", "bench",
+            "units", "geometry", "material", "model", "frame", "clock", "series", "bench", "scan",
+            "store", "lab",
         ],
     ),
     (
@@ -256,10 +257,11 @@ const RULES: &[(&str, &[&str])] = &[
             "units", "geometry", "material", "limits", "series", "bench", "scan", "wording",
         ],
     ),
+    ("daemon", &["api", "clock", "lab", "store"]),
     ("cli", &["*"]),
 ];
 
-/// Rooms that are pure: no I/O, no clock, no log, no runtime.
+/// Modules that are pure: no I/O, no clock, no log, no runtime.
 const PURE: &[&str] = &[
     "units",
     "geometry",
@@ -271,7 +273,7 @@ const PURE: &[&str] = &[
     "plan",
 ];
 
-/// What a pure room may not name.
+/// What a pure module may not name.
 const IMPURE: &[&str] = &[
     "tokio",
     "axum",
@@ -331,6 +333,9 @@ const CIRCLES: &[&[&str]] = &[
     ],
 ];
 
+/// What `api` may not name: it reaches the disk through `lab` and `store`.
+const DISK: &[&str] = &["std::fs", "tokio::fs", "File"];
+
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).expect("src is readable") {
@@ -344,15 +349,15 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Rooms that a file names whose module lies `depth` below the crate: what follows `crate::`, or a
-/// chain of `super::` that climbs out of the room. In a module within the file a chain climbs less
-/// far, so a name more may be found, never one less.
-fn rooms_named(code: &str, depth: usize) -> BTreeSet<String> {
-    let mut rooms = BTreeSet::new();
+/// Modules that a file names, `depth` levels below the crate: what follows `crate::`, or a chain of `super::` that leaves
+/// the module. In a module within the file such a chain climbs less far, so a name too many may be found, never one too
+/// few.
+fn modules_named(code: &str, depth: usize) -> BTreeSet<String> {
+    let mut modules = BTreeSet::new();
     let begins = |at: usize| !code[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_');
     for (at, _) in code.match_indices("crate::") {
         if begins(at) {
-            rooms.extend(first_segments(&code[at + "crate::".len()..]));
+            modules.extend(first_segments(&code[at + "crate::".len()..]));
         }
     }
     for (at, _) in code.match_indices("super::") {
@@ -361,10 +366,10 @@ fn rooms_named(code: &str, depth: usize) -> BTreeSet<String> {
         }
         let rest = code[at..].trim_start_matches("super::");
         if (code[at..].len() - rest.len()) / "super::".len() >= depth {
-            rooms.extend(first_segments(rest));
+            modules.extend(first_segments(rest));
         }
     }
-    rooms
+    modules
 }
 
 /// The first segment of a path, or those of each path in a group.
@@ -397,7 +402,7 @@ fn first_segments(rest: &str) -> BTreeSet<String> {
     segments
 }
 
-/// Ways around the rules: nobody needs them, so they are not understood but refused.
+/// Ways around the rules, which are refused rather than resolved.
 fn hidden_ways(code: &str) -> Vec<&'static str> {
     let words: Vec<&str> = code.split_whitespace().collect();
     let code = words.join(" ");
@@ -407,17 +412,40 @@ fn hidden_ways(code: &str) -> Vec<&'static str> {
         .collect()
 }
 
-/// How far below the crate the file's module lies.
+/// Whether `code` has this word, which is no part of a longer one.
+fn names(code: &str, word: &str) -> bool {
+    let is_of_word = |c: char| c.is_alphanumeric() || c == '_';
+    code.match_indices(word).any(|(at, _)| {
+        !code[..at].ends_with(is_of_word) && !code[at + word.len()..].starts_with(is_of_word)
+    })
+}
+
+/// Names of the store's methods that write to the database: those that open a transaction or execute a statement.
+fn writers(store: &str) -> BTreeSet<String> {
+    let functions = store.split("pub async fn ").skip(1);
+    let writing = functions.filter(|function| {
+        let body = function.split("\n    }\n").next().unwrap_or(function);
+        let body: String = body.split_whitespace().collect();
+        body.contains(".writing()") || body.contains(".execute(self.writer())")
+    });
+    let name = |function: &str| -> String {
+        let is_of_name = |c: &char| c.is_alphanumeric() || *c == '_';
+        function.chars().take_while(is_of_name).collect()
+    };
+    writing.map(name).collect()
+}
+
+/// Depth of the file's module below the crate.
 fn depth_of(path: &Path, src: &Path) -> usize {
-    let inner = path.strip_prefix(src).expect("the file lies in src");
+    let inner = path.strip_prefix(src).expect("the file is in src");
     let own = usize::from(!inner.ends_with("mod.rs"));
     inner.components().count() - 1 + own
 }
 
-fn room_of(path: &Path, src: &Path) -> String {
+fn module_of(path: &Path, src: &Path) -> String {
     let first = path
         .strip_prefix(src)
-        .expect("the file lies in src")
+        .expect("the file is in src")
         .components()
         .next()
         .expect("a file has a name");
@@ -452,47 +480,44 @@ fn production_code(src: &Path) -> Vec<(PathBuf, String)> {
 }
 
 #[test]
-fn rooms_name_only_whom_they_may() {
+fn modules_name_only_whom_they_may() {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let rules: BTreeMap<&str, &[&str]> = RULES.iter().copied().collect();
     let mut broken = Vec::new();
     for (path, code) in &production_code(&src) {
-        let room = room_of(path, &src);
-        if ["main", "lib"].contains(&room.as_str()) {
+        let module = module_of(path, &src);
+        if ["main", "lib"].contains(&module.as_str()) {
             continue;
         }
-        let Some(allowed) = rules.get(room.as_str()) else {
-            broken.push(format!("room `{room}` has no rule in tests/it/imports.rs"));
+        let Some(allowed) = rules.get(module.as_str()) else {
+            broken.push(format!(
+                "module `{module}` has no rule in tests/it/imports.rs"
+            ));
             continue;
         };
         for way in hidden_ways(code) {
-            broken.push(format!("{} has `{way}`: name the room", path.display()));
+            broken.push(format!("{} has `{way}`: name the module", path.display()));
         }
-        for named in rooms_named(code, depth_of(path, &src)) {
-            let fine = named == room || allowed.contains(&"*") || allowed.contains(&named.as_str());
+        for named in modules_named(code, depth_of(path, &src)) {
+            let fine =
+                named == module || allowed.contains(&"*") || allowed.contains(&named.as_str());
             if !fine && rules.contains_key(named.as_str()) {
                 broken.push(format!(
-                    "{} names `{named}`, which `{room}` may not",
+                    "{} names `{named}`, which `{module}` may not",
                     path.display()
                 ));
             }
         }
-        if PURE.contains(&room.as_str()) {
-            for word in IMPURE {
-                let used = code.match_indices(word).any(|(at, _)| {
-                    let before = code[..at].chars().next_back();
-                    let after = code[at + word.len()..].chars().next();
-                    let part_of_word =
-                        |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
-                    !part_of_word(before) && !part_of_word(after)
-                });
-                if used {
-                    broken.push(format!(
-                        "{} names `{word}`; `{room}` is pure",
-                        path.display()
-                    ));
-                }
-            }
+        let (forbidden, because) = match module.as_str() {
+            "api" => (DISK, "reaches the disk through `lab` and `store`"),
+            pure if PURE.contains(&pure) => (IMPURE, "is pure"),
+            _ => continue,
+        };
+        for word in forbidden.iter().filter(|word| names(code, word)) {
+            broken.push(format!(
+                "{} names `{word}`; `{module}` {because}",
+                path.display()
+            ));
         }
     }
     broken.sort();
@@ -505,12 +530,12 @@ fn rooms_name_only_whom_they_may() {
 }
 
 #[test]
-fn files_of_a_room_import_each_other_in_one_direction() {
+fn files_of_a_module_import_each_other_in_one_direction() {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let sources: BTreeMap<String, Source> = production_code(&src)
         .into_iter()
         .filter_map(|(path, code)| {
-            let file = path.strip_prefix(&src).expect("the file lies in src");
+            let file = path.strip_prefix(&src).expect("the file is in src");
             let mut module = file.with_extension("");
             if module.ends_with("mod") {
                 module.pop();
@@ -539,37 +564,67 @@ fn files_of_a_room_import_each_other_in_one_direction() {
 }
 
 #[test]
-fn rooms_name_each_other_in_one_direction() {
+fn modules_name_each_other_in_one_direction() {
     let rules: BTreeMap<&str, &[&str]> = RULES.iter().copied().collect();
-    for room in rules.keys() {
-        let (mut reached, mut ahead) = (BTreeSet::new(), vec![*room]);
+    for module in rules.keys() {
+        let (mut reached, mut ahead) = (BTreeSet::new(), vec![*module]);
         while let Some(next) = ahead.pop() {
             let named = rules[next].iter().filter(|named| **named != "*");
             ahead.extend(named.filter(|named| reached.insert(**named)));
         }
         assert!(
-            !reached.contains(room),
-            "`{room}` may name itself through others"
+            !reached.contains(module),
+            "`{module}` may name itself through others"
         );
+    }
+}
+
+#[test]
+fn only_the_lab_writes_to_the_store() {
+    let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let files = production_code(&src);
+    let in_store = files
+        .iter()
+        .filter(|(path, _)| module_of(path, &src) == "store");
+    let writers: BTreeSet<String> = in_store.flat_map(|(_, code)| writers(code)).collect();
+    for known in ["add_sample", "add_scan", "keep_answer", "record"] {
+        assert!(writers.contains(known), "{known} is not found: {writers:?}");
+    }
+    assert!(!writers.contains("sample"), "{writers:?}");
+    for (path, code) in &files {
+        if ["store", "lab"].contains(&module_of(path, &src).as_str()) {
+            continue;
+        }
+        let code: String = code.split_whitespace().collect();
+        for writer in &writers {
+            let writes = ["store", "store()"]
+                .iter()
+                .any(|store| code.contains(&format!("{store}.{writer}(")));
+            assert!(
+                !writes,
+                "{} writes to the store by `{writer}`: let a method of `Lab` do it",
+                path.display()
+            );
+        }
     }
 }
 
 #[test]
 fn the_reader_of_imports_sees_groups_and_paths() {
     let code = "use crate::units::Angle;\nuse crate::{geometry::{Pose, RigGeometry}, fit};\nlet x = crate::model::radiance(1);";
-    let found: Vec<String> = rooms_named(code, 1).into_iter().collect();
+    let found: Vec<String> = modules_named(code, 1).into_iter().collect();
     assert_eq!(found, ["fit", "geometry", "model", "units"]);
 }
 
 #[test]
-fn a_path_that_climbs_out_of_its_room_names_another() {
+fn a_path_that_climbs_out_of_its_module_names_another() {
     let code = "use super::near;\nuse super::super::{far::{Away, super_fine}, wide};";
     for (depth, expected) in [
         (1, vec!["far", "near", "wide"]),
         (2, vec!["far", "wide"]),
         (3, vec![]),
     ] {
-        let found: Vec<String> = rooms_named(code, depth).into_iter().collect();
+        let found: Vec<String> = modules_named(code, depth).into_iter().collect();
         assert_eq!(found, expected, "{depth}");
     }
     assert_eq!(hidden_ways("use crate::*;"), ["crate::*"]);
@@ -579,8 +634,8 @@ fn a_path_that_climbs_out_of_its_room_names_another() {
 fn what_stands_behind_an_item_for_tests_is_read() {
     let read = |text: &str| {
         let code = code::read(text, Path::new("src/trace/mod.rs"));
-        let rooms: Vec<String> = rooms_named(&code.text, 1).into_iter().collect();
-        (rooms, code.for_tests)
+        let modules: Vec<String> = modules_named(&code.text, 1).into_iter().collect();
+        (modules, code.for_tests)
     };
     for behind in [
         "mod t;",
@@ -590,13 +645,13 @@ fn what_stands_behind_an_item_for_tests_is_read() {
         "use crate::lab::{Lab, fits};",
         "fn x<'a>(list: [&'a u8; 2]) -> u8 {\n    crate::lab::y(r#\"}\"#)\n}",
     ] {
-        let (rooms, for_tests) = read(&format!(
+        let (modules, for_tests) = read(&format!(
             "#[cfg(test)]\n{behind}\n\nuse crate::store::Store;\n"
         ));
-        assert_eq!(rooms, ["store"], "{behind}");
+        assert_eq!(modules, ["store"], "{behind}");
         let file = Path::new("src/trace/t.rs");
         assert_eq!(for_tests.contains(file), behind.ends_with("t;"), "{behind}");
     }
-    let (rooms, _) = read("/* crate::a */ // crate::b\nlet c = (\"crate::c\", '\\'', crate::d);");
-    assert_eq!(rooms, ["d"]);
+    let (modules, _) = read("/* crate::a */ // crate::b\nlet c = (\"crate::c\", '\\'', crate::d);");
+    assert_eq!(modules, ["d"]);
 }

@@ -276,7 +276,7 @@ async fn a_scan_waits_for_its_operator_pauses_and_goes_on() {
         ScanState::Paused
     );
     // Somebody comes to the rig; the step is asked for once more.
-    let hands = bench.rig.hands(lab, true);
+    let hands = bench.rig.operate(lab, true);
     lab.order(scan.id, Order::Resume).await.unwrap();
     assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
     hands.abort();

@@ -7,13 +7,13 @@ use std::sync::atomic::AtomicBool;
 
 use serde_json::Value;
 
-use ridged::cli::simulated::{Built, SimulatedRig, Simulation};
 use ridged::clock::{Clock, SteppedClock};
 use ridged::fit::report::{FitReport, Parameter, ReferencePlane};
 use ridged::fit::{FitOptions, VariantChoice, fit};
 use ridged::lab::{FitRequest, Lab, ScanRequest};
 use ridged::reduction::reduce;
 use ridged::series::Series;
+use ridged::sim::rig::{Construction, SimulatedRig, Simulation};
 use ridged::store::disk::RealDisk;
 use ridged::units::Angle;
 
@@ -63,7 +63,7 @@ fn with_an_axis_beside_the_centre_of_tilt_and_a_wobble_the_angles_to_the_turntab
 
 #[tokio::test]
 async fn a_simulated_rig_with_the_same_errors_is_measured_right() {
-    let built = Built {
+    let construction = Construction {
         camera_distance_mm: Some(300.0),
         light_distance_mm: Some(250.0),
         axis_offset_px: Some([-8.0, 6.0]),
@@ -74,7 +74,7 @@ async fn a_simulated_rig_with_the_same_errors_is_measured_right() {
     let simulation = Simulation {
         azimuth_offset: Angle::from_deg(3.0),
         tilt_offset: Angle::from_deg(-0.2),
-        built,
+        construction,
         ..Simulation::default()
     };
     let clock: Arc<dyn Clock> = Arc::new(SteppedClock::new());
@@ -88,9 +88,9 @@ async fn a_simulated_rig_with_the_same_errors_is_measured_right() {
     )
     .await
     .unwrap();
-    rig.stock(&lab).await.unwrap();
-    let hands = rig.hands(&lab, true);
-    // The second sample of the stock is the traced polymer.
+    rig.add_samples(&lab).await.unwrap();
+    let hands = rig.operate(&lab, true);
+    // The second sample is the traced polymer.
     let plan = small(&[-10.0, 0.0, 10.0], &[0.0, 90.0, 180.0, 270.0]);
     let request = ScanRequest { sample_id: 2, plan };
     let scan = lab.start_scan(&request).await.unwrap();
@@ -115,7 +115,7 @@ async fn a_simulated_rig_with_the_same_errors_is_measured_right() {
     let told: Value = serde_json::from_str(&report).unwrap();
     assert_eq!(told["reference_plane"], "turntable");
     let report: FitReport = serde_json::from_str(&report).unwrap();
-    let (steeper, turned) = built.wedge_on(Angle::from_deg(10.0));
+    let (steeper, turned) = construction.wedge_on(Angle::from_deg(10.0));
     let p = &report.parameters;
     holds("theta_r_deg", &p.theta_r_deg, 10.0 + steeper.deg(), 0.3);
     holds("tilt_offset_deg", &p.tilt_offset_deg, -0.2, 0.2);

@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use futures::future::BoxFuture;
 use ridged::bench::{Camera, CameraError, CaptureRequest, Captured};
-use ridged::cli::simulated::{SimulatedRig, Simulation};
 use ridged::clock::{Clock, SteppedClock};
 use ridged::frame::{Frame, FrameKind};
 use ridged::geometry::Pose;
@@ -14,6 +13,7 @@ use ridged::lab::RigParts;
 use ridged::scan::recorder::{RecordError, Recorder, Visit};
 use ridged::scan::runner::{self, Job, Order, OrderSlip, RunEnd, RunnerSettings};
 use ridged::scan::{OperatorAction, Progress, Rig, ScanState, Shot, Step};
+use ridged::sim::rig::{SimulatedRig, Simulation};
 use tokio::sync::{mpsc, oneshot};
 
 /// What happens when the camera is asked for its n-th frame, from 1.

@@ -8,7 +8,6 @@ use axum::body::Body;
 use futures::FutureExt;
 use ridged::bench::AxisName::{PhiS, ThetaC};
 use ridged::bench::port::{Port, PortSeam};
-use ridged::cli::simulated::{SimulatedRig, Simulation};
 use ridged::clock::{Clock, ScaledClock, SteppedClock};
 use ridged::lab::{Lab, LabError, ScanRequest};
 use ridged::scan::event::RigActivity;
@@ -16,6 +15,7 @@ use ridged::scan::plan::{DarkRequest, FlatRequest};
 use ridged::scan::runner::Order;
 use ridged::scan::{Event, PlanRequest, Rig, ScanState, StageLink};
 use ridged::sim::faults::{LineFault, ScriptedFaults};
+use ridged::sim::rig::{SimulatedRig, Simulation};
 use ridged::store::disk::RealDisk;
 use ridged::units::Angle;
 use tower::ServiceExt;
@@ -146,7 +146,7 @@ async fn a_scan_that_lost_its_stage_leaves_the_port_to_the_stop() {
     bench.rig.world.cap_lens(true);
     bench.lab.order(scan.id, Order::Continue).await.unwrap();
     // The dark frame needs no motion; the next point does.
-    let hands = bench.rig.hands(&bench.lab, true);
+    let hands = bench.rig.operate(&bench.lab, true);
     bench.until(scan.id, ScanState::Paused).await;
     let view = bench.lab.rig().await.unwrap();
     let (code, why) = view.problem.unwrap();
@@ -250,7 +250,7 @@ async fn a_scan_that_cannot_be_recorded_leaves_nothing_moving() {
     // Slowly enough that somebody can come in the middle of a move.
     let clock: Arc<dyn Clock> = Arc::new(ScaledClock::new(2.0));
     let (lab, rig, folder) = disturbed_on(clock, |_| {}).await;
-    rig.stock(&lab).await.unwrap();
+    rig.add_samples(&lab).await.unwrap();
     let plan = PlanRequest {
         dark: DarkRequest { repeats: Some(0) },
         flat: FlatRequest {
@@ -262,7 +262,7 @@ async fn a_scan_that_cannot_be_recorded_leaves_nothing_moving() {
     let mut events = lab.events();
     let request = ScanRequest { sample_id: 2, plan };
     let scan = lab.start_scan(&request).await.unwrap();
-    let hands = rig.hands(&lab, true);
+    let hands = rig.operate(&lab, true);
     loop {
         if let Event::Frame { .. } = events.recv().await.unwrap().event {
             break;

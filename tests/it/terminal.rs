@@ -169,7 +169,7 @@ fn the_prompt_follows_what_others_do_and_enter_is_for_the_step_it_shows() {
     // Somebody at the page says that it is done.
     assert_eq!(rig.daemon.post("/scans/1/continue", "").0, 202);
     let elsewhere = terminal.says();
-    assert!(elsewhere.contains("Somebody else"), "{elsewhere}");
+    assert!(elsewhere.contains("Another client"), "{elsewhere}");
     let white = terminal.says();
     assert!(white.contains("white reference"), "{white}");
     show(at, 30_000);
@@ -255,7 +255,7 @@ fn a_full_daemon_stops_the_rig_is_alive_and_is_said_to_be_full() {
         at,
         &["rig", "status", "--data", "data"],
         1,
-        &["the daemon is there, but full", "close some"],
+        &["the daemon is busy", "close some"],
     );
     let alive = ureq::get(format!("{}/healthz", daemon.url)).call().unwrap();
     assert_eq!(alive.status(), 200);
@@ -302,14 +302,14 @@ fn beside_a_scan_that_has_no_daemon_the_stop_names_who_drives_the_rig() {
         std::thread::sleep(Duration::from_millis(10));
     }
     kill_process(Pid::from_child(&scan), Signal::INT).unwrap();
-    // It says how it leaves the scan and the rig, and how to go on.
+    // It reports the state of the scan and the rig, and how to resume.
     let left = scan.wait_with_output().unwrap();
     let said = String::from_utf8(left.stderr).unwrap();
     assert_eq!(left.status.code(), Some(130), "{said}");
     for words in [
         "scan 1 is interrupted, ",
-        " frames are kept; to go on with it start `ridged serve --simulated-rig --data data`",
-        "the stages stand",
+        " frames are kept; to resume it, start `ridged serve --simulated-rig --data data`",
+        "the stages are at rest",
         "everything is safe",
     ] {
         assert!(said.contains(words), "{words} is not in: {said}");
@@ -332,7 +332,7 @@ fn a_daemon_that_answers_nothing_is_named_with_the_emergency_switch() {
         &["rig", "status", "--data", "data"][..],
         &["scan", "--preset", "paper", "--data", "data"],
     ] {
-        refuses(at, args, 1, &["is there", &process, "does not answer"]);
+        refuses(at, args, 1, &["runs (process", &process, "does not answer"]);
     }
     let stop = ["rig", "stop", "--data", "data"];
     refuses(at, &stop, 1, &["emergency switch", "may be moving"]);

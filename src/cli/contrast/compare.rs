@@ -1,4 +1,4 @@
-//! `--compare`: a prediction beside a table of radiances that somebody else computed or measured.
+//! `--compare`: a prediction beside a table of radiances from another source.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -11,21 +11,21 @@ use crate::contrast::findings_json;
 use crate::model::contrast::{Exposure, Findings, PAIRS, Table};
 use crate::units::Angle;
 
-/// Differences of absolute contrasts over the lines that both tables have: one at least.
+/// Differences of absolute contrasts over the lines that both tables have, at least one.
 #[derive(Debug, Clone)]
-pub(super) struct Comparison {
+pub(super) struct TableComparison {
     file: PathBuf,
     n_contrasts: usize,
     rms: f64,
     worst: f64,
-    /// Of the file.
+    /// In the file.
     largest_contrast: f64,
-    /// Of the file.
+    /// In the file.
     findings: Option<Findings>,
 }
 
-impl Comparison {
-    /// The object for scripts; shares of a file without any contrast are null.
+impl TableComparison {
+    /// The JSON object; relative differences are null for a file without contrast.
     pub(super) fn as_json(&self) -> Value {
         json!({
             "file": self.file.display().to_string(),
@@ -40,7 +40,7 @@ impl Comparison {
     }
 }
 
-impl fmt::Display for Comparison {
+impl fmt::Display for TableComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (file, n) = (self.file.display(), self.n_contrasts);
         write!(f, "against {file}: {n} contrasts, ")?;
@@ -61,10 +61,10 @@ impl fmt::Display for Comparison {
     }
 }
 
-/// Radiances of a table on disk; rows of another alpha are left out.
+/// Reads the radiances of a table; rows of another alpha are left out.
 ///
 /// # Errors
-/// Bad input for a file that is no such table.
+/// Bad input for a file that is not such a table.
 pub(super) fn read_radiances(path: &Path, alpha: f64) -> Result<Table, CliError> {
     let bad = |why: String| CliError::bad_input(anyhow!("{}: {why}", path.display()));
     let mut reader = csv::Reader::from_path(path)
@@ -119,7 +119,7 @@ pub(super) fn comparison(
     ours: &Table,
     theirs: &Table,
     path: &Path,
-) -> Result<Comparison, CliError> {
+) -> Result<TableComparison, CliError> {
     let near = |x: Angle, y: Angle| (x - y).abs() < Angle::from_deg(5e-4);
     let mut differences = Vec::new();
     let mut largest_contrast: f64 = 0.0;
@@ -140,7 +140,7 @@ pub(super) fn comparison(
         )));
     }
     let n = differences.len() as f64;
-    Ok(Comparison {
+    Ok(TableComparison {
         file: path.to_owned(),
         n_contrasts: differences.len(),
         rms: (differences.iter().map(|d| d * d).sum::<f64>() / n).sqrt(),

@@ -1,6 +1,6 @@
 //! The printed BRDF over a table; angles in rad, φ from u towards v.
 
-use super::{Row, Table};
+use super::{InputCase, Table};
 use crate::model::brdf::{Case, evaluate};
 
 /// theta_i … k → f, d, g, fresnel.
@@ -13,7 +13,7 @@ pub(super) const TABLE: Table = Table {
     compute,
 };
 
-fn compute(row: &Row<'_>) -> Result<Vec<f64>, String> {
+fn compute(row: &InputCase<'_>) -> Result<Vec<f64>, String> {
     let case = Case {
         theta_i: row.number(0)?,
         phi_i: row.number(1)?,

@@ -1,6 +1,6 @@
 //! The table `mueller`: unmasked single bounce on Beckmann slopes, SCATMECH's conventions.
 
-use super::{Row, Table};
+use super::{InputCase, Table};
 use crate::model::single_bounce::{Scattering, mueller_brdf};
 
 pub(super) const TABLE: Table = Table {
@@ -12,7 +12,7 @@ pub(super) const TABLE: Table = Table {
     compute,
 };
 
-fn compute(row: &Row<'_>) -> Result<Vec<f64>, String> {
+fn compute(row: &InputCase<'_>) -> Result<Vec<f64>, String> {
     let (n, k, alpha) = (row.number(0)?, row.number(1)?, row.number(2)?);
     let (theta_i, theta_s) = (row.number(3)?, row.number(4)?);
     if n <= 0.0 || k < 0.0 {

@@ -1,6 +1,6 @@
 //! The table `stack`: flat layers over each other, exactly.
 
-use super::{Row, Table};
+use super::{InputCase, Table};
 use crate::model::flat_stack::FlatStack;
 
 pub(super) const TABLE: Table = Table {
@@ -16,7 +16,7 @@ pub(super) const TABLE: Table = Table {
     compute,
 };
 
-fn compute(row: &Row<'_>) -> Result<Vec<f64>, String> {
+fn compute(row: &InputCase<'_>) -> Result<Vec<f64>, String> {
     let stack = FlatStack::parse(row.text(0)).map_err(|e| e.to_string())?;
     let theta = row.number(1)?;
     if !(0.0..90.0).contains(&theta) {

@@ -8,17 +8,17 @@ use anyhow::anyhow;
 
 use super::{refusal, with_bar};
 use crate::analysis::{AnalysisOptions, JointAnalysisError, analyse_together};
-use crate::cli::{CliError, answer};
+use crate::cli::{CliError, output};
 use crate::fit::joint::JointError;
 use crate::fit::text;
 use crate::reduction::FrameSource;
 use crate::series::Series;
 
-/// Reads, reduces and fits the series together and prints the answer.
+/// Reads, reduces and fits the series together and prints the result.
 ///
 /// # Errors
-/// Bad input for a folder that is no series, or series that are not of one sample; no result where no
-/// frame can be used.
+/// Bad input for a folder that is not a series, or series that are not of one sample; no result where no frame can be
+/// used.
 pub(super) fn run(
     dirs: &[PathBuf],
     options: &AnalysisOptions,
@@ -27,7 +27,7 @@ pub(super) fn run(
 ) -> Result<(), CliError> {
     if options.iterations {
         return Err(CliError::bad_input(anyhow!(
-            "--iterations retraces the fit of one series; {} were given",
+            "--iterations records the fit of one series; {} were given",
             dirs.len()
         )));
     }
@@ -54,12 +54,12 @@ pub(super) fn run(
         JointAnalysisError::Joint(reason @ JointError::NoFit(..)) => CliError::no_result(reason),
         JointAnalysisError::Joint(reason) => CliError::bad_input(reason),
     })?;
-    answer::put(json, &analysis.report, || {
+    output::write(json, &analysis.report, || {
         text::joint(&analysis.report, std::io::stdout().is_terminal())
     })
 }
 
-/// Refuses a scan that is given twice, under whatever name: counted twice it would make the answer too sure.
+/// Refuses a scan that is given twice, under any name: counted twice it would make the uncertainty too small.
 fn no_twins(dirs: &[PathBuf], opened: &[Series]) -> Result<(), CliError> {
     for (k, later) in opened.iter().enumerate() {
         let same = |earlier: &Series| {

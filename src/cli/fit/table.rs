@@ -11,10 +11,10 @@ use crate::cli::CliError;
 use crate::fit::{Quantity, Told};
 use crate::tables::BrdfTable;
 
-/// Reads, fits and prints.
+/// Reads the table, fits it and prints the result.
 ///
 /// # Errors
-/// Bad input for a folder that holds no such table, a region, or statements that do not suit the sample.
+/// Bad input for a folder without such a table, a region, or constraints that do not suit the sample.
 pub(super) fn run(
     dir: &Path,
     mut options: AnalysisOptions,
@@ -24,25 +24,25 @@ pub(super) fn run(
     let table = BrdfTable::open(dir).map_err(CliError::bad_input)?;
     if options.region.is_some() {
         return Err(CliError::bad_input(anyhow!(
-            "--region: a table of BRDF is of one surface and has no regions"
+            "--region: a table of BRDF has one surface and no regions"
         )));
     }
-    let told = &mut options.fit.told;
-    if told
+    let constraints = &mut options.fit.told;
+    if constraints
         .iter()
-        .any(|told| told.quantity == Quantity::TiltOffset)
+        .any(|constraint| constraint.quantity == Quantity::TiltOffset)
     {
         return Err(CliError::bad_input(anyhow!(
-            "tilt_offset_deg: a goniometer has no tilt that lamp and detector share; how its angles and the sample err is \
-             theta_std_deg and sample_tilt_std_deg of the manifest"
+            "tilt_offset_deg: a goniometer has no tilt that lamp and detector share; state the errors of its angles and of \
+            the sample as theta_std_deg and sample_tilt_std_deg in the manifest"
         )));
     }
-    told.push(Told {
+    constraints.push(Told {
         quantity: Quantity::TiltOffset,
         value: 0.0,
         std: 0.0,
     });
-    suits(told, &table.material)?;
+    suits(constraints, &table.material)?;
     let observations = table.observations();
     let analysis = with_bar(None, |progress| {
         analyse_observations(observations, &options, progress, cancel)

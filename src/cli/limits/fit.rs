@@ -5,11 +5,11 @@ use anyhow::anyhow;
 use super::{check, check_tolerance};
 use crate::cli::CliError;
 
-/// What a fit may take, and how wrong it may be.
+/// Limits of a fit.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct FitLimits {
-    /// Time limit of the fit: the search for other explanations, the ray tracer and the bootstrap end there, and what
-    /// they have reached counts.
+    /// Time limit of the fit. The search for other minima, the ray tracer and the bootstrap stop there; their results so far
+    /// are used.
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
     /// Stop the ray tracer once its standard error, as a share of the largest radiance, is below this. Default: once
@@ -23,15 +23,14 @@ pub struct FitLimits {
 }
 
 impl FitLimits {
-    /// Refuses limits that are not greater than 0, and such as nothing is there to obey.
+    /// Refuses limits that are not greater than 0, and an error for the ray tracer where it does not run.
     ///
     /// # Errors
-    /// Bad input, naming the option and what would give it a meaning.
+    /// Bad input, naming the option and the remedy.
     pub fn check(&self, traces: bool) -> Result<(), CliError> {
         if self.target_error.is_some() && !traces {
             return Err(CliError::bad_input(anyhow!(
-                "--target-error is for the ray tracer, the closed forms have no error by chance: add --variant traced, \
-                 or --judge where there is one"
+                "--target-error applies only to the ray tracer; add --variant traced or --judge"
             )));
         }
         check_tolerance(self.tolerance)?;

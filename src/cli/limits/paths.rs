@@ -1,5 +1,6 @@
-//! `--max-seconds` and `--target-error` of work that is many surfaces of so many paths each: a small and a larger
-//! pilot part what a surface costs from what a path costs, and say how many paths are affordable and enough.
+//! `--max-seconds` and `--target-error` of work on many surfaces, each traced with the same number of paths. A small and a
+//! larger pilot run separate the cost of a surface from the cost of a path, and show how many paths fit into the time and
+//! reach the error.
 
 use std::time::Instant;
 
@@ -10,7 +11,7 @@ use crate::cli::CliError;
 use crate::forecast::Forecast;
 use crate::wording::{counted, significant};
 
-/// What a user allows.
+/// Limits of a run on many surfaces.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct PathLimits {
     /// Time limit (approximate): fewer paths are traced if needed, and the number used is reported; surfaces not
@@ -22,40 +23,40 @@ pub struct PathLimits {
     pub target_error: Option<f64>,
 }
 
-/// How a run will go, told before it starts.
+/// The plan of a run, made before it starts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Planned {
     /// Paths per radiance.
     pub paths: u64,
-    /// What that takes.
+    /// Expected time and error.
     pub forecast: Forecast,
 }
 
-/// What a run is made of.
+/// The work of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Work {
+pub struct PathWork {
     /// Surfaces to trace.
     pub surfaces: usize,
     /// Surfaces traced at the same time.
     pub abreast: usize,
-    /// Paths per radiance, unless a limit says otherwise.
+    /// Paths per radiance, unless a limit changes them.
     pub paths: u64,
-    /// Whether surfaces for which no time is left may be missing; if not, a limit that cannot be kept is refused.
+    /// Whether surfaces may be left out for lack of time; if not, a limit that cannot be met is refused.
     pub may_miss_some: bool,
 }
 
-/// What a pilot found.
+/// Result of a pilot run.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Trial {
-    /// Surfaces that it did, one after the other.
+pub struct PilotResult {
+    /// Number of surfaces, traced one after the other.
     pub surfaces: usize,
-    /// Relative standard error of the worst.
+    /// Relative standard error of the worst surface.
     pub error: f64,
-    /// Seconds of it that went into other things than paths, such as fits.
+    /// Seconds spent on work other than paths, for example fits.
     pub apart_s: f64,
 }
 
-/// What one surface of a pilot took, s.
+/// Time of one surface of a pilot, s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Cost {
     paths: u64,
@@ -69,34 +70,34 @@ impl Cost {
         self.paths_s + self.apart_s
     }
 
-    /// Whether it took so much longer than one of fewer paths that the difference is the paths'.
+    /// Whether it took clearly longer than a pilot with fewer paths, so that the difference is due to the paths.
     fn is_clearly_beyond(&self, fewer: &Cost) -> bool {
         self.paths_s > CLEARLY * fewer.paths_s
     }
 }
 
-/// Share of a limit that pilots may take so that another one follows.
+/// Largest share of a time limit that pilots may have used before another one is started.
 const SECOND_PILOT: f64 = 0.1;
-/// The same where nothing limits the run, s.
+/// The same without a time limit, s.
 const PILOTS_S: f64 = 2.0;
-/// Paths of the two pilots.
+/// Numbers of paths of the two pilots.
 const PILOTS: [u64; 2] = [64, 512];
-/// Shorter pilots are repeated, so many times at most: a few milliseconds say little on a machine that does other things.
+/// A pilot shorter than this is repeated, up to `REPEATS` times: other work on the machine disturbs a few milliseconds.
 const REPEATED_S: f64 = 0.05;
 const REPEATS: usize = 5;
-/// Longer pilots have so many times the paths,
+/// Factor between the paths of successive pilots,
 const LONGER: u64 = 8;
-/// and follow until the larger one takes so many times as long as the smaller: a smaller difference is other work on the
+/// and the ratio of times at which the larger one counts as longer: a smaller difference may be other work on the
 /// machine.
 const CLEARLY: f64 = 1.5;
-/// Paths that no pilot passes.
+/// Most paths of a pilot.
 const PILOT_MAX: u64 = 1 << 15;
-/// A pilot's forecast may be off by so much: a limit that is missed by less is tried.
+/// Possible error of a pilot's forecast, as a factor: a limit that is exceeded by less is tried.
 const MISS: f64 = 1.3;
 /// Fewest and most paths of a run.
 pub const PATHS: (u64, u64) = (64, 10_000_000);
 
-/// Refuses a number of paths that no run takes.
+/// Refuses a number of paths out of range.
 ///
 /// # Errors
 /// Bad input, naming the option.
@@ -104,7 +105,7 @@ pub fn check_paths(paths: u64) -> Result<(), CliError> {
     match (PATHS.0..=PATHS.1).contains(&paths) {
         true => Ok(()),
         false => Err(CliError::bad_input(anyhow!(
-            "--paths {paths}: give 64 to 10,000,000"
+            "--paths {paths} is out of range: expected 64 to 10 000 000"
         ))),
     }
 }
@@ -121,21 +122,20 @@ impl PathLimits {
         ])
     }
 
-    /// Whether there is anything to plan.
+    /// Whether any limit is set.
     #[must_use]
     pub fn is_any(&self) -> bool {
         self.max_seconds.is_some() || self.target_error.is_some()
     }
 
-    /// Plans a run. `pilot` does some of the surfaces, such as stand for all, with a number of paths; `None` where it
-    /// cannot.
+    /// Plans a run. `pilot` traces some representative surfaces with a number of paths; it returns `None` where it cannot.
     ///
     /// # Errors
-    /// No result where not even the fewest paths fit into the time allowed and no surface may be missing.
+    /// No result where the fewest paths do not fit into the time limit and no surface may be left out.
     pub fn plan(
         &self,
-        work: &Work,
-        pilot: &dyn Fn(u64) -> Option<Trial>,
+        work: &PathWork,
+        pilot: &dyn Fn(u64) -> Option<PilotResult>,
     ) -> Result<Option<Planned>, CliError> {
         let started = Instant::now();
         let spent_s = || started.elapsed().as_secs_f64();
@@ -163,7 +163,7 @@ impl PathLimits {
                     break;
                 }
                 let again = once(paths)?;
-                // Other work on the machine only ever adds.
+                // Other work on the machine only makes pilots longer.
                 if again.all_s() < best.all_s() {
                     best = again;
                 }
@@ -178,13 +178,13 @@ impl PathLimits {
             self.affords(work.surfaces, little.all_s() * turns as f64)?;
         }
         let more = if work.may_miss_some && self.max_seconds.is_some_and(costly) {
-            // What is spent on pilots is missing at the end.
+            // The time of the pilots is no longer available.
             None
         } else {
             let Some(mut more) = timed(PILOTS[1]) else {
                 return Ok(None);
             };
-            // Where the surface takes most of both, more paths tell what one takes.
+            // Where the surface takes most of both times, only more paths show the cost of one.
             while !more.is_clearly_beyond(&little) && more.paths < PILOT_MAX && !is_costly() {
                 let Some(longer) = timed(LONGER * more.paths) else {
                     return Ok(None);
@@ -193,7 +193,7 @@ impl PathLimits {
             }
             Some(more)
         };
-        Ok(Some(self.told_by(
+        Ok(Some(self.planned_from(
             little,
             more,
             turns,
@@ -202,12 +202,12 @@ impl PathLimits {
         )))
     }
 
-    /// Refuses a limit that the fewest paths, which take so long, miss by far.
+    /// Refuses a limit that even the fewest paths exceed by far.
     fn affords(&self, surfaces: usize, least_s: f64) -> Result<(), CliError> {
         match self.max_seconds {
             Some(limit) if least_s > MISS * limit => Err(CliError::no_result(anyhow!(
                 "--max-seconds {limit}: {} with {} paths per radiance, the fewest that give a result, take about \
-                 {} s; allow that, or ask for fewer surfaces",
+                {} s; allow more time, or give fewer surfaces",
                 counted(surfaces, "surface"),
                 PILOTS[0],
                 significant(least_s)
@@ -216,15 +216,15 @@ impl PathLimits {
         }
     }
 
-    /// Refuses what ended with all its paths above the error asked for; `what` names one of those that the error is of.
+    /// Refuses a run that ended above the target error; `what` is the noun of a surface.
     ///
     /// # Errors
-    /// No result, with the paths that would do.
+    /// No result, with the number of paths that would suffice.
     pub fn verdict(&self, what: &str, paths: u64, error: f64) -> Result<(), CliError> {
         match self.target_error {
             Some(target) if error > target => Err(CliError::no_result(anyhow!(
-                "the target error {target} was not reached by every {what}: {paths} paths gave {} at worst; about {} would be \
-                 needed for that (--paths)",
+                "not every {what} reached the target error {target}: {paths} paths gave {} at worst; about {} paths are needed \
+                (--paths)",
                 significant(error),
                 significant((paths as f64 * (error / target).powi(2)).ceil())
             ))),
@@ -232,7 +232,7 @@ impl PathLimits {
         }
     }
 
-    fn told_by(
+    fn planned_from(
         &self,
         little: Cost,
         more: Option<Cost>,
@@ -245,7 +245,7 @@ impl PathLimits {
             Some(more) if more.is_clearly_beyond(&little) => {
                 (more.paths_s - little.paths_s) / (more.paths - little.paths) as f64
             }
-            // At most what all of them took.
+            // At most the time of all surfaces.
             _ => known.paths_s / known.paths as f64,
         };
         let per_path = per_path.max(1e-12);
@@ -280,7 +280,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn paths_are_those_for_the_error_and_no_more_than_time_allows() {
+    fn paths_reach_the_error_within_the_time() {
         // A surface: 0.1 s and 1 ms per path; 2 % after 512 paths; 10 turns.
         let cost = |paths: u64, apart_s: f64| Cost {
             paths,
@@ -289,26 +289,26 @@ mod tests {
             error: 0.02 * (PILOTS[1] as f64 / paths as f64).sqrt(),
         };
         let (little, more) = (cost(PILOTS[0], 0.0), cost(PILOTS[1], 0.0));
-        let told = |max_seconds, target_error| {
+        let planned = |max_seconds, target_error| {
             let limits = PathLimits {
                 max_seconds,
                 target_error,
             };
-            limits.told_by(little, Some(more), 10, 4096, 0.0)
+            limits.planned_from(little, Some(more), 10, 4096, 0.0)
         };
-        assert_eq!(told(None, Some(0.01)).paths, 2048);
-        assert!((told(None, Some(0.01)).forecast.seconds - (1.0 + 20.48)).abs() < 1e-9);
-        let short = told(Some(11.0), None);
+        assert_eq!(planned(None, Some(0.01)).paths, 2048);
+        assert!((planned(None, Some(0.01)).forecast.seconds - (1.0 + 20.48)).abs() < 1e-9);
+        let short = planned(Some(11.0), None);
         assert!(
             short.forecast.cut_short && short.paths.abs_diff(1000) <= 1,
             "{short:?}"
         );
         let error = short.forecast.error.unwrap().value;
         assert!((error - 0.02 * (512.0f64 / 1000.0).sqrt()).abs() < 1e-4);
-        let ample = told(Some(1000.0), None);
+        let ample = planned(Some(1000.0), None);
         assert!(!ample.forecast.cut_short && ample.paths == 4096);
-        assert_eq!(told(Some(0.1), None).paths, PATHS.0);
-        // Fits that take longer the fewer paths there are do not hide what a path costs.
+        assert_eq!(planned(Some(0.1), None).paths, PATHS.0);
+        // Fits that take longer with fewer paths do not hide the cost of a path.
         let fitted = |paths, apart_s| Cost {
             paths_s: 1e-3 * paths as f64,
             apart_s,
@@ -319,17 +319,17 @@ mod tests {
             target_error: None,
         };
         let (little, more) = (fitted(PILOTS[0], 3.0), fitted(PILOTS[1], 1.0));
-        for told in [
-            limits.told_by(little, Some(more), 10, 4096, 0.0),
-            limits.told_by(more, None, 10, 4096, 0.0),
+        for planned in [
+            limits.planned_from(little, Some(more), 10, 4096, 0.0),
+            limits.planned_from(more, None, 10, 4096, 0.0),
         ] {
-            assert!(told.paths.abs_diff(1000) <= 1, "{told:?}");
-            assert!((told.forecast.seconds - 20.0).abs() < 0.1, "{told:?}");
+            assert!(planned.paths.abs_diff(1000) <= 1, "{planned:?}");
+            assert!((planned.forecast.seconds - 20.0).abs() < 0.1, "{planned:?}");
         }
     }
 
     #[test]
-    fn pilots_that_took_alike_do_not_make_paths_free() {
+    fn pilots_of_equal_time_do_not_make_paths_free() {
         let cost = |paths, paths_s| Cost {
             paths,
             paths_s,
@@ -342,21 +342,21 @@ mod tests {
         };
         for more_s in [0.004, 0.005, 0.006] {
             let (little, more) = (cost(PILOTS[0], 0.005), cost(PILOTS[1], more_s));
-            let told = limits.told_by(little, Some(more), 100, 1_000_000, 0.0);
+            let planned = limits.planned_from(little, Some(more), 100, 1_000_000, 0.0);
             // 0.1 s for each turn, of paths of some 10 µs at most.
-            assert!(told.forecast.cut_short, "{told:?}");
-            assert!((8_000..14_000).contains(&told.paths), "{told:?}");
+            assert!(planned.forecast.cut_short, "{planned:?}");
+            assert!((8_000..14_000).contains(&planned.paths), "{planned:?}");
         }
     }
 
     #[test]
-    fn pilots_go_on_until_a_path_can_be_told_from_its_surface() {
+    fn pilots_grow_until_the_cost_of_a_path_is_separable() {
         let asked = std::cell::RefCell::new(Vec::new());
         let pilot = |paths: u64| {
             asked.borrow_mut().push(paths);
             let nanoseconds = 60_000_000 + 20_000 * paths;
             std::thread::sleep(std::time::Duration::from_nanos(nanoseconds));
-            Some(Trial {
+            Some(PilotResult {
                 surfaces: 1,
                 error: 0.1,
                 apart_s: 0.0,
@@ -366,25 +366,25 @@ mod tests {
             max_seconds: Some(60.0),
             target_error: None,
         };
-        let work = Work {
+        let work = PathWork {
             surfaces: 10,
             abreast: 1,
             paths: 1_000_000,
             may_miss_some: false,
         };
-        let told = limits.plan(&work, &pilot).unwrap().unwrap();
+        let planned = limits.plan(&work, &pilot).unwrap().unwrap();
         assert_eq!(asked.borrow()[..3], [64, 512, 4096]);
         // 6 s a turn, less what the surface takes, at 20 µs; other work on the machine makes them longer.
-        assert!((100_000..350_000).contains(&told.paths), "{told:?}");
+        assert!((100_000..350_000).contains(&planned.paths), "{planned:?}");
     }
 
     #[test]
-    fn where_surfaces_may_be_missing_no_limit_is_refused_and_a_costly_pilot_is_the_last() {
+    fn no_limit_is_refused_where_surfaces_may_be_left_out_and_a_costly_pilot_is_the_last() {
         let limits = PathLimits {
             max_seconds: Some(1e-3),
             target_error: None,
         };
-        let work = |may_miss_some| Work {
+        let work = |may_miss_some| PathWork {
             surfaces: 70,
             abreast: 1,
             paths: 4096,
@@ -394,20 +394,20 @@ mod tests {
         let pilot = |_| {
             asked.set(asked.get() + 1);
             std::thread::sleep(std::time::Duration::from_millis(2));
-            Some(Trial {
+            Some(PilotResult {
                 surfaces: 2,
                 error: 0.1,
                 apart_s: 0.0,
             })
         };
         assert!(limits.plan(&work(false), &pilot).is_err());
-        let told = limits.plan(&work(true), &pilot).unwrap().unwrap();
-        assert!(told.forecast.cut_short && told.paths == PATHS.0);
+        let planned = limits.plan(&work(true), &pilot).unwrap().unwrap();
+        assert!(planned.forecast.cut_short && planned.paths == PATHS.0);
         assert_eq!(asked.get(), 2);
     }
 
     #[test]
-    fn a_limit_that_the_fewest_paths_miss_is_refused_with_what_they_take() {
+    fn a_limit_that_the_fewest_paths_exceed_is_refused_with_their_time() {
         let limits = PathLimits {
             max_seconds: Some(5.0),
             target_error: None,

@@ -11,7 +11,7 @@ use crate::cli::prediction::Model;
 use crate::forecast::Forecast;
 use crate::model::contrast::{Pace, TOLERANCE};
 
-/// What a prediction may take, and how wrong the quadrature may be.
+/// Limits of a prediction.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct PredictionLimits {
     /// Time limit: no further surface is begun after it; `left_out` lists those not reached.
@@ -23,7 +23,7 @@ pub struct PredictionLimits {
 }
 
 impl PredictionLimits {
-    /// Refuses limits that are not greater than 0, and an error of a form that has none to choose.
+    /// Refuses limits that are not greater than 0, and a target error for a closed form.
     ///
     /// # Errors
     /// Bad input, naming the option.
@@ -34,13 +34,13 @@ impl PredictionLimits {
         ])?;
         if self.target_error.is_some() && variant != Model::Quadrature {
             return Err(CliError::bad_input(anyhow!(
-                "--target-error is for the integral, closed forms have the error that they have: add --variant quadrature"
+                "--target-error applies only to the quadrature; add --variant quadrature"
             )));
         }
         Ok(())
     }
 
-    /// To the error that the quadrature is asked for, as long as `go_on` says.
+    /// Returns the tolerance of the quadrature, and `go_on` as its condition to continue.
     #[must_use]
     pub fn pace<'a>(&self, go_on: &'a (dyn Fn() -> bool + Sync)) -> Pace<'a> {
         Pace {
@@ -49,22 +49,22 @@ impl PredictionLimits {
         }
     }
 
-    /// Says on stderr what `tables` of tables like a pilot's will take, where a limit is set or it is more than a
-    /// second and a terminal is there to tell it to.
-    pub fn foretell(&self, tables: u64, pilot: impl FnOnce()) {
+    /// Prints the expected time of `tables` tables like the pilot's to stderr, where a limit is set, or on a terminal where it
+    /// is more than a second.
+    pub fn print_forecast(&self, tables: u64, pilot: impl FnOnce()) {
         let started = Instant::now();
         pilot();
         let each_s = started.elapsed().as_secs_f64();
-        let told = Forecast {
+        let forecast = Forecast {
             error: None,
             ..Forecast::about(tables as f64 * each_s).for_work(tables, "tables")
         };
-        let told = told
+        let forecast = forecast
             .to_error(self.target_error, "a radiance, of the brightest,")
             .within(self.max_seconds);
         let asked = *self != PredictionLimits::default();
-        if asked || (told.seconds > 1.0 && std::io::stderr().is_terminal()) {
-            super::super::say(&format_args!("forecast: {told}"));
+        if asked || (forecast.seconds > 1.0 && std::io::stderr().is_terminal()) {
+            super::super::say(&format_args!("forecast: {forecast}"));
         }
     }
 }

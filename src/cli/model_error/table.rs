@@ -1,4 +1,4 @@
-//! What `model-error` found, told: as JSON, as CSV and as a table in Markdown.
+//! The results of `model-error` as JSON, as CSV and as a table in Markdown.
 
 use std::fmt::Write as _;
 
@@ -10,17 +10,17 @@ use crate::forecast::Expected;
 use crate::model::LeftOut;
 use crate::wording::counted;
 
-/// What neither the closed forms nor the traced surfaces have, and surfaces for which no time was left.
+/// Effects that neither the closed forms nor the traced surfaces include, and surfaces left out by the time limit.
 pub(super) fn left_out(missing: &[Wanted]) -> Vec<LeftOut> {
     let mut list = vec![
         LeftOut::new(
             "rounded crests, burrs, draft of the risers",
-            "forms and traced surfaces alike are ideal sawteeth; `ridged wear` shows what wear does",
+            "closed forms and traced surfaces are ideal sawteeth; `ridged wear` shows the effect of wear",
             None,
         ),
         LeftOut::new(
             "bounces among the facets' own roughness",
-            "below the profile light meets one microfacet per hit, with Smith's masking",
+            "on the facets, light meets one microfacet per hit, with Smith's masking",
             None,
         ),
     ];
@@ -29,7 +29,7 @@ pub(super) fn left_out(missing: &[Wanted]) -> Vec<LeftOut> {
         let what = counted(missing.len(), "surface");
         list.push(LeftOut::new(
             format!("{what}: {}", names.join(", ")),
-            "time was over",
+            "time limit reached",
             None,
         ));
     }
@@ -39,7 +39,7 @@ pub(super) fn left_out(missing: &[Wanted]) -> Vec<LeftOut> {
 /// The object of `--json`.
 pub(super) fn report(cells: &[Cell], left_out: &[LeftOut], seconds: f64) -> Value {
     let surfaces = cells.iter().map(|cell| {
-        // With its sign, as in the table of poses: too bright is positive.
+        // Signed, as in the table of poses: too bright is positive.
         let largest = |of: &[f64]| of.get(summary(of).1).copied();
         let fitted = ["paper", "sawtooth"].iter().zip(&cell.fitted);
         let fitted: serde_json::Map<String, Value> = fitted
@@ -132,7 +132,7 @@ pub(super) fn csv(cells: &[Cell]) -> String {
     text
 }
 
-/// Per material and pose: root mean square over the surfaces of closed form less traced.
+/// Per material and pose: root mean square over the surfaces of closed form minus traced.
 pub(super) fn poses_csv(cells: &[Cell]) -> String {
     let mut text = String::from("material,theta_c_deg,phi_s_deg,closed_rms,quadrature_rms\n");
     for (material, (name, ..)) in MATERIALS.iter().enumerate() {

@@ -1,4 +1,5 @@
-//! A scan by the daemon that runs on the data folder: this process asks, follows, and hands on what its operator does.
+//! A scan by the daemon that runs on the data folder: this process starts it, follows it, and passes on the operator's
+//! confirmations.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -8,18 +9,18 @@ use serde_json::{Value, json};
 
 use super::{Args, material, no_sample, suits_the_sample, sure_words};
 use crate::cli::client::Client;
-use crate::cli::people::People;
+use crate::cli::operator_prompt::OperatorPrompt;
 use crate::cli::progress::Bar;
 use crate::cli::{CliError, interrupt, say};
 use crate::material::Material;
 use crate::scan::{OperatorAction, PlanRequest, ScanState};
 
-/// How often a daemon is asked where its scan stands: a prompt outlives its step by no longer.
+/// Interval between requests for the scan's state, and so the longest time that a prompt outlives its step.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// A daemon is asked how sure its fit is once in so many looks at its scan.
+/// Requests for the scan's state per request for the uncertainty of its fit.
 const LOOKS_PER_QUESTION: u32 = 16;
 
-/// The newest row of what the fit along with a daemon's scan says.
+/// Formats the newest row of the fit that runs during the scan.
 fn newest_words(client: &Client, id: i64) -> Option<String> {
     let rows = client
         .get(&format!("/scans/{id}/uncertainty?limit=1000"))
@@ -30,14 +31,14 @@ fn newest_words(client: &Client, id: i64) -> Option<String> {
     Some(sure_words(value, std, row["elapsed_s"].as_f64()?))
 }
 
-/// The scan from its plan to its end, on the daemon's rig.
+/// Runs the scan on the daemon's rig, from plan to end.
 ///
 /// # Errors
-/// Bad input for a rig of one's own; no result where the scan does not complete; interrupted on Ctrl-C.
+/// Bad input for options of another rig; no result where the scan does not complete; interrupted on Ctrl-C.
 pub(super) fn scan(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, CliError> {
     if args.config.is_some() || args.simulated_rig {
         return Err(CliError::bad_input(anyhow!(
-            "a daemon runs on {} ({}): it has its own rig; leave out --config and --simulated-rig, or take another --data",
+            "a daemon runs on {} ({}) and has its own rig; leave out --config and --simulated-rig, or give another --data",
             args.data.display(),
             client.url
         )));
@@ -53,10 +54,10 @@ pub(super) fn scan(client: &Client, args: &Args, plan: &PlanRequest) -> Result<V
     let stopped = interrupt::flag()?;
     let begun = client.post("/scans", Some(&body))?;
     let id = begun["id"].as_i64().unwrap_or_default();
-    let people = (!simulated).then(People::at_the_terminal);
+    let people = (!simulated).then(OperatorPrompt::at_the_terminal);
     let scan = followed(client, id, people, &stopped)?;
     if let Some(sure) = newest_words(client, id) {
-        say(&format_args!("fitted along with the scan: {sure}"));
+        say(&format_args!("fitted during the scan: {sure}"));
     }
     let state = scan["state"].as_str().unwrap_or_default();
     if state != "completed" {
@@ -65,26 +66,26 @@ pub(super) fn scan(client: &Client, args: &Args, plan: &PlanRequest) -> Result<V
             None => String::new(),
         };
         return Err(CliError::no_result(anyhow!(
-            "scan {id} is {state}{why}; what it committed is kept"
+            "scan {id} is {state}{why}; committed frames are kept"
         )));
     }
     Ok(json!({ "id": id, "scan_id": id, "state": state }))
 }
 
-/// Follows a scan to its end, and hands on what the operator at this terminal does.
+/// Follows a scan to its end and passes on the confirmations of the operator at this terminal.
 ///
 /// # Errors
-/// No result where it pauses or waits for a person who is not there; interrupted where it was paused on Ctrl-C.
+/// No result where it pauses, or waits for an operator and the input has ended; interrupted where it was paused on Ctrl-C.
 fn followed(
     client: &Client,
     id: i64,
-    mut people: Option<People>,
+    mut people: Option<OperatorPrompt>,
     stopped: &AtomicBool,
 ) -> Result<Value, CliError> {
     let bar = Bar::new("frames");
     let mut sure: Option<String> = None;
     let mut looks = 0u32;
-    // The step that stands on the terminal: Enter is for that one.
+    // The step shown on the terminal, which Enter confirms.
     let mut asked: Option<OperatorAction> = None;
     loop {
         if stopped.load(Ordering::Relaxed) {
@@ -115,7 +116,7 @@ fn followed(
                 state,
                 Some(ScanState::Running | ScanState::WaitingForOperator)
             ) {
-                bar.say("Somebody else has continued the scan: that step is done.");
+                bar.say("Another client has confirmed this step.");
             }
         }
         match (state, waits_for, &mut people) {
@@ -125,7 +126,7 @@ fn followed(
             }
             (Some(ScanState::Paused), ..) => {
                 bar.clear();
-                let reason = scan["reason"].as_str().unwrap_or("by somebody");
+                let reason = scan["reason"].as_str().unwrap_or("by another client");
                 return Err(CliError::no_result(anyhow!(
                     "scan {id} is paused: {reason}; resume it on {}",
                     client.url
@@ -143,13 +144,13 @@ fn followed(
                     // Ctrl-C came first.
                     _ if stopped.load(Ordering::Relaxed) => {}
                     None => {}
-                    // Said too late, it was for a step that is over, and the next look shows what is.
+                    // The confirmation came too late for this step; the next request shows the present one.
                     Some(true) if !continued(client, id, action)? => {}
                     Some(true) => asked = None,
                     Some(false) => {
                         bar.clear();
                         return Err(CliError::no_result(anyhow!(
-                            "scan {id} waits for a person ({}), but nobody is at this terminal; go on with it on {}",
+                            "scan {id} waits for the operator ({}), but the input of this command has ended; continue on {}",
                             action.message(),
                             client.url
                         )));
@@ -166,23 +167,23 @@ fn state_of(scan: &Value) -> Option<ScanState> {
     scan["state"].as_str().and_then(ScanState::from_word)
 }
 
-/// Says that a step is done; false where the scan waits for it no more.
+/// Confirms a step; false where the scan no longer waits for it.
 fn continued(client: &Client, id: i64, action: OperatorAction) -> Result<bool, CliError> {
     let done = json!({ "action": action });
     let answer = client.post_in_time(&format!("/scans/{id}/continue"), Some(&done))?;
     Ok(answer.is_some())
 }
 
-/// Pauses a daemon's scan, waits until nothing moves for it, and says how it is left.
+/// Pauses a daemon's scan, waits until its motion has ended, and reports its state.
 ///
 /// # Errors
-/// No result where that cannot be known: the stages may be moving.
+/// No result where the state is unknown: the stages may be moving.
 fn paused(client: &Client, id: i64) -> Result<(), CliError> {
-    /// Longer than most points take.
+    /// Longer than most poses take.
     const PATIENCE: Duration = Duration::from_secs(60);
     let unsure = |why: String| {
         CliError::no_result(anyhow!(
-            "scan {id} was to pause, but {why}; it may be moving the stages: `ridged rig stop` stops them, or look at {}",
+            "the pause of scan {id} is not confirmed: {why}; the stages may be moving: `ridged rig stop` stops them, or see {}",
             client.url
         ))
     };
@@ -191,7 +192,7 @@ fn paused(client: &Client, id: i64) -> Result<(), CliError> {
         CliError::Interrupted => CliError::Interrupted,
     };
     let begun = Instant::now();
-    let mut told = false;
+    let mut is_reported = false;
     loop {
         let scan = client.get(&format!("/scans/{id}")).map_err(lost)?;
         let state = state_of(&scan);
@@ -205,31 +206,31 @@ fn paused(client: &Client, id: i64) -> Result<(), CliError> {
             }
             Some(state) if state.is_end() || state == ScanState::Interrupted => {
                 say(&format_args!(
-                    "scan {id} is {state}; what it committed is kept"
+                    "scan {id} is {state}; committed frames are kept"
                 ));
                 return Ok(());
             }
             _ if begun.elapsed() > PATIENCE => {
                 return Err(unsure(format!(
                     "it is {} after {} s",
-                    scan["state"].as_str().unwrap_or("in no known state"),
+                    scan["state"].as_str().unwrap_or("in an unknown state"),
                     PATIENCE.as_secs()
                 )));
             }
             _ => {}
         }
-        // Somebody who is waited for has no point under way.
-        if !told && state != Some(ScanState::WaitingForOperator) {
+        // A scan that waits for the operator does not move.
+        if !is_reported && state != Some(ScanState::WaitingForOperator) {
             say(&format_args!(
-                "scan {id} pauses after this point (Ctrl-C again leaves at once)"
+                "scan {id} pauses after this pose (Ctrl-C again ends this command at once)"
             ));
-            told = true;
+            is_reported = true;
         }
         if matches!(
             state,
             Some(ScanState::Running | ScanState::WaitingForOperator)
         ) {
-            // Not allowed any more only if it has come to another state meanwhile.
+            // A conflict means that the state has changed in the meantime.
             client
                 .post_in_time(&format!("/scans/{id}/pause"), None)
                 .map_err(lost)?;

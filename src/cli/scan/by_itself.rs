@@ -1,4 +1,4 @@
-//! A scan by this process: it opens the rig and the store, and leaves both safe.
+//! A scan in this process: opens the rig and the store, and leaves both safe.
 
 use std::sync::Arc;
 
@@ -6,63 +6,69 @@ use anyhow::anyhow;
 use serde_json::{Value, json};
 
 use super::{Args, material, no_sample, suits_the_sample, sure_words, with_times};
-use crate::cli::people::People;
+use crate::cli::operator_prompt::OperatorPrompt;
 use crate::cli::progress::Bar;
-use crate::cli::simulated::{self, SimulatedRig, Simulation, TRACED_SAMPLE};
-use crate::cli::{CliError, daemon, say};
+use crate::cli::{CliError, runtime, say};
+use crate::daemon;
+use crate::lab::assembly::real_rig;
 use crate::lab::{Lab, LabError, ScanRequest};
 use crate::scan::runner::Order;
 use crate::scan::{Event, PlanRequest, ScanState};
+use crate::sim::operator::TRACED_SAMPLE;
+use crate::sim::rig::{SimulatedRig, Simulation};
 use crate::store::samples::NewSample;
 
-/// The scan from its plan to its end, on the rig of the arguments.
+/// Runs the scan on the rig of the arguments, from plan to end.
 ///
 /// # Errors
-/// Bad input for a rig or a sample that is not there; no result where the scan does not complete; interrupted on Ctrl-C.
+/// Bad input for a missing rig or sample; no result where the scan does not complete; interrupted on Ctrl-C.
 pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliError> {
-    let config = daemon::read_config(args.config.as_deref())?;
+    let config = runtime::read_config(args.config.as_deref())?;
     let (simulator, parts, clock) = if args.simulated_rig {
         let (rig, mut parts) = SimulatedRig::build(Simulation {
             time_scale: args.time_scale,
             ..Simulation::default()
         })?;
-        simulated::obey(&mut parts.settings, &config);
+        parts.settings.apply(&config);
         let clock = Arc::clone(&rig.clock);
         (Some(rig), parts, clock)
     } else {
-        let clock = daemon::real_clock();
-        let parts = daemon::real_rig(&config, &clock)?.ok_or_else(|| {
+        let clock = runtime::real_clock();
+        let parts = real_rig(&config, &clock).map_err(CliError::bad_input)?;
+        let parts = parts.ok_or_else(|| {
             CliError::bad_input(anyhow!(
-                "no daemon runs on {} and no rig is named: start `ridged serve`, or give --config FILE or --simulated-rig",
+                "no daemon runs on {} and no rig is given: start `ridged serve`, or give --config FILE or --simulated-rig",
                 args.data.display()
             ))
         })?;
         (None, parts, clock)
     };
-    let lab = daemon::open_lab(&args.data, clock, Some(parts)).await?;
+    let lab = daemon::open_lab(&args.data, clock, Some(parts))
+        .await
+        .map_err(CliError::no_result)?;
     let begun = std::cell::Cell::new(None);
     let done = async {
         let hands = match &simulator {
             None => None,
             Some(rig) => {
-                rig.stock(&lab).await.map_err(daemon::lab_error)?;
-                Some(rig.hands(&lab, true))
+                rig.add_samples(&lab).await.map_err(runtime::lab_error)?;
+                Some(rig.operate(&lab, true))
             }
         };
-        // A rig that cannot be had is told first, whatever else is missing.
-        lab.have_rig().await.map_err(daemon::lab_error)?;
+        // A rig that does not connect is reported first.
+        lab.have_rig().await.map_err(runtime::lab_error)?;
         let sample_id = sample_for(&lab, args).await?;
         let after = lab
             .store()
             .last_event_id()
             .await
-            .map_err(|e| daemon::lab_error(e.into()))?;
+            .map_err(|e| runtime::lab_error(e.into()))?;
         let request = ScanRequest { sample_id, plan };
-        let scan = lab.start_scan(&request).await.map_err(daemon::lab_error)?;
+        let scan = lab.start_scan(&request).await.map_err(runtime::lab_error)?;
         begun.set(Some(scan.id));
         let people = match hands {
             Some(_) => None,
-            None => Some(People::at_the_terminal()),
+            None => Some(OperatorPrompt::at_the_terminal()),
         };
         let followed = follow(&lab, scan.id, after, people).await;
         if let Some(hands) = hands {
@@ -74,7 +80,7 @@ pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliErr
     };
     let outcome = tokio::select! {
         outcome = done => outcome,
-        ended = daemon::told_to_end() => match ended {
+        ended = runtime::stop_requested() => match ended {
             Ok(()) => Err(CliError::Interrupted),
             Err(error) => Err(error),
         },
@@ -91,11 +97,11 @@ pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliErr
         match (stopped, &outcome) {
             (Ok(()), _) => {
                 say(&format_args!(
-                    "the stages stand; the lamp is as it was: ridged does not switch it"
+                    "the stages are at rest; ridged does not switch the lamp"
                 ));
             }
-            // Nothing is safe then, whatever Ctrl-C usually means.
-            (Err(error), Err(CliError::Interrupted)) => return Err(daemon::lab_error(error)),
+            // The stages may be moving, so exit code 130 ("safe") does not apply.
+            (Err(error), Err(CliError::Interrupted)) => return Err(runtime::lab_error(error)),
             (Err(error), _) => say(&error),
         }
     }
@@ -103,16 +109,16 @@ pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliErr
     match state {
         ScanState::Completed => Ok(answer),
         other => Err(CliError::no_result(anyhow!(
-            "scan {} is {other}; what it committed is kept",
+            "scan {} is {other}; committed frames are kept",
             answer["id"]
         ))),
     }
 }
 
-/// How a scan that was cut off is left, and the way to go on with it.
+/// Describes the state of an interrupted scan, and how to resume it.
 async fn how_left(lab: &Lab, scan_id: i64, args: &Args) -> String {
     let Ok(scan) = lab.store().scan(scan_id).await else {
-        return format!("scan {scan_id} was cut off; what it committed is kept");
+        return format!("scan {scan_id} was interrupted; committed frames are kept");
     };
     let progress = lab.store().last_progress(scan_id).await.unwrap_or_default();
     let kept = format!(
@@ -126,15 +132,15 @@ async fn how_left(lab: &Lab, scan_id: i64, args: &Args) -> String {
     };
     match scan.state {
         ScanState::Interrupted => format!(
-            "{kept}; to go on with it start `ridged serve{rig} --data {}` and resume it on the page, or by POST \
-             /api/v1/scans/{scan_id}/resume",
+            "{kept}; to resume it, start `ridged serve{rig} --data {}` and use the page or POST \
+            /api/v1/scans/{scan_id}/resume",
             args.data.display()
         ),
         _ => kept,
     }
 }
 
-/// The sample that the arguments mean.
+/// Returns the sample of the arguments; adds it if it does not exist.
 async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
     let wanted = match (&args.sample, args.simulated_rig) {
         (Some(name), _) => Some(name.as_str()),
@@ -142,7 +148,7 @@ async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
         (None, false) => None,
     };
     let found = lab.store().newest_sample(wanted, |_| true).await;
-    if let Some(sample) = found.map_err(|e| daemon::lab_error(e.into()))? {
+    if let Some(sample) = found.map_err(|e| runtime::lab_error(e.into()))? {
         suits_the_sample(args, &sample.material)?;
         return Ok(sample.id);
     }
@@ -163,19 +169,19 @@ async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
         };
         return Err(CliError::bad_input(anyhow!("{option}: {message}")));
     }
-    let sample = lab.store().add_sample(&sample).await;
-    Ok(sample.map_err(|e| daemon::lab_error(e.into()))?.id)
+    let sample = lab.add_sample(&sample).await;
+    Ok(sample.map_err(runtime::lab_error)?.id)
 }
 
-/// Follows a scan of this process to its end, or to where it needs a person who is not there.
+/// Follows a scan of this process to its end.
 ///
 /// # Errors
-/// No result where it pauses by itself.
+/// No result where it pauses, fails, or waits for an operator and the input has ended.
 pub async fn follow(
     lab: &Lab,
     scan_id: i64,
     mut after: i64,
-    mut people: Option<People>,
+    mut people: Option<OperatorPrompt>,
 ) -> Result<ScanState, CliError> {
     let bar = Bar::new("frames");
     let mut sure = None;
@@ -224,17 +230,17 @@ pub async fn follow(
                 }
             })
             .await
-            .map_err(daemon::lab_error)?;
+            .map_err(runtime::lab_error)?;
         if let Some(reason) = paused {
             bar.clear();
             return Err(CliError::no_result(anyhow!(
-                "scan {scan_id} was paused and needs a person: {reason}"
+                "scan {scan_id} is paused and needs attention: {reason}"
             )));
         }
         if scan.state.is_end() || scan.state == ScanState::Interrupted {
             bar.clear();
             if let Some(sure) = sure {
-                say(&format_args!("fitted along with the scan: {sure}"));
+                say(&format_args!("fitted during the scan: {sure}"));
             }
             if let (ScanState::Failed, Some(reason)) = (scan.state, &scan.reason) {
                 return Err(CliError::no_result(anyhow!(
@@ -247,13 +253,13 @@ pub async fn follow(
             people.ask(&bar, action);
             if !people.done(&bar).await {
                 return Err(CliError::no_result(anyhow!(
-                    "the scan needs a person ({}), but nobody is at the terminal; run it by `ridged serve` and the page",
+                    "the scan waits for the operator ({}), but the input of this command has ended; use `ridged serve` and the page",
                     action.message()
                 )));
             }
             lab.order(scan_id, Order::Done(action))
                 .await
-                .map_err(daemon::lab_error)?;
+                .map_err(runtime::lab_error)?;
         }
     }
 }

@@ -1,4 +1,4 @@
-//! `ridged trace compare`: where a computation without polarisation goes wrong, as ADM and MDM maps.
+//! `ridged trace compare`: the error of a computation without polarisation, as ADM and MDM maps.
 
 use std::path::{Path, PathBuf};
 
@@ -9,8 +9,9 @@ use super::curves::{Line, Panel, panels};
 use super::hemisphere::{Disc, Lamp, Scale, sheet};
 use super::runs::{self, Runs};
 use super::{CliError, Source};
-use crate::cli::limits::Stopwatch;
-use crate::cli::place;
+use crate::cli::limits::{RunLimits, Stopwatch};
+use crate::cli::output_path;
+use crate::cli::values::whole;
 use crate::model::LeftOut;
 use crate::trace::compare::{Difference, Direction, Mask, Summary, WAVELENGTHS_NM, seed_at};
 use crate::trace::grid::Grid;
@@ -19,15 +20,15 @@ use crate::trace::paired::SCALAR;
 use crate::trace::run::Follow;
 use crate::trace::tally::Totals;
 
-/// Polarised against scalar: the relative difference d per direction of exit, its mean |d| over the
-/// wavelengths (ADM) and its greatest (MDM).
+/// Compares polarised with scalar tracing: the relative difference d per direction of exit, its mean |d| over the
+/// wavelengths (ADM) and its maximum (MDM).
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  ridged trace compare scenes/glass-over-diamond.toml --angles-deg 50,56,60,65\n  ridged trace compare scenes/glass-over-gold.toml --angles-deg 60,80 --pictures out\n  ridged trace compare scenes/glass-over-gold.toml --angles-deg 60,80 --max-seconds 60"
 )]
 pub struct Args {
-    /// The scene; its photons are traced for each angle and wavelength, polarised and scalar, whatever its
-    /// run.polarised says.
+    /// The scene. Its photons are traced for each angle and wavelength, polarised and scalar; its run.polarised has no
+    /// effect.
     #[arg(value_name = "SCENE.toml")]
     scene: PathBuf,
     /// Angles of incidence, in degrees, instead of the scene's.
@@ -40,9 +41,9 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     photons: Option<u64>,
     #[command(flatten)]
-    limits: runs::Limits,
+    limits: RunLimits,
     /// Number of square direction-cosine pixels across the hemisphere.
-    #[arg(long, value_name = "N", default_value_t = 128, value_parser = clap::value_parser!(u16).range(8..=1024))]
+    #[arg(long, value_name = "N", default_value_t = 128, value_parser = whole::<u16>(8..=1024))]
     pixels: u16,
     /// Leave out directions darker than the mean of the lit ones divided by this.
     #[arg(long, value_name = "T", default_value_t = 10.0)]
@@ -64,14 +65,14 @@ struct Report {
     mask: Mask,
     wavelengths_nm: Vec<f64>,
     photons_per_wavelength: u64,
-    angles: Vec<Angle>,
+    angles: Vec<ComparedAngle>,
     seconds: f64,
     left_out: Vec<LeftOut>,
     program: String,
 }
 
 #[derive(Debug, Serialize)]
-struct Angle {
+struct ComparedAngle {
     theta_i_deg: f64,
     adm: Option<Summary>,
     mdm: Option<Summary>,
@@ -79,16 +80,16 @@ struct Angle {
     directions: usize,
     too_dark: usize,
     not_settled: usize,
-    /// Traced at all wavelengths together.
+    /// Photons at all wavelengths together.
     photons: u64,
-    /// Of the reflected bins, root mean square, at the wavelength where it is greatest.
+    /// Error of the reflected bins, root mean square, at the worst wavelength.
     relative_error: Option<f64>,
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for a scene or options that make no sense; no result where a picture cannot be written.
+/// Bad input for an invalid scene or option; no result where a picture cannot be written.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let bad = |text: &str| Err(CliError::bad_input(anyhow!("{text}")));
     if !(args.mask > 0.0 && args.mask.is_finite()) {
@@ -127,7 +128,9 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     for run in 0..count {
         at(run).check().map_err(CliError::bad_input)?;
     }
-    args.pictures.as_deref().map_or(Ok(()), place::for_files)?;
+    args.pictures
+        .as_deref()
+        .map_or(Ok(()), output_path::check_folder)?;
     let mut report = Report {
         pixels: args.pixels,
         mask,
@@ -170,7 +173,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
             };
             pictures(folder, lamp, &wavelengths, &all, &difference, &mask)?;
         }
-        report.angles.push(Angle {
+        report.angles.push(ComparedAngle {
             theta_i_deg: theta,
             adm: difference.adm(),
             mdm: difference.mdm(),
@@ -206,7 +209,7 @@ impl Report {
             let (Some(adm), Some(mdm), Some(w)) = (a.adm, a.mdm, &a.worst) else {
                 writeln!(
                     out,
-                    "{:6}  no direction is settled: more photons",
+                    "{:6}  no direction is precise enough: trace more photons",
                     a.theta_i_deg
                 )?;
                 continue;
@@ -292,7 +295,7 @@ fn pictures(
         ),
     };
     let note = format!(
-        "{waves}; {0} × {0} pixels of the direction cosines; grey: darker than the mean of the lit pixels / {1}, or not settled to {2}",
+        "{waves}; {0} × {0} pixels of the direction cosines; grey: darker than the mean of the lit pixels / {1}, or error above {2}",
         grid.n_phi, mask.divisor, mask.error_max
     );
     let title = format!(
@@ -354,7 +357,7 @@ fn lobe(lamp: Lamp, runs: &[Totals], waves: &str) -> String {
         upper.push(Panel {
             title: match off {
                 0.0 => "plane of incidence".to_owned(),
-                _ => format!("{off}° beside it"),
+                _ => format!("{off}° from it"),
             },
             axis: "BRDF / sr⁻¹".to_owned(),
             range: (0.0, 1.0),
@@ -382,15 +385,15 @@ fn lobe(lamp: Lamp, runs: &[Totals], waves: &str) -> String {
     panels(
         &format!("Lobe of the reflected light, lamp at {}°", lamp.theta_deg),
         &format!(
-            "{waves}; positive angles lie on the side of the mirror direction; bars are standard errors"
+            "{waves}; positive angles are on the side of the mirror direction; bars are standard errors"
         ),
         3,
         &upper,
     )
 }
 
-/// A plane through n, by rising angle from it: one direction per pixel's width, degrees towards the azimuth `phi_deg`, and
-/// the up to four pixels around it with their weights. (A plane along the pixels' rows lies between two.)
+/// A plane through n, by rising angle from it: one direction per pixel width, in degrees towards the azimuth `phi_deg`, and
+/// up to four surrounding pixels with their weights. (A plane along the pixels' rows is between two rows.)
 fn across(grid: Grid, phi_deg: f64) -> Vec<(f64, Vec<(usize, f64)>)> {
     let n = grid.n_phi;
     let centre = |i: i64| (2 * i + 1) as f64 / n as f64 - 1.0;
@@ -410,7 +413,7 @@ fn across(grid: Grid, phi_deg: f64) -> Vec<(f64, Vec<(usize, f64)>)> {
             ] {
                 let weight = (1.0 - over) * (1.0 - beside);
                 let (i, j) = (i as i64, j as i64);
-                // Pixels at the rim hold too little of the hemisphere to be read.
+                // Pixels at the rim contain too little of the hemisphere.
                 if weight > 1e-9 && centre(i).hypot(centre(j)) < 1.0 {
                     pixels.push((i as usize * n + j as usize, weight));
                 }
@@ -449,7 +452,7 @@ mod tests {
                 for (theta_deg, pixels) in plane {
                     let sum: f64 = pixels.iter().map(|p| p.1).sum();
                     assert!((sum - 1.0).abs() < 1e-12);
-                    // Where the pixels around are all there they lie around the direction.
+                    // Where all surrounding pixels exist, they surround the direction.
                     let (sin, phi) = (theta_deg.to_radians().sin(), phi_deg.to_radians());
                     let cosine = |bin: usize| (2 * bin + 1) as f64 / n as f64 - 1.0;
                     let of = |part: fn(usize, usize) -> usize| -> f64 {

@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::curves::{Line, Panel, panels};
 use super::runs::{self, Runs};
 use super::{CliError, Source};
-use crate::cli::limits::Stopwatch;
-use crate::cli::place;
+use crate::cli::limits::{RunLimits, Stopwatch};
+use crate::cli::output_path;
 use crate::model::LeftOut;
 use crate::trace::ellipsometer::{ERROR_UNKNOWN, Point, SETTINGS, curve};
 use crate::trace::run::Follow;
@@ -22,7 +22,7 @@ use crate::trace::run::Follow;
     after_help = "Example:\n  ridged trace ellipsometer scenes/sandpaper.toml --angles-deg 30,45,60 --out states.csv --pictures out"
 )]
 pub struct Args {
-    /// The scene. Polarisation is followed, whatever its run.polarised says.
+    /// The scene. Polarisation is always traced; its run.polarised has no effect.
     #[arg(value_name = "SCENE.toml")]
     scene: PathBuf,
     /// Angles of incidence, in degrees.
@@ -32,7 +32,7 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     photons: Option<u64>,
     #[command(flatten)]
-    limits: runs::Limits,
+    limits: RunLimits,
     /// CSV file of all readings.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
@@ -48,20 +48,20 @@ pub struct Args {
 struct Report {
     settings: [crate::trace::ellipsometer::Setting; 6],
     photons: u64,
-    angles: Vec<Angle>,
+    angles: Vec<MeasuredAngle>,
     seconds: f64,
-    /// What the standard errors are not.
+    /// Limitations of the standard errors.
     notes: Vec<&'static str>,
     left_out: Vec<LeftOut>,
     program: String,
 }
 
 #[derive(Debug, Serialize)]
-struct Angle {
+struct MeasuredAngle {
     theta_i_deg: f64,
-    /// Traced.
+    /// Photons traced.
     photons: u64,
-    /// Of the reflected bins, root mean square.
+    /// Error of the reflected bins, root mean square.
     relative_error: Option<f64>,
     points: Vec<Point>,
 }
@@ -69,12 +69,12 @@ struct Angle {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad input for a scene that makes no sense; no result where a file cannot be written.
+/// Bad input for an invalid scene; no result where a file cannot be written.
 pub fn run(args: &Args) -> Result<(), CliError> {
     args.limits.check()?;
     let watch = Stopwatch::start(args.limits.max_seconds);
     let mut source = Source::read(&args.scene, args.photons)?;
-    // States of the lamp are all had from one polarised run.
+    // One polarised run gives all states of the lamp.
     source.scene.run.polarised = toml::Value::Boolean(true);
     let at = |run: usize| {
         let mut scene = source.scene.clone();
@@ -84,8 +84,12 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     for run in 0..args.angles_deg.len() {
         at(run).check().map_err(CliError::bad_input)?;
     }
-    args.out.as_deref().map_or(Ok(()), place::for_file)?;
-    args.pictures.as_deref().map_or(Ok(()), place::for_files)?;
+    args.out
+        .as_deref()
+        .map_or(Ok(()), output_path::check_file)?;
+    args.pictures
+        .as_deref()
+        .map_or(Ok(()), output_path::check_folder)?;
     let mut report = Report {
         settings: SETTINGS,
         photons: source.scene.run.photons,
@@ -108,7 +112,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         report.left_out.clone_from(&prepared.left_out);
         let points = curve(&totals, source.scene.light.phi_i_deg)
             .ok_or_else(|| CliError::no_result(anyhow!("nothing was reflected")))?;
-        report.angles.push(Angle {
+        report.angles.push(MeasuredAngle {
             theta_i_deg: args.angles_deg[run],
             photons: totals.photons(),
             relative_error: totals.relative_error(),
@@ -134,8 +138,8 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     done.verdict()
 }
 
-/// What to know of the errors.
-fn notes(angles: &[Angle]) -> Vec<&'static str> {
+/// Note on the errors.
+fn notes(angles: &[MeasuredAngle]) -> Vec<&'static str> {
     let readings = angles.iter().flat_map(|a| &a.points);
     let mut readings = readings.flat_map(|p| &p.readings);
     let unknown = readings.any(|r| !r.has_errors());
@@ -171,7 +175,7 @@ pub(super) fn write_curves(
             sheet.push(Panel {
                 title: setting.name.to_owned(),
                 axis: if dolp { "DOLP" } else { "AOP / °" }.to_owned(),
-                // Of half a turn the one that has all four linear states well inside: ±90° is one angle, not two sides.
+                // The half turn that has all four linear states inside: ±90° is one angle, not two.
                 range: if dolp { (0.0, 1.0) } else { (-67.5, 112.5) },
                 turns: !dolp,
                 ticks: if dolp {
@@ -194,11 +198,11 @@ pub(super) fn write_curves(
         .flatten()
         .cloned()
         .collect();
-    let mut note = "plane of incidence; positive angles lie on the side of the mirror direction; AOP counts from s to p; \
+    let mut note = "plane of incidence; positive angles are on the side of the mirror direction; AOP is from s to p; \
                     bars are standard errors"
         .to_owned();
     if points.iter().any(|p| p.errors_as_independent) {
-        note += " that take the Mueller elements as independent";
+        note += " that treat the Mueller elements as independent";
     }
     let svg = panels(
         &format!("Polarisation of the reflected light, lamp at {theta_i_deg}°"),
@@ -209,8 +213,8 @@ pub(super) fn write_curves(
     super::write_picture(folder, name, &svg)
 }
 
-/// An angle of polarisation as it is told: rounded, 90 for −90, which is the same state, and 0 without a sign.
-fn told_aop_deg(aop_deg: f64) -> f64 {
+/// Formats an angle of polarisation: rounded, 90 for −90 (the same state), and 0 without a sign.
+fn shown_aop_deg(aop_deg: f64) -> f64 {
     let tenths = (10.0 * aop_deg).round();
     let tenths = if tenths <= -900.0 { 900.0 } else { tenths };
     0.1 * tenths + 0.0
@@ -219,7 +223,7 @@ fn told_aop_deg(aop_deg: f64) -> f64 {
 /// Directions up to which the table shows all.
 const SHOWN: usize = 20;
 
-/// Of many directions the nearest one with light for each ten degrees; the CSV file has all.
+/// Returns the nearest direction with light for each ten degrees; the CSV file has all directions.
 fn shown(points: &[Point]) -> Vec<&Point> {
     if points.len() <= SHOWN {
         return points.iter().collect();
@@ -228,7 +232,7 @@ fn shown(points: &[Point]) -> Vec<&Point> {
     for ten in -9..=9 {
         let wanted = 10.0 * f64::from(ten);
         let off = |p: &Point| (p.theta_s_deg - wanted).abs();
-        // What lies nearer to the next ten is that one's.
+        // A direction nearer to the next ten degrees belongs to those.
         let found = points.iter().filter(|p| off(p) <= 5.0);
         let found = found.min_by(|a, b| off(a).total_cmp(&off(b)));
         nearest.extend(found.filter(|f| {
@@ -303,7 +307,7 @@ impl Report {
                         r.input,
                         r.stokes[0],
                         r.dolp,
-                        told_aop_deg(r.aop_deg)
+                        shown_aop_deg(r.aop_deg)
                     )?;
                 }
             }
@@ -324,7 +328,7 @@ mod tests {
         Report {
             settings: SETTINGS,
             photons: 1,
-            angles: vec![Angle {
+            angles: vec![MeasuredAngle {
                 theta_i_deg: 45.0,
                 photons: 1,
                 relative_error: None,
@@ -356,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn the_csv_file_ends_with_the_errors_of_what_the_camera_records() {
+    fn the_csv_file_ends_with_the_errors_of_the_intensities() {
         let text = report(vec![reading(10.0)]).csv();
         let rows: Vec<Vec<&str>> = text.lines().map(|l| l.split(',').collect()).collect();
         assert_eq!(rows[0].len(), rows[1].len());
@@ -368,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_that_nobody_knows_is_an_empty_field_null_and_a_note() {
+    fn an_unknown_error_is_an_empty_field_null_and_a_note() {
         let mut unknown = reading(10.0);
         (unknown.dolp_std, unknown.aop_std_deg) = (None, None);
         let mut report = report(vec![reading(10.0), unknown]);
@@ -392,7 +396,7 @@ mod tests {
 
     #[test]
     fn one_state_of_polarisation_has_one_angle_in_the_table() {
-        for (aop_deg, told) in [
+        for (aop_deg, shown) in [
             (-0.01, "   0.0\n"),
             (0.01, "   0.0\n"),
             (-89.98, "  90.0\n"),
@@ -403,7 +407,7 @@ mod tests {
             let mut out = Vec::new();
             report(vec![reading(aop_deg)]).table(&mut out).unwrap();
             let text = String::from_utf8(out).unwrap();
-            assert!(text.ends_with(told), "{aop_deg}: {text}");
+            assert!(text.ends_with(shown), "{aop_deg}: {text}");
         }
     }
 

@@ -10,10 +10,10 @@ use crate::trace::height_field::Side;
 use crate::trace::scene::Scene;
 use crate::trace::tally::Totals;
 
-/// Bins whose brightness is known no better than this are grey where ratios are shown.
+/// Relative error of a bin's brightness above which ratios are shown grey.
 const SETTLED: f64 = 0.3;
 
-/// Writes `mueller.svg`, `stokes.svg` and `curves.svg`; of a scalar run `brdf.svg` alone.
+/// Writes `mueller.svg`, `stokes.svg` and `curves.svg`; for a scalar run only `brdf.svg`.
 pub(super) fn write(folder: &Path, scene: &Scene, totals: &Totals) -> Result<(), CliError> {
     let lamp = Lamp {
         theta_deg: scene.light.theta_i_deg,
@@ -90,7 +90,7 @@ pub(super) fn write(folder: &Path, scene: &Scene, totals: &Totals) -> Result<(),
         Disc {
             title: "AOP from s to p".to_owned(),
             scale: Scale::Turn,
-            // An angle means nothing where hardly anything is polarised.
+            // The angle is meaningless where the light is nearly unpolarised.
             values: over(&|bin| {
                 (settled(bin) && dolp(&stokes(bin)) > 0.01).then(|| aop_deg(&stokes(bin)))
             }),

@@ -1,9 +1,9 @@
-//! The CSV file of direction bins: written, and put together from shards.
+//! The CSV file of direction bins: writing it, and merging it from shards.
 //!
-//! The file of a shard, or of a run that was stopped, has three columns more: `exact`, the bin's sums as
-//! hexadecimal integers, which add up without rounding; `plane`, likewise what the numbers of a direction in the plane of
-//! incidence have in common, at the first of its bins; and `run`, in its first row, what it is part of and the SHA-256 of
-//! all of that. A file that was sorted, edited or copied wrongly is refused: its sums would be nobody's.
+//! The file of a shard, or of a stopped run, has three more columns: `exact`, the bin's sums as hexadecimal integers, which
+//! add up without rounding; `plane`, in the same form, the covariances of a direction in the plane of incidence, at the
+//! first of its bins; and `run`, in its first row, the run that it belongs to and the SHA-256 of all of that. A file that
+//! was sorted, edited or copied incompletely is refused, since its sums would be wrong.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -21,14 +21,14 @@ use crate::trace::run::{Shard, SoFar};
 use crate::trace::tally::Totals;
 use crate::wording::hex;
 
-/// What the file of a shard or of a stopped run is part of.
+/// The run that the file of a shard or of a stopped run belongs to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Part {
+pub(super) struct ShardPart {
     /// SHA-256 of the scene, its files and the tolerance.
     pub run: String,
     /// 1 to `of`.
     pub shard: u64,
-    /// How many shards.
+    /// Number of shards.
     pub of: u64,
     /// Whether all photons of the shard were traced.
     pub complete: bool,
@@ -48,22 +48,22 @@ pub(super) struct Part {
     pub rows: usize,
     /// Exact sums of the energies.
     pub energies: String,
-    /// Bins of the directions that the column `plane` is of.
+    /// Bins of the directions in the column `plane`.
     #[serde(default)]
     pub plane: Option<Vec<Vec<usize>>>,
-    /// SHA-256 of what is above and of the columns `exact` and `plane`; files of older programs, whose squares count
-    /// otherwise, have none.
+    /// SHA-256 of the fields above and of the columns `exact` and `plane`. Files of older programs, whose sums of squares differ,
+    /// have none.
     #[serde(default)]
     pub sums: Option<String>,
     /// The lamp's Stokes vector.
     pub stokes: [f64; 4],
-    /// What the report of the whole tells of the scene.
+    /// Facts about the scene for the report of the whole run.
     #[serde(default)]
     pub scene: About,
 }
 
-impl Part {
-    /// Of what was done of a shard of the run with this SHA-256.
+impl ShardPart {
+    /// Describes the finished part of a shard of the run with this SHA-256.
     pub fn of(
         run: String,
         shard: Shard,
@@ -73,7 +73,7 @@ impl Part {
         scene: About,
     ) -> Self {
         let totals = &done.totals;
-        let mut part = Part {
+        let mut part = ShardPart {
             run,
             shard: shard.number,
             of: shard.of,
@@ -110,7 +110,7 @@ impl Part {
     }
 }
 
-/// What the columns `exact` and `plane` say of a bin.
+/// The columns `exact` and `plane` of a bin.
 fn exact_of(totals: &Totals, side: Side, bin: usize) -> (String, String) {
     let above = (side == Side::Above).then(|| totals.exact_direction(bin));
     let exact = totals.exact_bin(side, bin);
@@ -127,7 +127,7 @@ fn add(sums: &mut Sha256, exact: &str, plane: &str) {
     }
 }
 
-/// Rising numbers as ranges.
+/// Returns ascending numbers as ranges.
 fn ranges(numbers: &[u64]) -> Vec<[u64; 2]> {
     let mut ranges: Vec<[u64; 2]> = Vec::new();
     for &n in numbers {
@@ -139,7 +139,7 @@ fn ranges(numbers: &[u64]) -> Vec<[u64; 2]> {
     ranges
 }
 
-/// What a stopped run kept in `file`, to go on with.
+/// Reads the state of a stopped run from `file`.
 pub(super) fn kept(
     file: &Path,
     run: &str,
@@ -151,14 +151,17 @@ pub(super) fn kept(
     let (part, totals) = read(file)?;
     if part.run != run {
         return Err(wrong(
-            "this is of another scene (or its files, run or --tolerance were changed since): give the scene that it \
-             was stopped in, or start afresh without --resume",
+            "this file belongs to another scene (or the scene's files, run or --tolerance have changed since): give the \
+            scene of the stopped run, or start again without --resume",
         ));
     }
     if (part.shard, part.of) != (shard.number, shard.of) {
         return Err(wrong(&match part.of {
-            1 => "this is of a whole run: leave out --shard".to_owned(),
-            of => format!("this is of a shard: add --shard {}/{of}", part.shard),
+            1 => "this file belongs to a whole run: leave out --shard".to_owned(),
+            of => format!(
+                "this file belongs to a shard: add --shard {}/{of}",
+                part.shard
+            ),
         }));
     }
     let damaged = || wrong("the column run is damaged");
@@ -182,7 +185,7 @@ pub(super) fn write(
     path: &Path,
     totals: &Totals,
     stokes: &[f64; 4],
-    part: Option<&Part>,
+    part: Option<&ShardPart>,
 ) -> Result<(), CliError> {
     let text = text(totals, stokes, part);
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
@@ -199,7 +202,7 @@ pub(super) fn write(
         .map_err(CliError::no_result)
 }
 
-fn text(totals: &Totals, stokes: &[f64; 4], part: Option<&Part>) -> String {
+fn text(totals: &Totals, stokes: &[f64; 4], part: Option<&ShardPart>) -> String {
     let Some(part) = part else {
         return bins::csv(totals, stokes, "", |_, _| String::new());
     };
@@ -216,27 +219,27 @@ fn text(totals: &Totals, stokes: &[f64; 4], part: Option<&Part>) -> String {
     })
 }
 
-/// Shards put together.
+/// Merged shards.
 #[derive(Debug)]
-pub(super) struct Merged {
-    /// All that was counted.
+pub(super) struct MergedShards {
+    /// All counts.
     pub totals: Totals,
     /// The lamp's Stokes vector.
     pub stokes: [f64; 4],
-    /// What is to be told of the scene.
+    /// Facts about the scene for the report.
     pub scene: About,
 }
 
-/// Puts all shards of one run together.
-pub(super) fn merge(files: &[PathBuf]) -> Result<Merged, CliError> {
-    let mut merged: Option<(Part, Totals)> = None;
+/// Merges all shards of one run.
+pub(super) fn merge(files: &[PathBuf]) -> Result<MergedShards, CliError> {
+    let mut merged: Option<(ShardPart, Totals)> = None;
     let mut seen: Vec<(u64, &PathBuf)> = Vec::new();
     for file in files {
         let wrong = |what: &str| CliError::bad_input(anyhow!("{}: {what}", file.display()));
         let (part, totals) = read(file)?;
         if !part.complete {
             return Err(wrong(
-                "this shard was stopped before its end: go on with it by --resume",
+                "this shard was stopped before its end: finish it with --resume",
             ));
         }
         if let Some((_, other)) = seen.iter().find(|(n, _)| *n == part.shard) {
@@ -264,7 +267,7 @@ pub(super) fn merge(files: &[PathBuf]) -> Result<Merged, CliError> {
         .take(10)
         .collect();
     if missing.is_empty() {
-        Ok(Merged {
+        Ok(MergedShards {
             totals,
             stokes: first.stokes,
             scene: first.scene,
@@ -278,18 +281,18 @@ pub(super) fn merge(files: &[PathBuf]) -> Result<Merged, CliError> {
     }
 }
 
-fn read(file: &Path) -> Result<(Part, Totals), CliError> {
+fn read(file: &Path) -> Result<(ShardPart, Totals), CliError> {
     let wrong = |what: &str| CliError::bad_input(anyhow!("{}: {what}", file.display()));
     let mut reader = csv::Reader::from_path(file)
         .with_context(|| format!("cannot read {}", file.display()))
         .map_err(CliError::bad_input)?;
-    let not_a_shard = "this is not the file of a shard (--shard K/N) or of a stopped run: a finished run has nothing left to do";
+    let not_a_shard = "this is not the file of a shard (--shard K/N) or of a stopped run; a finished run cannot be resumed";
     let head = reader.headers().map_err(|_| wrong(not_a_shard))?;
     let find = |name: &str| head.iter().position(|h| h == name);
     let (Some(exact), Some(run)) = (find("exact"), find("run")) else {
         return Err(wrong(not_a_shard));
     };
-    let older = "an earlier version of ridged wrote this, and its sums of squares count otherwise: trace this part again";
+    let older = "an earlier version of ridged wrote this file with other sums of squares: trace this part again";
     let Some(plane) = find("plane") else {
         return Err(wrong(older));
     };
@@ -300,7 +303,7 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
             .with_context(|| format!("cannot read {}", file.display()))
             .map_err(CliError::bad_input)?;
         if row == 0 {
-            let part: Part = serde_json::from_str(&record[run])
+            let part: ShardPart = serde_json::from_str(&record[run])
                 .map_err(|_| wrong("the column run is damaged"))?;
             let sane = (1..=1440).contains(&part.n_theta)
                 && (1..=1440).contains(&part.n_phi)
@@ -343,7 +346,7 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
         };
         rows = row + 1;
         let per_side = totals.grid().per_side();
-        // What comes after both sides is counted and refused at the end.
+        // Rows after both sides are counted and refused at the end.
         if row >= 2 * per_side {
             continue;
         }
@@ -354,8 +357,8 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
         };
         if !places.of_bin(side, bin).eq(record.iter().take(5)) {
             return Err(wrong(&format!(
-                "row {} is of another bin than this place of the file: its rows were sorted or changed; copy it again, or \
-                 trace this part again",
+                "row {} has the wrong bin for its place: the rows were sorted or changed; copy the file again, or trace this \
+                part again",
                 row + 2
             )));
         }
@@ -375,23 +378,23 @@ fn read(file: &Path) -> Result<(Part, Totals), CliError> {
     let Found {
         part, totals, sums, ..
     } = found;
-    // A file that was cut off between two rows has all its energies and a part of its bins.
+    // A file that was truncated between two rows has all its energies and a part of its bins.
     if rows != part.rows {
         return Err(wrong(&format!(
-            "the file has {rows} rows of bins, not all or not only its own: copy it again, or trace this part again"
+            "the file has {rows} rows of bins, which is not the expected number: copy it again, or trace this part again"
         )));
     }
     if part.sums.as_deref() != Some(&hex(&sums.finalize())) {
         return Err(wrong(
-            "its columns exact, plane or run are not as they were written: copy it again, or trace this part again",
+            "the columns exact, plane or run were changed: copy the file again, or trace this part again",
         ));
     }
     Ok((part, totals))
 }
 
-/// What was read of a file so far.
+/// Content of a file so far.
 struct Found {
-    part: Part,
+    part: ShardPart,
     totals: Totals,
     sums: Sha256,
     places: Places,
@@ -430,7 +433,7 @@ mod tests {
             let done = resume(&prepared, shard, None, Ending::AtLast, &|_| true);
             let file = folder.path().join(format!("{number}{complete}.csv"));
             let about = About::of(&prepared);
-            let part = Part::of("r".to_owned(), shard, &done, complete, lamp, about);
+            let part = ShardPart::of("r".to_owned(), shard, &done, complete, lamp, about);
             write(&file, &done.totals, &lamp, Some(&part)).unwrap();
             file
         };
@@ -438,7 +441,7 @@ mod tests {
         let merged = folder.path().join("merged.csv");
         let sum = merge(&files).unwrap();
         write(&merged, &sum.totals, &sum.stokes, None).unwrap();
-        // What is told of the run is the same as well, and what its numbers have in common.
+        // The facts about the run and the covariances are the same, too.
         let whole_run = traced(&prepared, Shard::WHOLE);
         assert!(whole_run.directions().is_some());
         assert_eq!(sum.totals, whole_run);
@@ -468,7 +471,7 @@ mod tests {
             let shard = Shard { number, of: 2 };
             let done = resume(&prepared, shard, None, Ending::AtLast, &|_| true);
             let lamp = [1.0, 0.0, 0.0, 0.0];
-            let part = Part::of(
+            let part = ShardPart::of(
                 "r".to_owned(),
                 shard,
                 &done,
@@ -504,7 +507,7 @@ mod tests {
         let file = folder.path().join("1.csv");
         let done = resume(&prepared, Shard::WHOLE, None, Ending::AtLast, &|_| true);
         let (lamp, about) = ([1.0, 0.0, 0.0, 0.0], About::of(&prepared));
-        let part = Part::of("r".to_owned(), Shard::WHOLE, &done, true, lamp, about);
+        let part = ShardPart::of("r".to_owned(), Shard::WHOLE, &done, true, lamp, about);
         write(&file, &done.totals, &lamp, Some(&part)).unwrap();
         let text = std::fs::read_to_string(&file).unwrap();
         let lines: Vec<&str> = text.lines().collect();
@@ -524,8 +527,8 @@ mod tests {
         assert!(merge(std::slice::from_ref(&file)).is_ok());
         let mut swapped = own.clone();
         swapped.swap(20, 21);
-        refused(&swapped, "row 21 is of another bin");
-        // The last digit of a sum: nothing else in its row tells.
+        refused(&swapped, "row 21 has the wrong bin");
+        // The last digit of a sum, which no other number of its row reveals.
         let lit = (2..own.len()).find(|n| own[*n].split(',').nth(exact) != Some(""));
         let mut flipped = own;
         let line = &mut flipped[lit.unwrap()];
@@ -534,16 +537,16 @@ mod tests {
         words[exact].push(if last == '0' { '1' } else { '0' });
         *line = words.join(",");
         refused(&flipped, "not as they were written");
-        // What the file says of itself, and a file that does not say it yet.
+        // The file's own hash, and a file without it.
         for (part, says) in [
             (
-                Part {
+                ShardPart {
                     straight: 3,
                     ..part.clone()
                 },
                 "not as they were written",
             ),
-            (Part { sums: None, ..part }, "earlier version"),
+            (ShardPart { sums: None, ..part }, "earlier version"),
         ] {
             write(&file, &done.totals, &lamp, Some(&part)).unwrap();
             let Err(CliError::BadInput(error)) = merge(std::slice::from_ref(&file)) else {
@@ -565,7 +568,7 @@ mod tests {
             );
             let save = |file: &Path, done: &SoFar| {
                 let complete = done.is_complete(5000, shard);
-                let part = Part::of(
+                let part = ShardPart::of(
                     "r".to_owned(),
                     shard,
                     done,

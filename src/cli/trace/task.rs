@@ -1,4 +1,4 @@
-//! One traced run in its steps: ready, foretold, traced, written, reported, judged.
+//! One traced run in its steps: prepare, forecast, trace, write, report, check.
 
 use std::io::IsTerminal;
 use std::path::Path;
@@ -10,11 +10,11 @@ use anyhow::anyhow;
 use sha2::Digest;
 
 use super::runs::LONG;
-use super::{Args, making, pictures, prepare, ready, table, unreached};
+use super::{Args, pictures, prepare, ready, surface_build, table, unreached};
 use crate::accuracy::trace_forecast::{Asked, Patience, of_run};
-use crate::cli::limits::{self, Stopwatch};
+use crate::cli::limits::Stopwatch;
 use crate::cli::progress::Bar;
-use crate::cli::{CliError, interrupt, place};
+use crate::cli::{CliError, interrupt, output_path};
 use crate::clock::elapsed_s;
 use crate::plan::scene::Wish;
 use crate::plan::{self, Plan};
@@ -25,8 +25,8 @@ use crate::trace::spread::over_surfaces;
 use crate::trace::tally::Totals;
 use crate::wording::{counted, hex};
 
-/// A scene that is ready to trace, with what was asked of the run.
-pub(super) struct Task<'a> {
+/// A prepared scene with the options of the run.
+pub(super) struct TraceTask<'a> {
     args: &'a Args,
     path: &'a Path,
     watch: Stopwatch,
@@ -35,66 +35,64 @@ pub(super) struct Task<'a> {
     prepared: Prepared,
     plan: Plan,
     shard: Shard,
-    /// Tells whether two files are of one run.
+    /// Identifies the run: files of one run have the same.
     run_id: String,
     /// Seconds that the surfaces took to build.
     surface_seconds: f64,
 }
 
-/// What was traced, and the seconds that it took in all and until the first photon.
-pub(super) struct Done {
+/// The traced part, and the seconds in total and until the first photon.
+pub(super) struct FinishedTask {
     pub(super) so_far: SoFar,
     complete: bool,
     run_seconds: f64,
     setup_seconds: Option<f64>,
 }
 
-impl<'a> Task<'a> {
-    /// Reads the scene, builds its surfaces and decides what is left out; refuses what cannot be done.
+impl<'a> TraceTask<'a> {
+    /// Reads the scene, builds its surfaces and decides what is left out; refuses options that do not apply.
     pub(super) fn prepare(args: &'a Args) -> Result<Self, CliError> {
         let path = args
             .scene
             .as_deref()
-            .ok_or_else(|| CliError::bad_input(anyhow!("which scene?")))?;
-        limits::check(&[
-            ("--max-seconds", args.max_seconds),
-            ("--target-error", args.target_error),
-        ])?;
-        limits::check_tolerance(args.tolerance)?;
-        let watch = Stopwatch::start(args.max_seconds);
+            .ok_or_else(|| CliError::bad_input(anyhow!("expected the file of a scene")))?;
+        args.limits.check()?;
+        let watch = Stopwatch::start(args.limits.max_seconds);
         let cancel = interrupt::flag()?;
         let asked_for = path.to_owned();
         let (scene, mut prepared, mut fingerprint) =
-            making::made(&watch, &cancel, move || prepare(&asked_for))?;
+            surface_build::build(&watch, &cancel, move || prepare(&asked_for))?;
         let surface_seconds = watch.seconds();
-        out_of(args).map_or(Ok(()), place::for_file)?;
-        args.pictures.as_deref().map_or(Ok(()), place::for_files)?;
-        // What is left out decides which bits come out: parts of one run leave out the same.
-        fingerprint.update(format!("{:?}", args.tolerance));
+        out_of(args).map_or(Ok(()), output_path::check_file)?;
+        args.pictures
+            .as_deref()
+            .map_or(Ok(()), output_path::check_folder)?;
+        // The bits of the result depend on what is left out, so all parts of one run leave out the same.
+        fingerprint.update(format!("{:?}", args.limits.tolerance));
         let wish = Wish {
             mueller: out_of(args).is_some() || args.pictures.is_some(),
-            tolerance: args.tolerance.unwrap_or(plan::TOLERANCE),
-            photons: args.tolerance.is_none().then_some(prepared.photons),
+            tolerance: args.limits.tolerance.unwrap_or(plan::TOLERANCE),
+            photons: args.limits.tolerance.is_none().then_some(prepared.photons),
         };
         let plan = plan::scene::plan(&scene, &prepared, &wish);
         plan::scene::apply(&plan, &scene, &mut prepared);
-        // Errors of polarisation are in the pictures alone.
+        // Only the pictures show errors of polarisation.
         prepared.plane = args.pictures.is_some();
         if args.surfaces.is_some() && !prepared.is_drawn {
             return Err(CliError::bad_input(anyhow!(
-                "--surfaces: no interface of the scene is drawn at random (beckmann, crystals, burrs), so there are no others"
+                "--surfaces: the scene has no random interface (beckmann, crystals, burrs), so all surfaces would be equal"
             )));
         }
         let shard = args.shard.unwrap_or(Shard::WHOLE);
         shard.check(prepared.photons).map_err(|most| {
             CliError::bad_input(anyhow!(
-                "--shard {}/{}: {} can be dealt out to {most} shards at most",
+                "--shard {}/{}: {} can be divided into at most {most} shards",
                 shard.number,
                 shard.of,
                 counted(prepared.photons as usize, "photon")
             ))
         })?;
-        Ok(Task {
+        Ok(TraceTask {
             args,
             path,
             watch,
@@ -108,7 +106,7 @@ impl<'a> Task<'a> {
         })
     }
 
-    /// What a stopped run left, to go on with.
+    /// Reads the state of a stopped run.
     pub(super) fn kept(&self) -> Result<Option<SoFar>, CliError> {
         let Prepared {
             photons, polarised, ..
@@ -118,27 +116,27 @@ impl<'a> Task<'a> {
             .transpose()
     }
 
-    /// Says how long a whole run will take, where that is worth its time.
-    pub(super) fn foretell(&self, goes_on: bool) {
+    /// Prints a forecast of the whole run, where it is worth its time.
+    pub(super) fn print_forecast(&self, goes_on: bool) {
         let args = self.args;
-        let asked = args.target_error.is_some() || args.max_seconds.is_some();
+        let asked = args.limits.is_any();
         let worth = asked || (std::io::stderr().is_terminal() && self.prepared.photons >= LONG);
         if !worth || args.shard.is_some() || goes_on {
             return;
         }
         let asked = Asked {
-            target_error: args.target_error,
+            target_error: args.limits.target_error,
             ..Asked::ALL
         };
-        let patience = Patience::usual(args.max_seconds, &self.cancel);
-        if let Some(told) = of_run(&self.prepared, asked, patience) {
-            let forecast = told.times(args.surfaces.unwrap_or(1));
-            super::say_forecast(forecast, args.max_seconds);
+        let patience = Patience::usual(args.limits.max_seconds, &self.cancel);
+        if let Some(one) = of_run(&self.prepared, asked, patience) {
+            let forecast = one.times(args.surfaces.unwrap_or(1));
+            super::say_forecast(forecast, args.limits.max_seconds);
         }
     }
 
-    pub(super) fn execute(&self, before: Option<SoFar>) -> Result<Done, CliError> {
-        let Task {
+    pub(super) fn execute(&self, before: Option<SoFar>) -> Result<FinishedTask, CliError> {
+        let TraceTask {
             args,
             prepared,
             shard,
@@ -146,7 +144,7 @@ impl<'a> Task<'a> {
             watch,
             ..
         } = self;
-        // The first photon comes once it is known where the light falls.
+        // The first photon is traced once the illuminated part of the surface is found.
         let (set_up, run_started) = (OnceLock::new(), Instant::now());
         let so_far = watched(prepared, *shard, before, args, cancel, watch, &|| {
             set_up.get_or_init(|| run_started.elapsed().as_secs_f64());
@@ -159,11 +157,11 @@ impl<'a> Task<'a> {
             if args.shard.is_none() {
                 let seconds = watch.seconds();
                 return Err(CliError::no_result(anyhow!(
-                    "nothing was finished in {seconds:.1} s: allow more time or ask for fewer photons"
+                    "no batch was finished in {seconds:.1} s: allow more time, or give fewer photons"
                 )));
             }
         }
-        Ok(Done {
+        Ok(FinishedTask {
             complete: so_far.is_complete(prepared.photons, *shard),
             so_far,
             run_seconds,
@@ -171,14 +169,14 @@ impl<'a> Task<'a> {
         })
     }
 
-    pub(super) fn write(&self, done: &Done) -> Result<(), CliError> {
+    pub(super) fn write(&self, done: &FinishedTask) -> Result<(), CliError> {
         let (args, stokes, totals) = (self.args, self.scene.light.stokes, &done.so_far.totals);
         let out = out_of(args);
         if let Some(out) = out {
             let part = (args.shard.is_some() || !done.complete).then(|| {
                 let about = About::of(&self.prepared);
                 let run_id = self.run_id.clone();
-                table::Part::of(
+                table::ShardPart::of(
                     run_id,
                     self.shard,
                     &done.so_far,
@@ -206,8 +204,8 @@ impl<'a> Task<'a> {
         }
     }
 
-    /// What is told, with other surfaces traced where that is asked for.
-    pub(super) fn report(&self, done: &Done) -> Result<Report, CliError> {
+    /// Makes the report; traces further surfaces if `--surfaces` asks for them.
+    pub(super) fn report(&self, done: &FinishedTask) -> Result<Report, CliError> {
         let totals = &done.so_far.totals;
         let mut report = Report::of(&self.prepared, totals);
         if let Some(count) = self.args.surfaces {
@@ -231,13 +229,13 @@ impl<'a> Task<'a> {
         Ok(report)
     }
 
-    /// Whether what was asked for was reached.
+    /// Checks that the target error was reached.
     pub(super) fn verdict(&self, totals: &Totals) -> Result<(), CliError> {
         if self.is_cancelled() {
             return Err(CliError::Interrupted);
         }
         let reached = totals.relative_error();
-        match self.args.target_error {
+        match self.args.limits.target_error {
             Some(target) if reached.is_none_or(|e| e > target) && !self.watch.is_late() => Err(
                 CliError::no_result(unreached(target, reached, totals.photons())),
             ),
@@ -250,7 +248,7 @@ impl<'a> Task<'a> {
     }
 }
 
-/// The file of the direction bins: a run that goes on writes where it was.
+/// The file of the direction bins; a resumed run writes to its own file by default.
 fn out_of(args: &Args) -> Option<&Path> {
     args.out.as_deref().or(args.resume.as_deref())
 }
@@ -259,11 +257,11 @@ fn how_to_go_on(scene: &Path, out: Option<&Path>, shard: Option<Shard>) -> Strin
     let shard = shard.map_or(String::new(), |s| format!(" --shard {}/{}", s.number, s.of));
     match out {
         Some(out) => format!(
-            "stopped before the last photon; to go on: ridged trace {}{shard} --resume {}",
+            "stopped before the last photon; to resume: ridged trace {}{shard} --resume {}",
             scene.display(),
             out.display()
         ),
-        None => "stopped before the last photon; with --out FILE.csv it could be gone on with"
+        None => "stopped before the last photon; to be able to resume, run with --out FILE.csv"
             .to_owned(),
     }
 }
@@ -278,14 +276,18 @@ fn watched(
     watch: &Stopwatch,
     first: &(dyn Fn() + Sync),
 ) -> SoFar {
-    // Photons have no pace before it is known where the light falls.
+    // Photons have no pace before the illuminated part of the surface is found.
     let (looking, bar) = (Bar::new("%"), Bar::new("photons"));
     let looked = AtomicBool::new(false);
-    let left_s = args.max_seconds.map(|limit| limit - watch.seconds());
-    let ending = Ending::of(left_s, elapsed_s, args.target_error);
+    let left_s = args.limits.max_seconds.map(|limit| limit - watch.seconds());
+    let ending = Ending::of(left_s, elapsed_s, args.limits.target_error);
     let so_far = run::resume(prepared, shard, before, ending, &|progress: &Progress| {
         if let Some(share) = progress.look {
-            looking.show((100.0 * share) as u64, 100, "looking at the surface");
+            looking.show(
+                (100.0 * share) as u64,
+                100,
+                "finding the illuminated surface",
+            );
         } else {
             if !looked.swap(true, Ordering::Relaxed) {
                 looking.clear();
@@ -296,6 +298,7 @@ fn watched(
             bar.show(progress.photons, progress.photons_planned, &word);
         }
         let good_enough = args
+            .limits
             .target_error
             .is_some_and(|target| progress.relative_error.is_some_and(|e| e <= target));
         !(cancel.load(Ordering::Relaxed) || watch.is_late() || good_enough)

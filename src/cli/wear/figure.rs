@@ -105,7 +105,7 @@ fn on_line(points: &[(f64, f64)], x: f64) -> Option<f64> {
 
 /// The figure: rounding, burrs, optimum.
 pub(super) fn draw(sweeps: &[Sweep]) -> String {
-    let highest = |f: &dyn Fn(&super::Point) -> f64| {
+    let highest = |f: &dyn Fn(&super::WearPoint) -> f64| {
         let all = sweeps.iter().flat_map(|s| &s.points).map(f);
         all.fold(f64::MIN_POSITIVE, f64::max)
     };

@@ -8,7 +8,7 @@ use super::{get, is_problem, opened, post};
 #[tokio::test(flavor = "multi_thread")]
 async fn calibrations_are_taken_alone_and_leave_the_next_scan_the_sample_only() {
     let (bench, router) = opened().await;
-    let hands = bench.rig.hands(&bench.lab, true);
+    let hands = bench.rig.operate(&bench.lab, true);
     let sampled = json!({"sample_id": 2, "plan": {"preset": "paper", "repeats": 2}}).to_string();
     let refused = post(&router, "/api/v1/calibrations", &sampled).await;
     is_problem(&refused, 422, "invalid-value");

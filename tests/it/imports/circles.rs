@@ -33,10 +33,10 @@ pub struct Circle {
 
 /// All circles, in the order of their files' names.
 pub fn find(sources: &BTreeMap<String, Source>) -> Vec<Circle> {
-    let house = House::new(sources);
+    let tree = SourceTree::new(sources);
     let arrows: BTreeMap<&str, BTreeMap<&str, BTreeSet<String>>> = sources
         .keys()
-        .map(|file| (file.as_str(), house.arrows_from(file)))
+        .map(|file| (file.as_str(), tree.arrows_from(file)))
         .collect();
     let reached: BTreeMap<&str, BTreeSet<&str>> = arrows
         .keys()
@@ -86,28 +86,28 @@ fn reached_from<'a>(
 }
 
 /// The files of the crate with what each imports.
-struct House<'a> {
+struct SourceTree<'a> {
     sources: &'a BTreeMap<String, Source>,
     files: BTreeMap<&'a [String], &'a str>,
     bindings: BTreeMap<&'a str, Vec<Binding>>,
 }
 
-impl<'a> House<'a> {
-    fn new(sources: &'a BTreeMap<String, Source>) -> House<'a> {
+impl<'a> SourceTree<'a> {
+    fn new(sources: &'a BTreeMap<String, Source>) -> SourceTree<'a> {
         let files: BTreeMap<&[String], &str> = sources
             .iter()
             .map(|(file, source)| (source.module.as_slice(), file.as_str()))
             .collect();
-        let mut house = House {
+        let mut tree = SourceTree {
             sources,
             files,
             bindings: BTreeMap::new(),
         };
         for (file, source) in sources {
             let mut bindings = Vec::new();
-            for (is_reexport, tree) in uses(&source.code) {
-                for (name, path) in leaves(tree) {
-                    if let Some(path) = house.from_crate(source, &path, &[]) {
+            for (is_reexport, item) in uses(&source.code) {
+                for (name, path) in leaves(item) {
+                    if let Some(path) = tree.from_crate(source, &path, &[]) {
                         bindings.push(Binding {
                             name,
                             path,
@@ -116,9 +116,9 @@ impl<'a> House<'a> {
                     }
                 }
             }
-            house.bindings.insert(file, bindings);
+            tree.bindings.insert(file, bindings);
         }
-        house
+        tree
     }
 
     /// The path from the crate of a path that `source` writes; `None` where another crate is named.
@@ -152,7 +152,7 @@ impl<'a> House<'a> {
     }
 
     /// The file that defines what `path` names, and its name; `None` for a module as such and for
-    /// what lies outside. `depth` ends the search in imports that name each other.
+    /// paths outside the crate. `depth` ends the search in imports that name each other.
     fn definition(&self, path: &[String], depth: usize) -> Option<(&'a str, String)> {
         let modules = (1..=path.len())
             .take_while(|n| self.files.contains_key(&path[..*n]))
@@ -180,7 +180,7 @@ impl<'a> House<'a> {
         Some(imported.unwrap_or_else(|| (file, name.clone())))
     }
 
-    /// The files whose definitions `file` names, with the names, within its own room and without the
+    /// The files whose definitions `file` names, with the names, within its own top-level module and without the
     /// modules above it.
     fn arrows_from(&self, file: &str) -> BTreeMap<&'a str, BTreeSet<String>> {
         let source = &self.sources[file];
@@ -243,7 +243,7 @@ fn is_of_word(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// All `use` items: whether each is `pub` to anybody, and the tokens of its tree.
+/// All `use` items: whether each has a visibility, and the tokens of its tree.
 fn uses(code: &str) -> Vec<(bool, Vec<&str>)> {
     let begins = |at: usize| !code[..at].ends_with(is_of_word);
     let items = code.match_indices("use ").filter(|(at, _)| begins(*at));
@@ -358,7 +358,7 @@ fn words_and_paths(code: &str) -> (BTreeSet<&str>, Vec<Vec<String>>) {
 mod tests {
     use super::*;
 
-    fn house(files: &[(&str, &str)]) -> BTreeMap<String, Source> {
+    fn tree(files: &[(&str, &str)]) -> BTreeMap<String, Source> {
         files
             .iter()
             .map(|(file, code)| {
@@ -383,71 +383,71 @@ mod tests {
     fn two_files_that_name_each_other_are_a_circle_however_they_are_named() {
         for back in [
             "use super::a::A;",
-            "use crate::room::a::{self, A as C};",
+            "use crate::part::a::{self, A as C};",
             "use super::A;",
             "fn f(a: super::A) {}",
-            "fn f(a: crate::room::a::A) {}",
+            "fn f(a: crate::part::a::A) {}",
             "use super::a; fn f() { a::go() }",
             "use super::*; fn f(a: A) {}",
         ] {
-            let sources = house(&[
-                ("room/mod.rs", "mod a; mod b; pub use a::A; pub struct Top;"),
+            let sources = tree(&[
+                ("part/mod.rs", "mod a; mod b; pub use a::A; pub struct Top;"),
                 (
-                    "room/a.rs",
+                    "part/a.rs",
                     "use super::{Top, b::B}; pub struct A; pub fn go() {}",
                 ),
-                ("room/b.rs", &format!("pub struct B; {back}")),
+                ("part/b.rs", &format!("pub struct B; {back}")),
             ]);
             let circles = find(&sources);
-            assert_eq!(files_of(&circles), [["room/a.rs", "room/b.rs"]], "{back}");
+            assert_eq!(files_of(&circles), [["part/a.rs", "part/b.rs"]], "{back}");
         }
     }
 
     #[test]
     fn what_a_top_module_defines_is_for_the_files_below_it() {
-        let sources = house(&[
+        let sources = tree(&[
             (
-                "room.rs",
+                "part.rs",
                 "mod a; use a::A; pub struct Top; fn f() { a::g() }",
             ),
             (
-                "room/a.rs",
-                "use super::Top; pub struct A(super::Top, crate::room::Top);",
+                "part/a.rs",
+                "use super::Top; pub struct A(super::Top, crate::part::Top);",
             ),
-            ("room/a/deep.rs", "use super::super::Top; use super::A;"),
+            ("part/a/deep.rs", "use super::super::Top; use super::A;"),
         ]);
         assert_eq!(find(&sources), []);
     }
 
     #[test]
     fn a_circle_through_several_files_and_re_exports_is_named_with_its_arrows() {
-        let sources = house(&[
+        let sources = tree(&[
             (
-                "room/mod.rs",
+                "part/mod.rs",
                 "pub(crate) use self::b::Two as Second; mod a; mod b; mod c;",
             ),
             (
-                "room/a.rs",
-                "use crate::{other::X, room::Second}; pub struct One;",
+                "part/a.rs",
+                "use crate::{other::X, part::Second}; pub struct One;",
             ),
-            ("room/b.rs", "mod deep; pub(super) use deep::Two;"),
+            ("part/b.rs", "mod deep; pub(super) use deep::Two;"),
             (
-                "room/b/deep.rs",
+                "part/b/deep.rs",
                 "use super::super::c::three; pub struct Two;",
             ),
-            ("room/c.rs", "pub fn three() -> crate::room::a::One {}"),
-            ("other.rs", "use crate::room::a::One; pub struct X;"),
+            ("part/c.rs", "pub fn three() -> crate::part::a::One {}"),
+            ("other.rs", "use crate::part::a::One; pub struct X;"),
         ]);
         assert_eq!(
             find(&sources),
             [Circle {
-                files: ["room/a.rs", "room/b/deep.rs", "room/c.rs"]
+                files: ["part/a.rs", "part/b/deep.rs", "part/c.rs"]
                     .map(str::to_owned)
                     .into(),
                 arrows: [
-                    "room/a.rs -> room/b/deep.rs: Two",
-                    "room/b/deep.rs -> room/c.rs: three",
-                    "room/c.rs -> room/a.rs: One",
+                    "part/a.rs -> part/b/deep.rs: Two",
+                    "part/b/deep.rs -> part/c.rs: three",
+                    "part/c.rs -> part/a.rs: One",
                 ]
                 .map(str::to_owned)
                 .into(),

@@ -1,4 +1,4 @@
-//! Who does what a scan asks for, and says so at the terminal.
+//! Operator steps at the terminal: prints what a scan asks for and reads the confirmation.
 
 use std::io::{BufRead, IsTerminal};
 use std::time::{Duration, Instant};
@@ -8,62 +8,62 @@ use tokio::sync::watch;
 use super::progress::Bar;
 use crate::scan::OperatorAction;
 
-/// Nobody reads a prompt and answers it in less: who presses Enter so soon meant the step before, which somebody else
-/// has just ended.
+/// Shortest time in which a person reads a prompt and confirms it. An Enter that comes sooner was meant for the previous
+/// step, which another client has just confirmed.
 const REACTION: Duration = Duration::from_secs(1);
 
-/// People at the terminal who do what a scan asks for and press Enter.
-pub struct People {
+/// The prompt for the operator at the terminal, who does what a scan asks for and presses Enter.
+pub struct OperatorPrompt {
     typed: watch::Receiver<Typed>,
-    /// Lines typed before the question: no answers to it.
+    /// Number of lines typed before the prompt, which do not confirm it.
     before: u64,
-    /// When the question stood there long enough to be read.
+    /// When the prompt has been shown long enough to be read.
     read_at: Instant,
-    /// How long that takes; nothing where a program answers.
+    /// How long that takes; zero where a program answers.
     reaction: Duration,
-    /// Whether a question stands there that nobody here has answered: Enter may be on its way to it.
+    /// Whether a prompt is unconfirmed, so that an Enter for it may still come.
     open: bool,
 }
 
-/// What came from the terminal so far.
+/// Input from the terminal so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Typed {
     lines: u64,
-    /// When the last of them came.
+    /// When the last line came.
     at: Option<Instant>,
     ended: bool,
 }
 
-/// What somebody says of a question.
+/// An answer to a prompt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Answer {
-    /// It is done.
+enum Reply {
+    /// The step is done.
     Done,
-    /// Enter, but for the question before.
+    /// An Enter that was meant for the previous prompt.
     TooSoon,
-    /// Nobody is there.
-    Nobody,
+    /// The input has ended.
+    Ended,
 }
 
 impl Typed {
-    /// What came since; `None` where nothing has.
-    fn since(self, before: u64, read_at: Instant) -> Option<Answer> {
+    /// Returns the answer since the prompt; `None` if there is none.
+    fn since(self, before: u64, read_at: Instant) -> Option<Reply> {
         let soon = self.at.is_some_and(|at| at < read_at);
         match (self.lines > before, self.ended) {
-            (true, _) if soon => Some(Answer::TooSoon),
-            (true, _) => Some(Answer::Done),
-            (false, true) => Some(Answer::Nobody),
+            (true, _) if soon => Some(Reply::TooSoon),
+            (true, _) => Some(Reply::Done),
+            (false, true) => Some(Reply::Ended),
             (false, false) => None,
         }
     }
 }
 
-impl People {
-    /// Listens to the terminal from now on.
+impl OperatorPrompt {
+    /// Starts to read the terminal.
     #[must_use]
-    pub fn at_the_terminal() -> People {
+    pub fn at_the_terminal() -> OperatorPrompt {
         let (sender, typed) = watch::channel(Typed::default());
-        // A read cannot be cancelled: it has a thread of its own that dies with the process.
+        // A read cannot be cancelled, so it has a thread of its own that ends with the process.
         std::thread::spawn(move || {
             let mut line = String::new();
             let mut more = true;
@@ -84,11 +84,11 @@ impl People {
             true => REACTION,
             false => Duration::ZERO,
         };
-        People::heard(typed, reaction)
+        OperatorPrompt::heard(typed, reaction)
     }
 
-    fn heard(typed: watch::Receiver<Typed>, reaction: Duration) -> People {
-        People {
+    fn heard(typed: watch::Receiver<Typed>, reaction: Duration) -> OperatorPrompt {
+        OperatorPrompt {
             typed,
             before: 0,
             read_at: Instant::now(),
@@ -97,14 +97,14 @@ impl People {
         }
     }
 
-    /// Says what to do; from now on Enter means that it is done.
+    /// Prints the step; from now on Enter confirms it.
     pub(super) fn ask(&mut self, bar: &Bar, action: OperatorAction) {
         let hint = if std::io::stdin().is_terminal() {
             " [Enter]"
         } else {
             ""
         };
-        // First: who reads the question may answer at once.
+        // Before printing, since the answer may come at once.
         self.before = self.typed.borrow().lines;
         bar.say(&format!("{}{hint}", action.message()));
         self.read_at = match self.open {
@@ -114,7 +114,7 @@ impl People {
         self.open = true;
     }
 
-    /// Waits for Enter; false where nobody is there to press it.
+    /// Waits for Enter; false if the input has ended.
     pub(super) async fn done(&mut self, bar: &Bar) -> bool {
         loop {
             let (before, read_at) = (self.before, self.read_at);
@@ -130,19 +130,19 @@ impl People {
         }
     }
 
-    /// The same without waiting; `None` where nothing has come.
+    /// Checks for Enter without waiting; `None` if there was none.
     pub(super) fn done_by_now(&mut self, bar: &Bar) -> Option<bool> {
         let typed = *self.typed.borrow();
         match typed.since(self.before, self.read_at)? {
-            Answer::Done => {
+            Reply::Done => {
                 self.open = false;
                 Some(true)
             }
-            Answer::Nobody => Some(false),
-            Answer::TooSoon => {
+            Reply::Ended => Some(false),
+            Reply::TooSoon => {
                 self.before = typed.lines;
                 bar.say(
-                    "That Enter came as the step changed and was not counted: press it again once this one is done.",
+                    "Enter came while the step changed and was ignored: press it again once this step is done.",
                 );
                 None
             }
@@ -155,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_typed_before_the_question_is_no_answer() {
+    fn lines_typed_before_a_prompt_do_not_confirm_it() {
         let now = Instant::now();
         let typed = |lines, ended| Typed {
             lines,
@@ -163,10 +163,10 @@ mod tests {
             ended,
         };
         assert_eq!(typed(3, false).since(3, now), None);
-        assert_eq!(typed(4, false).since(3, now), Some(Answer::Done));
-        // Who answers and goes has answered.
-        assert_eq!(typed(4, true).since(3, now), Some(Answer::Done));
-        assert_eq!(typed(3, true).since(3, now), Some(Answer::Nobody));
+        assert_eq!(typed(4, false).since(3, now), Some(Reply::Done));
+        // A line before the end of the input counts.
+        assert_eq!(typed(4, true).since(3, now), Some(Reply::Done));
+        assert_eq!(typed(3, true).since(3, now), Some(Reply::Ended));
     }
 
     #[tokio::test]
@@ -179,20 +179,20 @@ mod tests {
             });
         };
         let bar = Bar::new("frames");
-        let mut people = People::heard(typed, Duration::from_millis(200));
+        let mut people = OperatorPrompt::heard(typed, Duration::from_millis(200));
         people.ask(&bar, OperatorAction::CapLens);
-        // Somebody at the page continues the scan, and here Enter is on its way.
+        // The page confirms the step while an Enter for it is still to come here.
         people.ask(&bar, OperatorAction::PlaceSample);
         enter();
         assert_eq!(people.done_by_now(&bar), None);
-        // It stays uncounted, however long nobody says more.
+        // It stays ignored however long no other line comes.
         while Instant::now() < people.read_at {
             std::thread::sleep(Duration::from_millis(10));
         }
         assert_eq!(people.done_by_now(&bar), None);
         enter();
         assert!(people.done(&bar).await);
-        // Nothing was on its way when this one was asked.
+        // No Enter was outstanding when this step was shown.
         people.ask(&bar, OperatorAction::PlaceSample);
         enter();
         assert_eq!(people.done_by_now(&bar), Some(true));

@@ -1,6 +1,6 @@
-//! The wait for surfaces: told on a terminal, ended by Ctrl-C and by `--max-seconds`.
+//! Builds surfaces in the background: shows the time on a terminal, and ends on Ctrl-C or `--max-seconds`.
 //!
-//! Making a surface cannot be stopped half-way, so it is left to a thread that a command which gives up leaves behind.
+//! The build of a surface cannot be interrupted, so it runs in a thread that an ending command abandons.
 
 use std::io::IsTerminal as _;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,16 +14,16 @@ use super::CliError;
 use crate::cli::limits::Stopwatch;
 use crate::wording::significant;
 
-/// Between two looks at flag and clock.
+/// Interval between checks of flag and clock.
 const LOOK: Duration = Duration::from_millis(50);
-/// After which it is told that something is being made.
+/// Time after which the line on the terminal appears.
 const SILENT: Duration = Duration::from_secs(1);
 
-/// What `make` makes; meanwhile a line tells for how long.
+/// Returns the result of `make`; a line on the terminal shows the elapsed time.
 ///
 /// # Errors
-/// Interrupted once the flag is raised, no result once the watch is late, whatever is still being made; what `make` says.
-pub(super) fn made<T: Send + 'static>(
+/// Interrupted once the flag is raised, no result once the time limit has passed, or the error of `make`.
+pub(super) fn build<T: Send + 'static>(
     watch: &Stopwatch,
     cancel: &AtomicBool,
     make: impl FnOnce() -> Result<T, CliError> + Send + 'static,
@@ -32,10 +32,10 @@ pub(super) fn made<T: Send + 'static>(
     let (done, wait) = channel();
     std::thread::Builder::new()
         .name("surfaces".to_owned())
-        // Nobody waits any more where this fails.
+        // This fails only where the receiver is gone.
         .spawn(move || drop(done.send(make())))
         .map_err(CliError::no_result)?;
-    let line = Line::new();
+    let line = StatusLine::new();
     loop {
         match wait.recv_timeout(LOOK) {
             Ok(found) => {
@@ -46,7 +46,7 @@ pub(super) fn made<T: Send + 'static>(
             Err(RecvTimeoutError::Disconnected) => {
                 line.clear();
                 return Err(CliError::no_result(anyhow!(
-                    "the surface could not be made: see above"
+                    "the surface could not be built: see above"
                 )));
             }
         }
@@ -58,32 +58,34 @@ pub(super) fn made<T: Send + 'static>(
         if watch.is_late() {
             line.clear();
             return Err(CliError::no_result(anyhow!(
-                "the time allowed (--max-seconds) is over and the surface is still being made, since {} s: allow more, or \
-                 make it smaller (cells, or fewer heights)",
+                "the time limit (--max-seconds) ended the build of the surface after {} s: allow more time, or use a smaller \
+                surface (fewer cells or heights)",
                 significant(spent.as_secs_f64())
             )));
         }
-        line.tell(spent);
+        line.show(spent);
     }
 }
 
 /// One line on a terminal.
-struct Line(ProgressBar);
+struct StatusLine(ProgressBar);
 
-impl Line {
+impl StatusLine {
     fn new() -> Self {
         if !std::io::stderr().is_terminal() {
-            return Line(ProgressBar::hidden());
+            return StatusLine(ProgressBar::hidden());
         }
         let bar = ProgressBar::new_spinner();
         let style = ProgressStyle::with_template("{spinner} {msg}");
-        Line(bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner())))
+        StatusLine(bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner())))
     }
 
-    fn tell(&self, spent: Duration) {
+    fn show(&self, spent: Duration) {
         if spent >= SILENT {
-            self.0
-                .set_message(format!("making the surface, {} s so far", spent.as_secs()));
+            self.0.set_message(format!(
+                "building the surface, {} s so far",
+                spent.as_secs()
+            ));
             self.0.tick();
         }
     }
@@ -98,17 +100,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whoever_waits_for_a_surface_may_stop_and_is_told_when_time_is_over() {
+    fn a_build_ends_on_ctrl_c_and_at_its_time_limit() {
         let forever = || {
             std::thread::park_timeout(Duration::from_secs(600));
             Ok(())
         };
         let patient = Stopwatch::start(None);
         let calm = AtomicBool::new(false);
-        assert_eq!(made(&patient, &calm, || Ok(7)).ok(), Some(7));
-        let stopped = made(&patient, &AtomicBool::new(true), forever);
+        assert_eq!(build(&patient, &calm, || Ok(7)).ok(), Some(7));
+        let stopped = build(&patient, &AtomicBool::new(true), forever);
         assert!(matches!(stopped, Err(CliError::Interrupted)));
-        let Err(CliError::NoResult(why)) = made(&Stopwatch::start(Some(1e-3)), &calm, forever)
+        let Err(CliError::NoResult(why)) = build(&Stopwatch::start(Some(1e-3)), &calm, forever)
         else {
             panic!("time is over");
         };
@@ -117,7 +119,7 @@ mod tests {
             why.contains("--max-seconds") && why.contains("surface"),
             "{why}"
         );
-        let refused = made::<()>(&patient, &calm, || Err(CliError::bad_input(anyhow!("no"))));
+        let refused = build::<()>(&patient, &calm, || Err(CliError::bad_input(anyhow!("no"))));
         assert!(matches!(refused, Err(CliError::BadInput(_))));
     }
 }

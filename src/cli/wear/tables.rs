@@ -1,14 +1,14 @@
-//! Sweeps as text: CSV, the object for scripts, and tables.
+//! Sweeps as CSV, as a JSON object, and as tables.
 
 use std::fmt::Write as _;
 
 use serde_json::json;
 
-use super::{Point, Sweep, Swept, Wear};
+use super::{Sweep, Swept, Wear, WearPoint};
 use crate::forecast::Expected;
 use crate::model::contrast::PAPER_RIDGES_DEG;
 
-/// As comma-separated values, one line a surface.
+/// Comma-separated values, one line per surface.
 pub(super) fn csv(sweeps: &[Sweep]) -> String {
     let mut text =
         String::from("round,burr,theta_r_deg,effective_theta_r_deg,contrast,contrast_std\n");
@@ -17,7 +17,7 @@ pub(super) fn csv(sweeps: &[Sweep]) -> String {
             Wear::Round(x) => (x, 0.0),
             Wear::Burr(x) => (0.0, x),
         };
-        let mut all: Vec<&Point> = sweep.all().collect();
+        let mut all: Vec<&WearPoint> = sweep.all().collect();
         all.sort_by(|a, b| a.theta_r_deg.total_cmp(&b.theta_r_deg));
         for p in all {
             let _ = writeln!(
@@ -41,7 +41,7 @@ pub(super) fn report(swept: &Swept, seconds: f64) -> serde_json::Value {
                 Wear::Burr(x) => (0.0, x),
             };
             let optimum = s.optimum();
-            let at = |number: &dyn Fn(&Point) -> f64| -> Vec<Option<f64>> {
+            let at = |number: &dyn Fn(&WearPoint) -> f64| -> Vec<Option<f64>> {
                 let points = PAPER_RIDGES_DEG.iter().map(|t| s.at(*t));
                 points.map(|p| p.map(number)).collect()
             };

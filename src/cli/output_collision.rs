@@ -1,4 +1,4 @@
-//! Whether an output would take the place of what it is made of.
+//! Refuses outputs that would overwrite inputs.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -30,15 +30,15 @@ pub fn no_file_of_series(out: &Path, series: &Series) -> Result<(), CliError> {
 pub fn not_the_input(out: &Path, input: &Path) -> Result<(), CliError> {
     match same_file(out, input) {
         true => Err(CliError::bad_input(anyhow!(
-            "{} is read, too: choose another name",
+            "{} is an input: choose another name for the output",
             out.display()
         ))),
         false => Ok(()),
     }
 }
 
-/// Refuses an output folder in which frames of a series lie, or that lies within such a folder. The folder of the series
-/// is one only where frames lie beside its manifest; a folder in it is none.
+/// Refuses an output folder that contains frames of a series, or is within such a folder. The folder of the series itself
+/// counts only where frames are beside its manifest, and folders in it do not count.
 ///
 /// # Errors
 /// Bad input, with the name of that folder.
@@ -58,7 +58,7 @@ pub fn no_folder_of_frames(out: &Path, series: &Series) -> Result<(), CliError> 
         };
         if taken {
             return Err(CliError::bad_input(anyhow!(
-                "{} is where frames of the series lie: choose another folder",
+                "{} contains frames of the series: choose another folder",
                 out.display()
             )));
         }
@@ -73,7 +73,7 @@ fn files(series: &Series) -> Vec<PathBuf> {
     texts.into_iter().chain(series.paths().to_vec()).collect()
 }
 
-/// An absolute path without links, as far as it is there.
+/// Returns the absolute path without links, as far as it exists.
 fn there(path: &Path) -> PathBuf {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     for above in path.ancestors() {
@@ -87,7 +87,7 @@ fn there(path: &Path) -> PathBuf {
     path
 }
 
-/// Whether two names are of one file, by whatever links.
+/// Whether two paths lead to the same file.
 pub fn same_file(a: &Path, b: &Path) -> bool {
     let identity = |path: &Path| path.metadata().map(|m| (m.dev(), m.ino()));
     matches!((identity(a), identity(b)), (Ok(a), Ok(b)) if a == b)
@@ -97,7 +97,7 @@ pub fn same_file(a: &Path, b: &Path) -> bool {
 mod tests {
     use super::*;
 
-    /// A copy of a series' text files, with one frame of another name.
+    /// Copies a series' text files, with one frame of another name.
     fn copied() -> (tempfile::TempDir, Series) {
         let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/polymer-10");
         let folder = tempfile::tempdir().unwrap();
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_the_series_is_no_place_for_an_answer() {
+    fn a_file_of_the_series_is_refused_as_output() {
         let (folder, series) = copied();
         let frame = series.rows()[0].file.clone();
         let link = folder.path().join("link.svg");
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_of_frames_is_no_place_for_a_map() {
+    fn a_folder_of_frames_is_refused_for_a_map() {
         let (folder, series) = copied();
         for (name, wanted) in [
             ("frames", true),
@@ -153,7 +153,7 @@ mod tests {
                 "{name}"
             );
         }
-        // Frames beside the manifest: not there, but in a folder of its own.
+        // With frames beside the manifest, its folder is refused; a folder in it is not.
         let list = folder.path().join("frames.csv");
         let text = std::fs::read_to_string(&list).unwrap();
         std::fs::write(&list, text.replace("frames/", "")).unwrap();

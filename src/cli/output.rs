@@ -1,4 +1,4 @@
-//! What a command answers on stdout: one JSON object, or the text that it makes for people.
+//! The output of a command on stdout: one JSON object, or text.
 
 use std::io::Write as _;
 
@@ -6,11 +6,11 @@ use serde::Serialize;
 
 use super::CliError;
 
-/// Puts a report on stdout as JSON, or what `text` makes of it.
+/// Writes a report to stdout as JSON, or as the text that `text` returns.
 ///
 /// # Errors
 /// No result where stdout cannot be written.
-pub fn put(
+pub fn write(
     json: bool,
     report: &impl Serialize,
     text: impl FnOnce() -> String,

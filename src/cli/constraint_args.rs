@@ -1,13 +1,12 @@
-//! What a user knows of a parameter before a fit, from the command line: `rho_d=0.3` holds it,
-//! `theta_r_deg=10±0.5` (or `10+-0.5`) leaves it free within a standard uncertainty. What may be stated is
-//! known by [`crate::fit::told`].
+//! Constraints of a fit from the command line: `rho_d=0.3` fixes a parameter, `theta_r_deg=10±0.5` (or `10+-0.5`) states
+//! a prior with a standard uncertainty. The `fit` module checks names and ranges.
 
 use crate::fit::Told;
 use crate::fit::told::{StatementError, held, known};
 
-/// Why a text is no statement about a parameter.
+/// Why a text is not a constraint.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ToldError {
+pub enum ConstraintArgError {
     /// No `=` in it.
     #[error("'{0}' has no '='; write NAME=VALUE, for example rho_d=0.3")]
     NoValue(String),
@@ -19,59 +18,61 @@ pub enum ToldError {
         "'{0}' has no uncertainty; write NAME=VALUE±STD with a positive STD, for example theta_r_deg=10±0.5"
     )]
     NoUncertainty(String),
-    /// It is one, and means nothing.
+    /// A constraint that the fit refuses.
     #[error("'{text}': {problem}")]
     Refused {
-        /// What was written.
+        /// The text.
         text: String,
-        /// What is wrong with it.
+        /// The reason.
         problem: StatementError,
     },
 }
 
-/// `NAME=VALUE`: held fixed.
+/// Reads `NAME=VALUE`: a fixed parameter.
 ///
 /// # Errors
-/// See [`ToldError`].
-pub fn fixed(text: &str) -> Result<Told, ToldError> {
+/// See [`ConstraintArgError`].
+pub fn fixed(text: &str) -> Result<Told, ConstraintArgError> {
     let (name, stated) = parted(text)?;
     held(name, number(stated)?).map_err(|problem| refused(text, problem))
 }
 
-/// `NAME=VALUE±STD` or `NAME=VALUE+-STD`: known within a standard uncertainty.
+/// Reads `NAME=VALUE±STD` or `NAME=VALUE+-STD`: a prior with a standard uncertainty.
 ///
 /// # Errors
-/// See [`ToldError`].
-pub fn prior(text: &str) -> Result<Told, ToldError> {
+/// See [`ConstraintArgError`].
+pub fn prior(text: &str) -> Result<Told, ConstraintArgError> {
     let (name, stated) = parted(text)?;
     let (mean, std) = stated
         .split_once('±')
         .or_else(|| stated.split_once("+-"))
-        .ok_or_else(|| ToldError::NoUncertainty(text.to_owned()))?;
+        .ok_or_else(|| ConstraintArgError::NoUncertainty(text.to_owned()))?;
     match known(name, number(mean)?, number(std)?) {
-        Err(StatementError::NoUncertainty { .. }) => Err(ToldError::NoUncertainty(text.to_owned())),
+        Err(StatementError::NoUncertainty { .. }) => {
+            Err(ConstraintArgError::NoUncertainty(text.to_owned()))
+        }
         other => other.map_err(|problem| refused(text, problem)),
     }
 }
 
-fn refused(text: &str, problem: StatementError) -> ToldError {
+fn refused(text: &str, problem: StatementError) -> ConstraintArgError {
     let text = text.to_owned();
-    ToldError::Refused { text, problem }
+    ConstraintArgError::Refused { text, problem }
 }
 
-/// Name and statement.
-fn parted(text: &str) -> Result<(&str, &str), ToldError> {
+/// Splits a text into name and value.
+fn parted(text: &str) -> Result<(&str, &str), ConstraintArgError> {
     let (name, stated) = text
         .split_once('=')
-        .ok_or_else(|| ToldError::NoValue(text.to_owned()))?;
+        .ok_or_else(|| ConstraintArgError::NoValue(text.to_owned()))?;
     Ok((name.trim(), stated))
 }
 
-fn number(text: &str) -> Result<f64, ToldError> {
+fn number(text: &str) -> Result<f64, ConstraintArgError> {
     let value: Option<f64> = text.trim().parse().ok();
     value
         .filter(|v| v.is_finite())
-        .ok_or_else(|| ToldError::NotANumber(text.to_owned()))
+        .ok_or_else(|| ConstraintArgError::NotANumber(text.to_owned()))
 }
 
 #[cfg(test)]
@@ -81,32 +82,38 @@ mod tests {
 
     #[test]
     fn values_are_read_in_the_units_of_their_names() {
-        let told = fixed("rho_d=0.3").expect("it is one");
+        let constraint = fixed("rho_d=0.3").expect("it is one");
         assert_eq!(
-            (told.quantity, told.value, told.std),
+            (constraint.quantity, constraint.value, constraint.std),
             (Quantity::RhoD, 0.3, 0.0)
         );
         for text in ["theta_r_deg=10±0.5", "theta_r_deg = 10 +- 0.5"] {
-            let told = prior(text).expect("it is one");
-            assert_eq!(told.quantity, Quantity::ThetaR);
-            assert!((told.value - 10f64.to_radians()).abs() < 1e-15);
-            assert!((told.std - 0.5f64.to_radians()).abs() < 1e-15);
+            let constraint = prior(text).expect("it is one");
+            assert_eq!(constraint.quantity, Quantity::ThetaR);
+            assert!((constraint.value - 10f64.to_radians()).abs() < 1e-15);
+            assert!((constraint.std - 0.5f64.to_radians()).abs() < 1e-15);
         }
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
-        assert_eq!(fixed("rho_d"), Err(ToldError::NoValue("rho_d".into())));
+    fn a_refusal_names_the_wrong_part() {
+        assert_eq!(
+            fixed("rho_d"),
+            Err(ConstraintArgError::NoValue("rho_d".into()))
+        );
         let refused = fixed("rho=1").expect_err("no name").to_string();
         assert!(refused.contains("unknown parameter 'rho'"), "{refused}");
-        assert_eq!(fixed("rho_d=x"), Err(ToldError::NotANumber("x".into())));
+        assert_eq!(
+            fixed("rho_d=x"),
+            Err(ConstraintArgError::NotANumber("x".into()))
+        );
         assert!(matches!(
             prior("rho_d=0.3"),
-            Err(ToldError::NoUncertainty(_))
+            Err(ConstraintArgError::NoUncertainty(_))
         ));
         assert!(matches!(
             prior("rho_d=0.3±0"),
-            Err(ToldError::NoUncertainty(_))
+            Err(ConstraintArgError::NoUncertainty(_))
         ));
         for text in [
             "alpha_u=-0.1",
@@ -126,7 +133,7 @@ mod tests {
         }
         assert!(matches!(
             prior("alpha_u=1e-300±1e-300"),
-            Err(ToldError::Refused {
+            Err(ConstraintArgError::Refused {
                 problem: StatementError::OutOfRange { .. },
                 ..
             })

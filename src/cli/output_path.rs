@@ -1,4 +1,4 @@
-//! Whether an answer can be written where it is wanted, asked before the work that it takes.
+//! Checks that outputs can be written, before the work that makes them.
 
 use std::fs::{self, OpenOptions};
 use std::path::Path;
@@ -7,11 +7,11 @@ use anyhow::{Context, anyhow};
 
 use super::CliError;
 
-/// A file that can be made or written over. What is in it stays as it is.
+/// Checks that a file can be created or overwritten, without changing it.
 ///
 /// # Errors
-/// Bad input, with the system's reason, where it cannot.
-pub fn for_file(path: &Path) -> Result<(), CliError> {
+/// Bad input, with the system's reason.
+pub fn check_file(path: &Path) -> Result<(), CliError> {
     let new = !path.exists();
     let opened = OpenOptions::new().create(true).append(true).open(path);
     opened
@@ -20,14 +20,14 @@ pub fn for_file(path: &Path) -> Result<(), CliError> {
         .map_err(CliError::bad_input)
 }
 
-/// A folder that takes files; it is made where it is not there.
+/// Checks that files can be written into a folder; creates it if it does not exist.
 ///
 /// # Errors
-/// Bad input for a file in its place, and, with the system's reason, where it takes none.
-pub fn for_files(folder: &Path) -> Result<(), CliError> {
+/// Bad input for a file of that name, or with the system's reason.
+pub fn check_folder(folder: &Path) -> Result<(), CliError> {
     if folder.is_file() {
         return Err(CliError::bad_input(anyhow!(
-            "{} is a file, and a folder is needed: name another one",
+            "{} is a file, expected a folder",
             folder.display()
         )));
     }
@@ -44,28 +44,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn asking_leaves_files_and_folders_as_they_are() {
+    fn checks_leave_files_and_folders_unchanged() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.csv");
-        for_file(&file).unwrap();
+        check_file(&file).unwrap();
         assert!(!file.exists());
         fs::write(&file, "kept").unwrap();
-        for_file(&file).unwrap();
+        check_file(&file).unwrap();
         assert_eq!(fs::read_to_string(&file).unwrap(), "kept");
         let deep = folder.path().join("b/c");
-        for_files(&deep).unwrap();
+        check_folder(&deep).unwrap();
         assert_eq!(fs::read_dir(&deep).unwrap().count(), 0);
     }
 
     #[test]
-    fn what_cannot_be_written_is_refused_by_name() {
+    fn an_output_that_cannot_be_written_is_refused_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");
         fs::write(&file, "").unwrap();
         let refused = [
-            for_file(&folder.path().join("none/a.csv")),
-            for_file(folder.path()),
-            for_files(&file.join("below")),
+            check_file(&folder.path().join("none/a.csv")),
+            check_file(folder.path()),
+            check_folder(&file.join("below")),
         ];
         for answer in refused {
             let Err(CliError::BadInput(error)) = answer else {
@@ -73,7 +73,7 @@ mod tests {
             };
             assert!(format!("{error:#}").contains("cannot write"), "{error:#}");
         }
-        let Err(CliError::BadInput(error)) = for_files(&file) else {
+        let Err(CliError::BadInput(error)) = check_folder(&file) else {
             panic!("a file is no folder");
         };
         assert!(error.to_string().contains("is a file"), "{error}");

@@ -1,0 +1,142 @@
+//! The daemon as a process: a lab, the HTTP server in front of it, and the notice by which commands find it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use metrics_exporter_prometheus::PrometheusBuilder;
+use tokio_util::sync::CancellationToken;
+
+use crate::api::{self, RenderMetrics, server};
+use crate::clock::{Clock, SystemClock, WallWatch};
+use crate::lab::{Lab, RigParts};
+use crate::store::StoreError;
+use crate::store::disk::RealDisk;
+
+/// Opens the lab and logs what an earlier process left behind.
+///
+/// # Errors
+/// What the store reports: the folder is in use, damaged or cannot be written.
+pub async fn open_lab(
+    folder: &Path,
+    clock: Arc<dyn Clock>,
+    parts: Option<RigParts>,
+) -> Result<Lab, StoreError> {
+    let (lab, recovery) = Lab::open(folder, Arc::new(RealDisk), clock, parts).await?;
+    for scan in &recovery.interrupted_scans {
+        tracing::warn!(
+            scan,
+            "scan {scan} was interrupted when the daemon ended; it can be resumed"
+        );
+    }
+    if !recovery.restored.is_empty() {
+        tracing::warn!(
+            files = recovery.restored.len(),
+            "{} frame files that rows name came back from {}",
+            recovery.restored.len(),
+            folder.join("quarantine").display()
+        );
+    }
+    if !recovery.quarantined.is_empty() {
+        tracing::warn!(
+            files = recovery.quarantined.len(),
+            "{} half or unnamed frame files were moved to {}",
+            recovery.quarantined.len(),
+            folder.join("quarantine").display()
+        );
+    }
+    Ok(lab)
+}
+
+/// A lab that answers HTTP.
+pub struct Daemon {
+    /// The lab behind it.
+    pub lab: Lab,
+    /// Its address: `http://ADDRESS`.
+    pub url: String,
+    ending: CancellationToken,
+    server: tokio::task::JoinHandle<std::io::Result<()>>,
+    notice: PathBuf,
+}
+
+/// File in the data folder with the daemon's address, for commands.
+pub const NOTICE_FILE: &str = "daemon.json";
+
+impl Daemon {
+    /// Serves a lab on a listener and writes its address into the data folder.
+    ///
+    /// # Errors
+    /// What the system reports where the notice cannot be written.
+    pub fn start(lab: Lab, listener: tokio::net::TcpListener) -> std::io::Result<Daemon> {
+        let address = listener.local_addr()?;
+        let url = format!("http://{address}");
+        let ending = CancellationToken::new();
+        let router = api::router(lab.clone(), metrics(), ending.clone());
+        tokio::spawn(watch_the_time_of_day(ending.clone()));
+        let end = ending.clone();
+        let server = tokio::spawn(server::serve(listener, router, async move {
+            end.cancelled().await;
+        }));
+        let notice = lab.store().folder().join(NOTICE_FILE);
+        let text = serde_json::json!({ "url": url, "process": std::process::id() });
+        std::fs::write(&notice, format!("{text}\n")).map_err(|error| {
+            let message = format!("cannot write {}: {error}", notice.display());
+            std::io::Error::new(error.kind(), message)
+        })?;
+        Ok(Daemon {
+            lab,
+            url,
+            ending,
+            server,
+            notice,
+        })
+    }
+
+    /// Ends the daemon: rig first, then connections, then the store.
+    pub async fn end(self) {
+        /// Time for open answers; a client that does not read its answer must not hold the daemon.
+        const DRAIN: Duration = Duration::from_secs(3);
+        std::fs::remove_file(&self.notice).ok();
+        // The log has stages that could not be stopped.
+        self.lab.rest().await.ok();
+        self.ending.cancel();
+        let abort = self.server.abort_handle();
+        if tokio::time::timeout(DRAIN, self.server).await.is_err() {
+            abort.abort();
+        }
+        self.lab.store().close().await;
+    }
+}
+
+/// Warns when the wall clock steps. Waits follow the monotonic clock, but the wall clock dates frames and ages
+/// calibrations.
+async fn watch_the_time_of_day(ending: CancellationToken) {
+    const LOOK_EVERY: Duration = Duration::from_secs(10);
+    let clock = SystemClock::new();
+    let mut watch = WallWatch::default();
+    while !ending.is_cancelled() {
+        if let Some(step) = watch.step(clock.now(), clock.wall()) {
+            let step_s = step.as_seconds_f64();
+            tracing::warn!(
+                step_s,
+                "the wall clock jumped by {step_s:+.1} s (it was set, or the machine slept); it dates frames and ages \
+                 calibrations"
+            );
+        }
+        tokio::select! {
+            () = ending.cancelled() => {}
+            () = tokio::time::sleep(LOOK_EVERY) => {}
+        }
+    }
+}
+
+fn metrics() -> RenderMetrics {
+    // Only the first daemon of a process records; a test may start a second one.
+    match PrometheusBuilder::new().install_recorder() {
+        Ok(handle) => Arc::new(move || {
+            handle.run_upkeep();
+            handle.render()
+        }),
+        Err(_) => Arc::new(String::new),
+    }
+}

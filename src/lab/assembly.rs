@@ -1,0 +1,158 @@
+//! From the settings of the daemon to a rig that the lab can own.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::{RigParts, RigSettings};
+use crate::bench::stage::NoFaults;
+use crate::bench::watched_folder::{WatchedFolder, WatchedFolderError, WatchedFolderSettings};
+use crate::clock::Clock;
+use crate::config::{CameraSection, Config};
+use crate::scan::plan::PlanDefaults;
+use crate::scan::runner::RunnerSettings;
+use crate::scan::visit::{CappedLimit, FrameRules, LookedAt};
+use crate::scan::{Rig, StageLink};
+use crate::series::{CameraFacts, Manifest};
+
+/// Why the settings name no rig that can be used.
+#[derive(Debug, thiserror::Error)]
+pub enum AssemblyError {
+    /// Stages without a camera.
+    #[error(
+        "the settings name a port but no camera: set camera.folder to the folder into which the camera's program \
+         writes frames (ridged.example.toml shows how)"
+    )]
+    NoCamera,
+    /// The camera's folder or program cannot be used.
+    #[error(transparent)]
+    Camera(#[from] WatchedFolderError),
+}
+
+/// Assembles the real rig of the settings; `None` if they name no port. Nothing is connected yet.
+///
+/// # Errors
+/// [`AssemblyError`] for a port without a camera, or a camera that cannot be used.
+pub fn real_rig(
+    config: &Config,
+    clock: &Arc<dyn Clock>,
+) -> Result<Option<RigParts>, AssemblyError> {
+    let Some(port) = config.port.clone() else {
+        return Ok(None);
+    };
+    let stage = config
+        .stage
+        .clone()
+        .expect("checked settings have a stage beside a port");
+    let folder = config.camera.folder.clone();
+    let camera = WatchedFolder::new(
+        WatchedFolderSettings {
+            folder: folder.ok_or(AssemblyError::NoCamera)?,
+            command: config.camera.command.clone(),
+            timeout_s: config.camera.timeout_s,
+            delete_read_frames: config.camera.delete_read_frames,
+        },
+        Arc::clone(clock),
+    )?;
+    let camera_facts = config.camera_facts();
+    let settings = RigSettings {
+        rig: config.rig_facts(),
+        flat: config.flat_facts(),
+        defaults: config.plan_defaults(),
+        runner: runner_settings(&camera_facts, config),
+        camera: camera_facts,
+        dark_valid: hours(config.dark.valid_h),
+        flat_valid: hours(config.flat.valid_h),
+        simulated: None,
+        label: String::new(),
+    };
+    let link = StageLink {
+        port,
+        settings: stage,
+        clock: Arc::clone(clock),
+        seam: Arc::new(NoFaults),
+    };
+    Ok(Some(RigParts {
+        rig: Rig::new(link, Box::new(camera)),
+        settings,
+    }))
+}
+
+impl RigSettings {
+    /// The settings of a simulated rig with this manifest, all else by default. `time_scale` is how many times faster
+    /// than real time it runs; `label` keeps its calibrations apart from those of other simulated rigs.
+    #[must_use]
+    pub fn of_simulation(manifest: Manifest, time_scale: f64, label: String) -> Self {
+        let config = Config::default();
+        let exposures_s = manifest.camera.exposures_s.clone();
+        RigSettings {
+            defaults: PlanDefaults {
+                flat_exposures_s: exposures_s.clone(),
+                exposures_s,
+                dark_repeats: config.dark.repeats,
+                flat_repeats: config.flat.repeats,
+            },
+            runner: runner_settings(&manifest.camera, &config),
+            rig: manifest.rig,
+            camera: manifest.camera,
+            flat: manifest
+                .flat
+                .expect("the simulated rig has a white reference"),
+            dark_valid: hours(config.dark.valid_h),
+            flat_valid: hours(config.flat.valid_h),
+            simulated: Some(time_scale),
+            label,
+        }
+    }
+
+    /// Applies what the settings state about scans, calibrations and the disk. Stages, geometry, camera and white
+    /// reference stay those of the rig.
+    pub fn apply(&mut self, config: &Config) {
+        let Config {
+            camera, flat, dark, ..
+        } = config;
+        self.runner = runner_settings(&self.camera, config);
+        self.dark_valid = hours(dark.valid_h);
+        self.flat_valid = hours(flat.valid_h);
+        self.defaults.dark_repeats = dark.repeats;
+        self.defaults.flat_repeats = flat.repeats;
+        // The default exposures are those of no camera in particular; the rig's own fit it better.
+        if camera.exposures_s != CameraSection::default().exposures_s {
+            self.defaults.exposures_s.clone_from(&camera.exposures_s);
+            self.defaults
+                .flat_exposures_s
+                .clone_from(&camera.exposures_s);
+        }
+        if let Some(exposures_s) = &flat.exposures_s {
+            self.defaults.flat_exposures_s.clone_from(exposures_s);
+        }
+    }
+}
+
+/// How a scan with this camera deals with faults.
+fn runner_settings(camera: &CameraFacts, config: &Config) -> RunnerSettings {
+    let pixels = u64::from(camera.width_px) * u64::from(camera.height_px);
+    RunnerSettings {
+        attempts_max: config.scan.attempts_max,
+        disk_reserve_bytes: config.store.reserve_mb * 1_000_000,
+        // Noise does not compress: two bytes per pixel, and PNG's own.
+        frame_bytes_max: pixels * 2 + pixels / 64 + 4096,
+        frame: FrameRules {
+            size_px: (camera.width_px, camera.height_px),
+            black_level_dn: camera.black_level_dn.unwrap_or(0.0),
+            read_noise_dn: camera.read_noise_electrons_rms.unwrap_or(2.0)
+                * camera.gain_dn_per_electron,
+            dark_sigmas: 10.0,
+            saturation_dn: camera.full_count(),
+            looked_at: LookedAt::default(),
+            capped: CappedLimit {
+                mean_dn_max: config.scan.capped_mean_dn_max,
+                dark_dn_per_s: config.camera.dark_current_electrons_per_s
+                    * config.camera.gain_dn_per_electron,
+            },
+        },
+    }
+}
+
+fn hours(hours: f64) -> Duration {
+    Duration::from_secs_f64(hours * 3600.0)
+}

@@ -1,0 +1,151 @@
+//! The simulated operator: puts samples on the table and the cap on the lens when a scan asks for it.
+
+use tokio::sync::mpsc;
+
+use super::camera::SampleHandle;
+use super::rig::SimulatedRig;
+use super::sample::SimulatedSample;
+use super::world::{OnTable, World};
+use crate::lab::{Lab, LabError};
+use crate::material::Material;
+use crate::model::{Surface, Variant};
+use crate::scan::runner::Order;
+use crate::scan::{Event, OperatorAction};
+use crate::store::samples::{NewSample, SimulatedSurface};
+
+/// Name of the path-traced sample that a fresh store gets beside a simulated rig.
+pub const TRACED_SAMPLE: &str = "traced polymer";
+const MODEL_SAMPLE: &str = "model 15°";
+
+const POLYMER: Material = Material::Dielectric {
+    eta: 1.54,
+    eta_std: 0.005,
+};
+
+impl SimulatedRig {
+    /// Adds to a store without samples the two that the simulated rig can show at once.
+    ///
+    /// # Errors
+    /// What the lab says.
+    pub async fn add_samples(&self, lab: &Lab) -> Result<(), LabError> {
+        if lab.store().newest_sample(None, |_| true).await?.is_some() {
+            return Ok(());
+        }
+        let model = SimulatedSurface::Model {
+            theta_r_deg: 15.0,
+            alpha_u: 0.10,
+            alpha_v: 0.10,
+            rho_d: 0.30,
+        };
+        for (name, surface) in [
+            (MODEL_SAMPLE, model),
+            (TRACED_SAMPLE, SimulatedSurface::Traced),
+        ] {
+            lab.add_sample(&NewSample {
+                name: name.into(),
+                material: POLYMER,
+                note: None,
+                simulated: Some(surface),
+            })
+            .await?;
+        }
+        Ok(())
+    }
+
+    /// Starts the operator: whenever a scan waits, it does at once, in the world, what the scan asks for. With
+    /// `and_continue` it also confirms the step; otherwise the scan waits for a person's confirmation.
+    pub fn operate(&self, lab: &Lab, and_continue: bool) -> tokio::task::JoinHandle<()> {
+        let world = std::sync::Arc::clone(&self.world);
+        let on_table = self.on_table.clone();
+        let lab = lab.clone();
+        tokio::spawn(async move {
+            let mut steps = watch_scan_steps(&lab);
+            while let Some((scan_id, action)) = steps.recv().await {
+                act(&lab, &world, &on_table, scan_id, action).await;
+                if and_continue {
+                    let continued = lab.order(scan_id, Order::Continue).await;
+                    if let Err(error) = continued {
+                        tracing::debug!(scan_id, %error, "nothing to continue: {error}");
+                    }
+                }
+            }
+        })
+    }
+}
+
+/// Sends each step at which a scan waits for the operator.
+fn watch_scan_steps(lab: &Lab) -> mpsc::Receiver<(i64, OperatorAction)> {
+    let (sender, receiver) = mpsc::channel(16);
+    let mut events = lab.events();
+    tokio::spawn(async move {
+        loop {
+            match events.recv().await {
+                Ok(event) => {
+                    if let Event::Scan {
+                        scan_id,
+                        operator: Some(action),
+                        ..
+                    } = event.event
+                        && sender.send((scan_id, action)).await.is_err()
+                    {
+                        return;
+                    }
+                }
+                Err(tokio::sync::broadcast::error::RecvError::Lagged(_)) => {}
+                Err(tokio::sync::broadcast::error::RecvError::Closed) => return,
+            }
+        }
+    });
+    receiver
+}
+
+async fn act(
+    lab: &Lab,
+    world: &World,
+    on_table: &SampleHandle,
+    scan_id: i64,
+    action: OperatorAction,
+) {
+    match action {
+        OperatorAction::CapLens => world.cap_lens(true),
+        OperatorAction::PlaceWhiteReference => {
+            world.cap_lens(false);
+            world.place(OnTable::WhiteReference);
+        }
+        OperatorAction::PlaceSample => {
+            let sample = async {
+                let scan = lab.store().scan(scan_id).await?;
+                lab.store().sample(scan.sample_id).await
+            };
+            match sample.await {
+                Ok(sample) => on_table.set(painted(sample.simulated, sample.material)),
+                Err(error) => tracing::warn!(%error, "the sample is not known: {error}"),
+            }
+            world.cap_lens(false);
+            world.place(OnTable::Sample);
+        }
+    }
+}
+
+/// Returns the sample of the store as the simulated camera sees it.
+fn painted(surface: Option<SimulatedSurface>, material: Material) -> SimulatedSample {
+    match surface {
+        None | Some(SimulatedSurface::Traced) => SimulatedSample::polymer_10(),
+        Some(SimulatedSurface::Model {
+            theta_r_deg,
+            alpha_u,
+            alpha_v,
+            rho_d,
+        }) => SimulatedSample::Model {
+            variant: Variant::Sawtooth,
+            surface: Surface {
+                theta_r: theta_r_deg.to_radians(),
+                alpha_u,
+                alpha_v,
+                rho_d,
+                amplitude: 1.0,
+            },
+            material,
+        },
+    }
+}
