@@ -5,25 +5,20 @@
 //! queueing them. Otherwise it accepts a request, if necessary a moment later, once the stages are connected, a target is
 //! checked or the rig is returned.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
 
 use futures::future::BoxFuture;
 use serde_json::json;
 use tokio::sync::{mpsc, oneshot, watch};
 
-use super::event_sink::{EventSink, FirstState};
-use super::recorder::LabRecorder;
-use super::{Holder, LabError, Occupation, RigParts, RigSettings, RigSide, along, publish};
+use super::event_sink::EventSink;
+use super::scan_run::{RigContext, ScanWork};
+use super::{Holder, LabError, Occupation, RigParts, RigSide};
 use crate::bench::stage::{AxisName, Stage, StageError};
-use crate::frame::Frame;
-use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
-use crate::scan::runner::{self, Job, OrderSlip};
-use crate::scan::{Event, Plan, Reach, Rig, TravelLimits};
+use crate::scan::{Event, Reach, Rig};
 use crate::store::StoreError;
-use crate::store::scans::{NewScan, Scan};
 use crate::units::Angle;
 
 /// Work for the owner.
@@ -58,29 +53,6 @@ impl Work {
     fn is_of_one_axis(&self) -> bool {
         matches!(self, Work::Move { .. } | Work::Home { .. })
     }
-}
-
-/// A scan to run.
-pub(super) struct ScanWork {
-    pub row: ScanRow,
-    pub plan: Plan,
-    /// Points that are already durable.
-    pub done: BTreeSet<u32>,
-    /// The saturated points of the sample among them.
-    pub full: BTreeSet<u32>,
-    /// Time spent on them.
-    pub elapsed_s: f64,
-    /// Gets the scan's first state.
-    pub first_state: Option<FirstState>,
-}
-
-/// The row of a scan.
-pub(super) enum ScanRow {
-    /// A new scan: only the owner of the rig adds its row. Sends the new row, or the reason it could not be written, to
-    /// the caller.
-    New(Box<NewScan>, oneshot::Sender<Result<Scan, StoreError>>),
-    /// The row of an interrupted scan.
-    Kept(i64),
 }
 
 /// Work and its reply, which is sent when the work starts, not when it is done.
@@ -121,10 +93,12 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
     };
     let owner = Owner {
         reach: rig.reach().clone(),
-        rig_id: id,
-        settings,
-        occupation: Arc::new(occupation),
-        sink,
+        context: RigContext {
+            rig_id: id,
+            settings,
+            occupation: Arc::new(occupation),
+            sink,
+        },
     };
     let task = tokio::spawn(owner.run(rig, inbox));
     *side.owner.lock().expect("no holder of this lock panics") = Some(task);
@@ -147,10 +121,7 @@ struct Motion {
 
 #[derive(Clone)]
 struct Owner {
-    rig_id: i64,
-    settings: RigSettings,
-    occupation: Arc<watch::Sender<Occupation>>,
-    sink: EventSink,
+    context: RigContext,
     reach: Reach,
 }
 
@@ -160,7 +131,7 @@ impl Owner {
         let mut current: Option<BoxFuture<'static, Done>> = None;
         let mut motion: Option<Motion> = None;
         let mut waiting: VecDeque<Request> = VecDeque::new();
-        let mut occupied = self.occupation.subscribe();
+        let mut occupied = self.context.occupation.subscribe();
         loop {
             let next = match free.is_some() {
                 true => waiting.pop_front(),
@@ -215,7 +186,9 @@ impl Owner {
                     motion = of_one_axis.then_some(Motion { asked_after });
                     current = Some(Box::pin(self.clone().work(rig, request)));
                 }
-                None if self.is_taken(&self.occupation.borrow(), motion) => self.refuse(request),
+                None if self.is_taken(&self.context.occupation.borrow(), motion) => {
+                    self.refuse(request)
+                }
                 None => waiting.push_back(request),
             }
         }
@@ -234,7 +207,7 @@ impl Owner {
 
     /// The caller reads a scan's state from the store, so that the owner does not wait for the database.
     fn held_by(&self) -> Holder {
-        let occupation = self.occupation.borrow();
+        let occupation = self.context.occupation.borrow();
         match (occupation.scan_id, occupation.activity) {
             (Some(scan_id), _) => Holder::Scan {
                 scan_id,
@@ -244,17 +217,6 @@ impl Owner {
             (None, Some(RigActivity::Scanning)) => Holder::Beginning,
             (None, _) => Holder::Moving,
         }
-    }
-
-    fn occupy(&self, activity: Option<RigActivity>, scan_id: Option<i64>) {
-        self.occupation.send_modify(|now| {
-            now.activity = activity;
-            now.scan_id = scan_id;
-            now.failure = None;
-            if scan_id.is_none() {
-                now.orders = None;
-            }
-        });
     }
 
     /// Does one piece of work and returns the rig.
@@ -306,7 +268,7 @@ impl Owner {
                     reply.send(Err(error.into())).ok();
                     return rig;
                 }
-                self.occupy(Some(RigActivity::Moving), None);
+                self.context.occupy(Some(RigActivity::Moving), None);
                 reply.send(Ok(())).ok();
                 self.report_axis(RigActivity::Moving, axis, AxisEvent::to(target))
                     .await;
@@ -315,7 +277,7 @@ impl Owner {
                 self.settled(&mut rig, &stage, moved).await;
             }
             Work::Home { axis } => {
-                self.occupy(Some(RigActivity::Homing), None);
+                self.context.occupy(Some(RigActivity::Homing), None);
                 reply.send(Ok(())).ok();
                 self.report_axis(RigActivity::Homing, axis, AxisEvent::UNKNOWN)
                     .await;
@@ -329,7 +291,7 @@ impl Owner {
             Work::Scan(work) => {
                 // Held during a scan it would keep open a port that the scan may have to reopen.
                 drop(stage);
-                self.scan(&mut rig, *work, reply).await;
+                self.context.run_scan(&mut rig, *work, reply).await;
             }
         }
         rig
@@ -357,7 +319,9 @@ impl Owner {
             .as_ref()
             .err()
             .map(|e: &StageError| (crate::scan::visit::stage_code(e).to_owned(), e.to_string()));
-        self.occupation.send_modify(|now| now.problem = problem);
+        self.context
+            .occupation
+            .send_modify(|now| now.problem = problem);
         connected
     }
 
@@ -404,14 +368,15 @@ impl Owner {
             .err()
             .map(|e| (crate::scan::visit::stage_code(e).to_owned(), e.to_string()));
         // At once, so that a client that sees the rig idle also sees the failure, and gets the rig as soon as it is back.
-        self.occupation.send_modify(|now| {
+        self.context.occupation.send_modify(|now| {
             now.activity = None;
             now.failure = failure;
         });
         if let Err(error) = &outcome {
             rig.let_go_if_lost(error);
             if !matches!(error, StageError::Stopped) {
-                self.sink
+                self.context
+                    .sink
                     .record(Event::Alarm {
                         code: crate::scan::visit::stage_code(error).into(),
                         message: error.to_string(),
@@ -426,7 +391,7 @@ impl Owner {
             theta_c: at(status.as_ref().map(|s| s.theta_c.position)),
             phi_s: at(status.as_ref().map(|s| s.phi_s.position)),
         };
-        self.sink.record(event).await;
+        self.context.sink.record(event).await;
     }
 
     async fn report_axis(&self, activity: RigActivity, axis: AxisName, event: AxisEvent) {
@@ -439,128 +404,7 @@ impl Owner {
             theta_c,
             phi_s,
         };
-        self.sink.record(event).await;
-    }
-
-    async fn scan(
-        &self,
-        rig: &mut Rig,
-        work: ScanWork,
-        reply: oneshot::Sender<Result<(), LabError>>,
-    ) {
-        self.occupy(Some(RigActivity::Scanning), None);
-        let scan_id = match work.row {
-            ScanRow::Kept(scan_id) => scan_id,
-            ScanRow::New(new, reply_row) => match self.sink.store.add_scan(&new).await {
-                Ok((scan, event)) => {
-                    publish(&self.sink.events, event);
-                    let scan_id = scan.id;
-                    reply_row.send(Ok(scan)).ok();
-                    scan_id
-                }
-                Err(error) => {
-                    self.occupy(None, None);
-                    reply_row.send(Err(error)).ok();
-                    reply.send(Ok(())).ok();
-                    return;
-                }
-            },
-        };
-        let (book, mut orders) = mpsc::channel::<OrderSlip>(16);
-        self.occupation.send_modify(|now| {
-            now.scan_id = Some(scan_id);
-            now.orders = Some(book);
-        });
-        reply.send(Ok(())).ok();
-        let stage = rig.connect().await.ok();
-        let start = match &stage {
-            Some(stage) => stage.status().await.map(|status| status.pose()).ok(),
-            None => None,
-        };
-        let start = start.unwrap_or(Pose::from_deg(0.0, 0.0));
-        let (stages, plan) = (rig.link().settings.clone(), work.plan.clone());
-        // Ordering a large plan takes seconds.
-        let in_order = move || {
-            let move_time = |from, to| match &stage {
-                Some(stage) => stage.predicted_move(from, to),
-                None => stages.predicted_move(from, to),
-            };
-            let limits = TravelLimits {
-                theta_c: (stages.theta_c.limit_min, stages.theta_c.limit_max),
-                phi_s: (stages.phi_s.limit_min, stages.phi_s.limit_max),
-            };
-            plan.steps(&limits, start, &move_time)
-        };
-        let steps = tokio::task::spawn_blocking(in_order)
-            .await
-            .expect("putting poses in order does not panic");
-        let mut recorder = LabRecorder {
-            sink: self.sink.clone(),
-            scan_id,
-            rig_id: self.rig_id,
-            saturation_dn: self.settings.camera.full_count(),
-            plan: work.plan,
-            first_state: work.first_state,
-            occupation: Arc::clone(&self.occupation),
-        };
-        let last_frames = match work.done.is_empty() {
-            true => Vec::new(),
-            false => self.last_frames(scan_id).await,
-        };
-        let job = Job {
-            steps,
-            done: work.done,
-            full: work.full,
-            last_frames,
-            elapsed_s: work.elapsed_s,
-            settings: self.settings.runner.clone(),
-            clock: Arc::clone(&self.sink.clock),
-        };
-        let along = along::begin(&self.sink, scan_id);
-        let end = runner::run(job, rig, &mut recorder, &mut orders).await;
-        drop(along);
-        match end {
-            Ok(end) => self.sink.ends.send_modify(|ends| {
-                ends.insert(scan_id, end);
-            }),
-            Err(error) => {
-                tracing::error!(scan_id, %error, "scan {scan_id} can no longer be recorded: {error}");
-                // The runner may have ended during a move; a stop that does not arrive is in the log.
-                rig.reach().stop_what_may_move().await.ok();
-                self.sink
-                    .unrecorded
-                    .all()
-                    .insert(scan_id, error.to_string());
-                tokio::spawn(interrupt_when_possible(self.sink.clone(), scan_id));
-            }
-        }
-        self.occupy(None, None);
-    }
-
-    /// Returns the newest accepted frames of a scan; none if they cannot be read, which the scan's end will report.
-    async fn last_frames(&self, scan_id: i64) -> Vec<Frame> {
-        const ENOUGH: usize = 8;
-        let store = self.sink.store.clone();
-        let Ok(records) = store.frames_for_reduction(scan_id).await else {
-            return Vec::new();
-        };
-        let own = records.into_iter().filter(move |r| r.scan_id == scan_id);
-        let newest: Vec<String> = own.map(|r| r.sha256).rev().take(ENOUGH).collect();
-        let read = move || -> Vec<Frame> {
-            let frames = newest.iter().filter_map(|sha256| {
-                let png = store.read_png(sha256).ok()?;
-                Frame::from_png(&png).ok()
-            });
-            frames.collect()
-        };
-        tokio::task::spawn_blocking(read).await.unwrap_or_default()
-    }
-}
-
-/// Marks a scan whose state could not be written as interrupted as soon as the store accepts it.
-async fn interrupt_when_possible(sink: EventSink, scan_id: i64) {
-    while sink.record_end_of(scan_id).await.is_err() && !sink.store.is_closed() {
-        sink.clock.sleep(Duration::from_secs(5)).await;
+        self.context.sink.record(event).await;
     }
 }
 

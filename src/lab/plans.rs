@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 use tokio::sync::oneshot;
 
-use super::bench::{ScanRow, ScanWork, Work};
+use super::bench::Work;
+use super::scan_run::{ScanRow, ScanWork};
 use super::tasks::{blocking, to_the_end};
 use super::{Lab, LabError};
 use crate::frame::FrameKind;

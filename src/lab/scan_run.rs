@@ -1,0 +1,186 @@
+//! Runs one scan on the rig, from its row to its end, with the live fit beside it.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::{mpsc, oneshot, watch};
+
+use super::event_sink::{EventSink, FirstState};
+use super::recorder::LabRecorder;
+use super::{LabError, Occupation, RigSettings, along, publish};
+use crate::frame::Frame;
+use crate::geometry::Pose;
+use crate::scan::event::RigActivity;
+use crate::scan::runner::{self, Job, OrderSlip};
+use crate::scan::{Plan, Rig, TravelLimits};
+use crate::store::StoreError;
+use crate::store::scans::{NewScan, Scan};
+
+/// A scan to run.
+pub(super) struct ScanWork {
+    pub row: ScanRow,
+    pub plan: Plan,
+    /// Points that are already durable.
+    pub done: BTreeSet<u32>,
+    /// The saturated points of the sample among them.
+    pub full: BTreeSet<u32>,
+    /// Time spent on them.
+    pub elapsed_s: f64,
+    /// Gets the scan's first state.
+    pub first_state: Option<FirstState>,
+}
+
+/// The row of a scan.
+pub(super) enum ScanRow {
+    /// A new scan: only the owner of the rig adds its row. Sends the new row, or the reason it could not be written, to
+    /// the caller.
+    New(Box<NewScan>, oneshot::Sender<Result<Scan, StoreError>>),
+    /// The row of an interrupted scan.
+    Kept(i64),
+}
+
+/// What the owner of the rig and a scan run share.
+#[derive(Clone)]
+pub(super) struct RigContext {
+    pub rig_id: i64,
+    pub settings: RigSettings,
+    pub occupation: Arc<watch::Sender<Occupation>>,
+    pub sink: EventSink,
+}
+
+impl RigContext {
+    /// Publishes what the rig is doing.
+    pub(super) fn occupy(&self, activity: Option<RigActivity>, scan_id: Option<i64>) {
+        self.occupation.send_modify(|now| {
+            now.activity = activity;
+            now.scan_id = scan_id;
+            now.failure = None;
+            if scan_id.is_none() {
+                now.orders = None;
+            }
+        });
+    }
+
+    /// Runs a scan on the rig until it ends, and records its end.
+    pub(super) async fn run_scan(
+        &self,
+        rig: &mut Rig,
+        work: ScanWork,
+        reply: oneshot::Sender<Result<(), LabError>>,
+    ) {
+        self.occupy(Some(RigActivity::Scanning), None);
+        let scan_id = match work.row {
+            ScanRow::Kept(scan_id) => scan_id,
+            ScanRow::New(new, reply_row) => match self.sink.store.add_scan(&new).await {
+                Ok((scan, event)) => {
+                    publish(&self.sink.events, event);
+                    let scan_id = scan.id;
+                    reply_row.send(Ok(scan)).ok();
+                    scan_id
+                }
+                Err(error) => {
+                    self.occupy(None, None);
+                    reply_row.send(Err(error)).ok();
+                    reply.send(Ok(())).ok();
+                    return;
+                }
+            },
+        };
+        let (book, mut orders) = mpsc::channel::<OrderSlip>(16);
+        self.occupation.send_modify(|now| {
+            now.scan_id = Some(scan_id);
+            now.orders = Some(book);
+        });
+        reply.send(Ok(())).ok();
+        let stage = rig.connect().await.ok();
+        let start = match &stage {
+            Some(stage) => stage.status().await.map(|status| status.pose()).ok(),
+            None => None,
+        };
+        let start = start.unwrap_or(Pose::from_deg(0.0, 0.0));
+        let (stages, plan) = (rig.link().settings.clone(), work.plan.clone());
+        // Ordering a large plan takes seconds.
+        let in_order = move || {
+            let move_time = |from, to| match &stage {
+                Some(stage) => stage.predicted_move(from, to),
+                None => stages.predicted_move(from, to),
+            };
+            let limits = TravelLimits {
+                theta_c: (stages.theta_c.limit_min, stages.theta_c.limit_max),
+                phi_s: (stages.phi_s.limit_min, stages.phi_s.limit_max),
+            };
+            plan.steps(&limits, start, &move_time)
+        };
+        let steps = tokio::task::spawn_blocking(in_order)
+            .await
+            .expect("ordering poses does not panic");
+        let mut recorder = LabRecorder {
+            sink: self.sink.clone(),
+            scan_id,
+            rig_id: self.rig_id,
+            saturation_dn: self.settings.camera.full_count(),
+            plan: work.plan,
+            first_state: work.first_state,
+            occupation: Arc::clone(&self.occupation),
+        };
+        let last_frames = match work.done.is_empty() {
+            true => Vec::new(),
+            false => self.last_frames(scan_id).await,
+        };
+        let job = Job {
+            steps,
+            done: work.done,
+            full: work.full,
+            last_frames,
+            elapsed_s: work.elapsed_s,
+            settings: self.settings.runner.clone(),
+            clock: Arc::clone(&self.sink.clock),
+        };
+        let along = along::begin(&self.sink, scan_id);
+        let end = runner::run(job, rig, &mut recorder, &mut orders).await;
+        drop(along);
+        match end {
+            Ok(end) => self.sink.ends.send_modify(|ends| {
+                ends.insert(scan_id, end);
+            }),
+            Err(error) => {
+                tracing::error!(scan_id, %error, "scan {scan_id} can no longer be recorded: {error}");
+                // The runner may have ended during a move; a stop that does not arrive is in the log.
+                rig.reach().stop_what_may_move().await.ok();
+                self.sink
+                    .unrecorded
+                    .all()
+                    .insert(scan_id, error.to_string());
+                tokio::spawn(interrupt_when_possible(self.sink.clone(), scan_id));
+            }
+        }
+        self.occupy(None, None);
+    }
+
+    /// Returns the newest accepted frames of a scan; none if they cannot be read, which the scan's end will report.
+    async fn last_frames(&self, scan_id: i64) -> Vec<Frame> {
+        const ENOUGH: usize = 8;
+        let store = self.sink.store.clone();
+        let Ok(records) = store.frames_for_reduction(scan_id).await else {
+            return Vec::new();
+        };
+        let own = records.into_iter().filter(move |r| r.scan_id == scan_id);
+        let newest: Vec<String> = own.map(|r| r.sha256).rev().take(ENOUGH).collect();
+        let read = move || -> Vec<Frame> {
+            let frames = newest.iter().filter_map(|sha256| {
+                let png = store.read_png(sha256).ok()?;
+                Frame::from_png(&png).ok()
+            });
+            frames.collect()
+        };
+        tokio::task::spawn_blocking(read).await.unwrap_or_default()
+    }
+}
+
+/// Marks a scan whose state could not be written as interrupted as soon as the store accepts it.
+async fn interrupt_when_possible(sink: EventSink, scan_id: i64) {
+    while sink.record_end_of(scan_id).await.is_err() && !sink.store.is_closed() {
+        sink.clock.sleep(Duration::from_secs(5)).await;
+    }
+}
