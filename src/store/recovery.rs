@@ -203,8 +203,8 @@ mod tests {
             ScanState::Interrupted
         );
         store.read_png(&committed).unwrap();
-        let told = store.events_after(0, 100).await.unwrap();
-        assert_eq!(told.last(), found.events.last());
+        let events = store.events_after(0, 100).await.unwrap();
+        assert_eq!(events.last(), found.events.last());
     }
 
     #[tokio::test]

@@ -413,7 +413,7 @@ pub(crate) mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (store, _) = open(folder.path()).await.unwrap();
         let scan = planned(&store).await;
-        let told = store.last_event_id().await.unwrap();
+        let last = store.last_event_id().await.unwrap();
         let refused = store
             .change_state(
                 scan.id,
@@ -424,7 +424,7 @@ pub(crate) mod tests {
             )
             .await;
         assert!(matches!(refused, Err(StoreError::StateConflict { .. })));
-        assert_eq!(store.last_event_id().await.unwrap(), told);
+        assert_eq!(store.last_event_id().await.unwrap(), last);
         assert_eq!(store.scan(scan.id).await.unwrap().state, ScanState::Planned);
     }
 

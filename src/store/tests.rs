@@ -182,24 +182,24 @@ async fn a_writer_whose_commits_are_invisible_is_reported_and_replaced() {
         done.unwrap();
     }
     // The writer counts as busy until the pool has it back.
-    let mut told = store.check_commits().await;
+    let mut check = store.check_commits().await;
     for _ in 0..1000 {
-        if told.is_err() {
+        if check.is_err() {
             break;
         }
         tokio::task::yield_now().await;
-        told = store.check_commits().await;
+        check = store.check_commits().await;
     }
-    let told = told.unwrap_err();
+    let check = check.unwrap_err();
     assert!(
         matches!(
-            told,
+            check,
             StoreError::NotKept {
                 kept: 1,
                 written: 2
             }
         ),
-        "{told}"
+        "{check}"
     );
     store.check_commits().await.unwrap();
     let event = store.record(alarm("kept")).await.unwrap();

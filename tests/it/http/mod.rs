@@ -1,8 +1,8 @@
 //! The HTTP interface, called directly: one room per topic, and here how each of them asks.
 
-mod calculations;
 mod calibrations;
 pub(crate) mod document;
+mod jobs;
 mod old_folder;
 mod refusals;
 mod samples;

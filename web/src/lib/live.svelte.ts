@@ -28,7 +28,7 @@ const RIG_EVENT_MS = 200;
 /** Frames that come faster than this are shown together: a fast rig is not to hold up the buttons. */
 const FRAMES_MS = 250;
 const RECONNECT_MS_MAX = 8000;
-/** So many running fits are asked how far they are; of the others their events tell. */
+/** Largest number of running fits whose progress is polled; events report the ends of the others. */
 const POLLED_MAX = 6;
 
 export interface Notice {
@@ -249,8 +249,8 @@ class Live {
       if (!this.freshCertainties.some((c) => c.id === row.id)) this.freshCertainties = [...this.freshCertainties, row].slice(-2000);
     });
     on('calculation', () => (this.jobsChanged += 1));
-    on<{ of: string; number: number }>('forecast', (told) => {
-      if (told.of === 'fit') void this.reloadFit(told.number).catch(() => undefined);
+    on<{ of: string; number: number }>('forecast', (forecast) => {
+      if (forecast.of === 'fit') void this.reloadFit(forecast.number).catch(() => undefined);
       else this.jobsChanged += 1;
     });
     on<Alarm>('alarm', (alarm) => {

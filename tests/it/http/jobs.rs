@@ -1,4 +1,4 @@
-//! What is calculated of a scan: contrasts, verdicts and maps; and what was measured of accuracy.
+//! Jobs of a scan: contrasts, verdicts, maps and fits; and the results of `ridged accuracy`.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -7,7 +7,7 @@ use serde_json::json;
 use super::{costs, ended, forecasts, get, imported, is_problem, opened, post};
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_scan_is_compared_and_judged() {
+async fn a_scan_has_a_contrast_and_is_judged_against_a_specification() {
     let (bench, router) = opened().await;
     imported(&router).await;
 
@@ -59,7 +59,7 @@ async fn a_scan_is_compared_and_judged() {
     );
     // Each kind has its own numbers.
     is_problem(&get(&router, "/api/v1/contrasts/2").await, 404, "not-found");
-    // What was told before each started is told to everybody.
+    // An event has the forecast of each before it starts.
     let told = forecasts(&bench).await;
     let told: Vec<(&str, i64)> = told.iter().map(|(of, n)| (of.as_str(), *n)).collect();
     assert_eq!(
@@ -75,7 +75,7 @@ async fn a_scan_is_compared_and_judged() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_map_says_how_far_it_is_and_can_be_cancelled() {
+async fn a_map_reports_its_progress_and_can_be_cancelled() {
     let (bench, router) = opened().await;
     imported(&router).await;
     let begun = post(&router, "/api/v1/maps", r#"{"scan_id": 1}"#).await;
@@ -114,7 +114,7 @@ async fn a_map_says_how_far_it_is_and_can_be_cancelled() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_was_measured_of_accuracy_is_served_as_it_was_written() {
+async fn results_of_accuracy_are_served_as_they_were_written() {
     let (bench, router) = opened().await;
     let missing = get(&router, "/api/v1/accuracy").await;
     is_problem(&missing, 404, "not-found");
@@ -133,7 +133,7 @@ async fn what_was_measured_of_accuracy_is_served_as_it_was_written() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_fit_takes_the_samples_own_shape() {
+async fn a_fit_traces_on_a_measured_shape() {
     let (bench, router) = opened().await;
     imported(&router).await;
     // A sawtooth of 10° with a corner cut, one period across the ridges.
@@ -165,7 +165,7 @@ async fn a_fit_takes_the_samples_own_shape() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_fit_takes_what_the_command_takes_and_says_what_was_asked() {
+async fn a_fit_accepts_the_options_of_the_command_and_returns_its_request() {
     let (bench, router) = opened().await;
     imported(&router).await;
     let request = json!({
