@@ -35,6 +35,7 @@ mod series;
 mod single_flight;
 mod tasks;
 mod telemetry;
+mod trace_result;
 mod traces;
 mod uploads;
 mod verdicts;

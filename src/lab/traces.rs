@@ -17,18 +17,13 @@ use super::job_progress::ProgressMeter;
 use super::job_work::{Finished, Work};
 use super::request_checks::{invalid, positive};
 use super::tasks::blocking;
+use super::trace_result::{self, Bins, Comparison, Light, TraceResult};
 use super::uploads::Content;
 use crate::accuracy::trace_forecast::{Asked, Patience, of_runs};
 use crate::clock::elapsed_s;
 use crate::forecast::Forecast;
-use crate::model::polarisation::Stokes;
 use crate::store::StoreError;
-use crate::trace::bins;
-use crate::trace::compare::{
-    Difference, Direction, LobePoint, Mask, Summary, WAVELENGTHS_NM, lobe,
-};
-use crate::trace::ellipsometer::{Point, SETTINGS, Setting, curve_of};
-use crate::trace::height_field::Side;
+use crate::trace::compare::{Difference, Mask, WAVELENGTHS_NM};
 use crate::trace::report::Report;
 use crate::trace::run::{Ending, Follow, Progress, trace_following};
 use crate::trace::scene::{Prepared, Scene, SceneError, Shapes};
@@ -75,69 +70,6 @@ pub(super) struct TraceWork {
     scene: Scene,
     shapes: Shapes,
     prepared: Prepared,
-}
-
-/// The result of a trace.
-#[derive(Debug, Serialize)]
-struct TraceResult {
-    #[serde(flatten)]
-    report: Report,
-    light: Light,
-    bins: Bins,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    comparison: Option<Comparison>,
-    files: Vec<String>,
-    warnings: Vec<String>,
-}
-
-/// The lamp.
-#[derive(Debug, Serialize)]
-struct Light {
-    theta_i_deg: f64,
-    phi_i_deg: f64,
-    wavelength_nm: f64,
-    /// Normalised to intensity 1.
-    stokes: [f64; 4],
-}
-
-/// The layout of `bins.f32`.
-#[derive(Debug, Serialize)]
-struct Bins {
-    n_theta: usize,
-    n_phi: usize,
-    sides: Vec<&'static str>,
-    numbers: Vec<String>,
-}
-
-/// Differences between polarised and scalar light.
-#[derive(Debug, Serialize)]
-struct Comparison {
-    wavelengths_nm: Vec<f64>,
-    mask: Mask,
-    adm: Option<Summary>,
-    mdm: Option<Summary>,
-    worst: Option<Direction>,
-    directions: usize,
-    too_dark: usize,
-    not_settled: usize,
-}
-
-/// A state of the lamp's light.
-#[derive(Debug, Serialize)]
-struct State {
-    name: &'static str,
-    stokes: [f64; 4],
-}
-
-/// The file `plane.json`.
-#[derive(Debug, Serialize)]
-struct Plane {
-    /// States of the lamp, the scene's first, in the order of each point's readings.
-    states: Vec<State>,
-    /// Settings of the camera's columns.
-    settings: [Setting; 6],
-    points: Option<Vec<Point>>,
-    lobe: Option<Vec<LobePoint>>,
 }
 
 impl TraceRequest {
@@ -318,11 +250,6 @@ impl TraceWork {
         matches!((self.request.target_error, error), (Some(target), Some(error)) if error <= target)
     }
 
-    fn lamp(&self) -> [f64; 4] {
-        let [i, q, u, v] = self.scene.light.stokes;
-        [1.0, q / i, u / i, v / i]
-    }
-
     fn warnings(&self, report: &Report, started: Instant) -> Vec<String> {
         let mut warnings = Vec::new();
         let late = |limit: f64| started.elapsed().as_secs_f64() >= limit;
@@ -355,53 +282,24 @@ impl TraceWork {
         &self,
         folder: &Path,
         totals: &Totals,
+        light: &Light,
         difference: Option<&Difference>,
     ) -> Result<Vec<String>, Failure> {
-        let phi_i_deg = self.scene.light.phi_i_deg;
-        let own = ("scene", Stokes::from(self.lamp()));
-        let states: Vec<(&str, Stokes)> = std::iter::once(own)
-            .chain(SETTINGS.iter().map(|s| (s.name, s.lamp())))
-            .collect();
-        let plane = Plane {
-            settings: SETTINGS,
-            points: curve_of(totals, phi_i_deg, &states),
-            states: states
-                .iter()
-                .map(|(name, stokes)| State {
-                    name,
-                    stokes: (*stokes).into(),
-                })
-                .collect(),
-            lobe: lobe(totals, phi_i_deg),
-        };
-        let plane = serde_json::to_vec(&plane).map_err(Failure::not_json)?;
-        let table = bins::csv(totals, &self.lamp(), "", |_, _| String::new());
-        let mut files = vec![
-            ("bins.csv", table.into_bytes()),
-            ("bins.f32", bins::float32(totals)),
-            ("plane.json", plane),
-        ];
-        files.extend(difference.map(|d| ("difference.f32", block_of(d))));
+        let files = trace_result::files(totals, light, difference).map_err(Failure::not_json)?;
         let given = self.request.files.iter();
-        let given: Vec<(String, &[u8])> = given
-            .map(|(name, content)| (format!("{GIVEN}{name}"), content.0.as_slice()))
-            .collect();
-        let files: Vec<(&str, &[u8])> = files
+        let given = given.map(|(name, content)| (format!("{GIVEN}{name}"), &content.0));
+        let made = files
             .iter()
-            .map(|(name, content)| (*name, content.as_slice()))
-            .chain(
-                given
-                    .iter()
-                    .map(|(name, content)| (name.as_str(), *content)),
-            )
-            .collect();
-        for (name, content) in &files {
-            let path = folder.join(name);
+            .map(|(name, content)| ((*name).to_owned(), content));
+        let mut names = Vec::new();
+        for (name, content) in made.chain(given) {
+            let path = folder.join(&name);
             std::fs::write(&path, content).map_err(|e| {
                 Failure::because("trace-not-written", StoreError::file("a trace", &path, e))
             })?;
+            names.push(name);
         }
-        Ok(files.iter().map(|(name, _)| (*name).to_owned()).collect())
+        Ok(names)
     }
 }
 
@@ -481,7 +379,8 @@ impl Work for TraceWork {
             Difference::of(compared, &Mask::default())
         });
         let difference = difference.flatten();
-        let files = self.write(folder, own, difference.as_ref())?;
+        let light = Light::of(&self.scene);
+        let files = self.write(folder, own, &light, difference.as_ref())?;
         let mut warnings = self.warnings(&report, started);
         if traced.len() < wavelengths.len() {
             let missing = wavelengths.iter().filter(|w| !traced.contains(w));
@@ -491,62 +390,17 @@ impl Work for TraceWork {
                 missing.join(", ")
             ));
         }
-        let result = TraceResult {
-            light: Light {
-                theta_i_deg: self.scene.light.theta_i_deg,
-                phi_i_deg: self.scene.light.phi_i_deg,
-                wavelength_nm: self.scene.light.wavelength_nm,
-                stokes: self.lamp(),
-            },
-            bins: bins_of(own),
-            comparison: difference.map(|d| Comparison {
-                wavelengths_nm: match &traced[..] {
-                    [_, others @ ..] if !others.is_empty() => others.to_vec(),
-                    one => one.to_vec(),
-                },
-                mask: Mask::default(),
-                adm: d.adm(),
-                mdm: d.mdm(),
-                worst: d.worst().copied(),
-                directions: d.directions.len(),
-                too_dark: d.too_dark,
-                not_settled: d.not_settled,
-            }),
+        let compared_nm = match &traced[..] {
+            [_, others @ ..] if !others.is_empty() => others.to_vec(),
+            one => one.to_vec(),
+        };
+        Finished::new(&TraceResult {
+            light,
+            bins: Bins::of(own),
+            comparison: difference.map(|d| Comparison::of(&d, compared_nm)),
             files,
             warnings,
             report,
-        };
-        Finished::new(&result)
+        })
     }
-}
-
-fn bins_of(totals: &Totals) -> Bins {
-    let numbers = match totals.elements() {
-        0..16 => vec!["brdf".to_owned()],
-        n => {
-            let mueller = (0..16).map(|i| format!("m{}{}", i / 4, i % 4));
-            let paired = ["scalar", "m00-scalar"].map(str::to_owned);
-            mueller.chain(paired).take(n).collect()
-        }
-    };
-    let names = bins::sides(totals).into_iter().map(|side| match side {
-        Side::Above => "reflected",
-        Side::Below => "transmitted",
-    });
-    Bins {
-        n_theta: totals.grid().n_theta,
-        n_phi: totals.grid().n_phi,
-        sides: names.collect(),
-        numbers,
-    }
-}
-
-/// Returns d, its standard error, ADM and MDM for each bin of the upper side; NaN for directions outside the mask.
-fn block_of(difference: &Difference) -> Vec<u8> {
-    let mut values = vec![[f64::NAN; 4]; difference.grid.per_side()];
-    for d in &difference.directions {
-        values[d.bin] = [d.mean, d.std, d.adm, d.mdm];
-    }
-    let numbers = values.iter().flatten();
-    numbers.flat_map(|x| (*x as f32).to_le_bytes()).collect()
 }
