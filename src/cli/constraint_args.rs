@@ -141,6 +141,9 @@ mod tests {
         let refused = prior("alpha_u=0.1±1e-300")
             .expect_err("certain")
             .to_string();
-        assert!(refused.contains("fix alpha_u"), "{refused}");
+        assert!(
+            refused.contains("alpha_u") && refused.contains("hold the value fixed"),
+            "{refused}"
+        );
     }
 }

@@ -316,7 +316,10 @@ mod tests {
             let folder = Path::new("tests/data/series").join(name);
             let explanation = of_series(&folder, tolerance).unwrap();
             let choice = explanation.plan.on(Decision::Polarisation).unwrap();
-            (choice.included, choice.why.contains("unless the data"))
+            (
+                choice.included,
+                choice.why.contains("unless the unpolarised model"),
+            )
         };
         assert_eq!(of("paper-rig-full", 1e-3), (true, true));
         assert_eq!(of("paper-rig-full", 0.5), (false, false));
