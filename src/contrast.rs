@@ -72,7 +72,7 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
         .collect();
     let largest = |of: fn(&Known) -> f64| known.iter().map(of).fold(0.0, f64::max);
     let brightest = largest(|k| k.value);
-    report["error"] = json!((brightest > 0.0).then(|| json!({
+    report["model_error"] = json!((brightest > 0.0).then(|| json!({
         "value": largest(|k| k.std) / brightest,
         "of": "a contrast, of the largest",
     })));

@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Time, work and error that a calculation is expected to take.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Forecast {
     /// Seconds in all.
     pub seconds: f64,
@@ -33,7 +33,8 @@ pub struct Forecast {
 }
 
 /// What random sampling reaches at a time limit.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = ForecastAtLimit)]
 pub struct AtLimit {
     /// Number of samples drawn at the limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -44,7 +45,8 @@ pub struct AtLimit {
 }
 
 /// Seconds of a part.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = ForecastPart)]
 pub struct Part {
     /// Purpose: "to read frames".
     pub what: String,
@@ -53,7 +55,8 @@ pub struct Part {
 }
 
 /// Countable work.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = ForecastAmount)]
 pub struct Amount {
     /// Number.
     pub count: u64,
@@ -62,7 +65,8 @@ pub struct Amount {
 }
 
 /// An expected error.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = ForecastError)]
 pub struct Expected {
     /// Relative standard error, or a bound on the share that is left out.
     pub value: f64,

@@ -122,7 +122,8 @@ pub struct Prior {
 }
 
 /// A frame that the reduction left out, with its reason.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
+#[schema(as = FrameRejected)]
 pub struct RejectedFrame {
     /// File name as recorded.
     pub file: String,
@@ -130,6 +131,7 @@ pub struct RejectedFrame {
     pub reason: String,
     /// Details in words and numbers; may be empty.
     #[serde(default)]
+    #[schema(required = true)]
     pub detail: String,
 }
 

@@ -85,8 +85,13 @@ impl Angle {
 
 impl fmt::Display for Angle {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let precision = f.precision().unwrap_or(3);
-        write!(f, "{:.*}°", precision, self.deg())
+        /// Beyond this, decimals would be a row of digits that mean nothing.
+        const PLAIN_MAX_DEG: f64 = 1e9;
+        let (precision, deg) = (f.precision().unwrap_or(3), self.deg());
+        match deg.abs() < PLAIN_MAX_DEG {
+            true => write!(f, "{deg:.precision$}°"),
+            false => write!(f, "{deg:e}°"),
+        }
     }
 }
 

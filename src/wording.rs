@@ -1,10 +1,10 @@
 //! Text for people, in one form for all tables and messages: counts with their noun, values with their significant
-//! digits, differences between two settings ([`differences`]); and readers that report errors in plain words: JSON, TOML
-//! ([`toml_text`]) and tables of spreadsheets ([`sheet`]).
+//! digits, differences between two settings ([`differences`]); and readers that report errors in plain words: JSON of
+//! requests ([`json`]), TOML ([`toml_text`]) and tables of spreadsheets ([`sheet`]).
 
 pub mod differences;
+pub mod json;
 pub mod numbers;
-pub mod objects;
 pub mod refusals;
 pub mod sheet;
 pub mod toml_text;
@@ -76,6 +76,15 @@ pub fn stated(value: f64) -> String {
         0.0 | 1e-4..1e9 => format!("{value}"),
         _ => format!("{value:e}"),
     }
+}
+
+/// Returns the word of a list that was probably meant by another one: at most two letters or a third of them differ.
+#[must_use]
+pub fn meant(word: &str, known: &[&'static str]) -> Option<&'static str> {
+    let distance = |k: &&&'static str| strsim::damerau_levenshtein(word, k);
+    let nearest = known.iter().min_by_key(distance)?;
+    let letters = word.chars().count();
+    (distance(&nearest) <= (letters / 3).clamp(1, 2)).then_some(*nearest)
 }
 
 #[cfg(test)]

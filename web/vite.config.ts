@@ -6,7 +6,7 @@ export default defineConfig({
   // The daemon serves the page at its root; relative paths keep it movable.
   base: './',
   build: { target: 'es2023', outDir: 'dist', emptyOutDir: true, assetsInlineLimit: 0, reportCompressedSize: true },
-  // The daemon answers its own page alone: what `npm run dev` passes on must not say that it comes from another.
+  // The daemon only answers its own page, so requests that `npm run dev` forwards must not name another origin.
   server: {
     proxy: {
       '/api': {
@@ -19,7 +19,7 @@ export default defineConfig({
   test: {
     projects: [
       { extends: true, test: { name: 'unit', include: ['tests/unit/**/*.test.ts'], environment: 'node' } },
-      // These three drive headless Chromium; each file starts what it needs on a loopback port of its own.
+      // These three drive headless Chromium; each file starts its own servers on loopback ports.
       { extends: true, test: { name: 'page', include: ['tests/page/**/*.test.ts'], environment: 'node', testTimeout: 60_000, hookTimeout: 60_000 } },
       { extends: true, test: { name: 'e2e', include: ['tests/e2e/**/*.test.ts'], environment: 'node', testTimeout: 240_000, hookTimeout: 60_000, fileParallelism: false } },
       { extends: true, test: { name: 'screenshot', include: ['tests/screenshot/**/*.test.ts'], environment: 'node', testTimeout: 480_000, hookTimeout: 60_000 } },

@@ -1,16 +1,16 @@
-//! `/accuracy`: what `ridged accuracy` measured last, for the page.
+//! `/accuracy`: the newest results of `ridged accuracy`.
 
 use axum::Json;
 use axum::extract::State;
 use serde_json::Value;
 
 use super::App;
-use super::error::{ApiError, Problem};
+use super::status::{ApiError, Problem};
 
-/// Error against run time as `ridged accuracy --data` measured it last in this data folder.
+/// Error against run time: the newest results of `ridged accuracy --data` in this data folder.
 #[utoipa::path(get, path = "/api/v1/accuracy", tag = "health", responses(
     (status = 200, description = "The object of `accuracy --json`: `machine`, `written_at`, `points` (scene, method, seconds, error, quantity, reference), `forecasts`, `rates`, `proofs` of plans", body = Object),
-    (status = 404, description = "Nothing was measured into this data folder", body = Problem),
+    (status = 404, description = "This data folder has no results", body = Problem),
 ))]
 pub(super) async fn get(State(app): State<App>) -> Result<Json<Value>, ApiError> {
     Ok(Json(app.lab.accuracy().await?))

@@ -1,16 +1,18 @@
-//! What a client has already, by RFC 9110: entity tags, compared weakly.
+//! Conditional requests by RFC 9110: entity tags, compared weakly.
 
-use axum::http::{HeaderMap, HeaderName, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::{HeaderMap, HeaderName, header};
+use axum::response::Response;
 
-/// How a file is named and how long it stays: the same with the file and with the word that the client has it.
+use super::status;
+
+/// Entity tag and lifetime of a file, sent with the file and with a 304.
 pub(super) struct Caching {
     headers: [(HeaderName, String); 2],
     known: bool,
 }
 
 impl Caching {
-    /// `tag` without quotes; `keep` is what `Cache-Control` says.
+    /// `tag` is without quotes; `keep` is the value of `Cache-Control`.
     pub fn new(asked: &HeaderMap, tag: &str, keep: &str) -> Caching {
         let etag = format!("\"{tag}\"");
         let lists = asked.get_all(header::IF_NONE_MATCH);
@@ -26,15 +28,15 @@ impl Caching {
         }
     }
 
-    /// The answer where the client has the file of so many bytes. The length is that of the file (RFC 9110, 8.6); unsaid,
-    /// axum would say that of the empty answer.
+    /// Returns a 304 if the client has the file, which has `bytes` bytes. `Content-Length` is that of the file (RFC 9110,
+    /// 8.6); by default axum would send that of the empty answer.
     pub fn not_modified(&self, bytes: u64) -> Option<Response> {
         let length = [(header::CONTENT_LENGTH, bytes)];
-        let answer = (StatusCode::NOT_MODIFIED, self.headers.clone(), length);
-        self.known.then(|| answer.into_response())
+        self.known
+            .then(|| status::not_modified((self.headers.clone(), length)))
     }
 
-    /// What goes with the file.
+    /// Returns the headers of the file.
     pub fn headers(self) -> [(HeaderName, String); 2] {
         self.headers
     }
@@ -45,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tag_is_known_in_every_form_and_the_answer_names_it() {
+    fn a_tag_is_recognised_in_every_form_and_a_304_repeats_it() {
         for (sent, known) in [
             (&["\"a1\""][..], true),
             (&["W/\"a1\""], true),
@@ -64,7 +66,7 @@ mod tests {
             let answer = caching.not_modified(7);
             assert_eq!(answer.is_some(), known, "{sent:?}");
             if let Some(answer) = answer {
-                assert_eq!(answer.status(), StatusCode::NOT_MODIFIED);
+                assert_eq!(answer.status(), 304);
                 assert_eq!(answer.headers()[header::ETAG], "\"a1\"");
                 assert_eq!(answer.headers()[header::CACHE_CONTROL], "no-cache");
                 assert_eq!(answer.headers()[header::CONTENT_LENGTH], "7");

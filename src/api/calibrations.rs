@@ -1,16 +1,15 @@
-//! `/calibrations`: dark and white-reference frames that later scans may use.
+//! `/calibrations`: dark and white-reference frames that later scans can use.
 
 use axum::Json;
 use axum::extract::State;
-use axum::response::IntoResponse;
+use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::asked::ScanAsked;
-use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, Params, page, since};
 use super::scans::begun;
-use super::{App, Begun, List, words};
+use super::status::{ApiError, Problem};
+use super::{App, Begun, List};
 use crate::frame::FrameKind;
 use crate::lab::{LabError, ScanRequest};
 use crate::store::calibrations::{Calibration, CalibrationFilter};
@@ -21,8 +20,7 @@ use crate::store::utc_text;
 pub struct CalibrationBody {
     /// Number of the calibration.
     id: i64,
-    /// What its frames show, dark or flat.
-    #[schema(value_type = words::FrameKind)]
+    /// Kind of its frames: dark or flat.
     kind: FrameKind,
     /// Number of the scan that took the frames.
     scan_id: i64,
@@ -34,28 +32,27 @@ pub struct CalibrationBody {
     n_frames: u32,
     /// When the frames were taken, RFC 3339 in UTC.
     created_at: String,
-    /// Until when scans may use it under the current settings, RFC 3339 in UTC.
+    /// End of its validity under the current settings, RFC 3339 in UTC.
     valid_until: String,
-    /// Whether scans may use it now.
+    /// Whether scans can use it now.
     valid: bool,
 }
 
-/// Which of them.
+/// Filter of the list.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct CalibrationParams {
     /// Taken or used by this scan.
     scan_id: Option<i64>,
-    /// Calibrations whose frames show this, dark or flat.
-    #[param(value_type = Option<words::FrameKind>)]
-    kind: Option<String>,
-    /// Made at or after, RFC 3339.
+    /// Calibrations of this kind, dark or flat.
+    kind: Option<FrameKind>,
+    /// Made at or after this time, RFC 3339.
     since: Option<String>,
-    /// Rows at most, 1 to 1000; 100 if not given.
+    /// Rows at most, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
+    /// `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
@@ -79,22 +76,19 @@ fn body(app: &App, kept: Calibration) -> Result<CalibrationBody, LabError> {
 /// Calibrations, newest first.
 #[utoipa::path(get, path = "/api/v1/calibrations", tag = "calibrations", params(CalibrationParams), responses(
     (status = 200, description = "A page of calibrations", body = List<CalibrationBody>),
-    (status = 422, description = "A value makes no sense", body = Problem),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn list(
     State(app): State<App>,
     Params(params): Params<CalibrationParams>,
 ) -> Result<Json<List<CalibrationBody>>, ApiError> {
     let page = page(params.limit, params.cursor.as_deref())?;
-    let kind = match params.kind.as_deref() {
-        None => None,
-        Some("dark") => Some(FrameKind::Dark),
-        Some("flat") => Some(FrameKind::Flat),
-        Some(_) => return Err(ApiError::invalid("kind", "must be dark or flat")),
-    };
+    if params.kind == Some(FrameKind::Sample) {
+        return Err(ApiError::invalid("kind", "must be dark or flat"));
+    }
     let filter = CalibrationFilter {
         scan_id: params.scan_id,
-        kind,
+        kind: params.kind,
         since: since(params.since)?,
     };
     let found = app.lab.store().calibrations(&filter, page).await?;
@@ -105,27 +99,27 @@ pub(super) async fn list(
     Ok(Json(list))
 }
 
-/// Take dark and white-reference frames alone, for scans to come: the scan that is answered takes them, and
-/// `?scan_id=` lists what they are when it is done.
-#[utoipa::path(post, path = "/api/v1/calibrations", tag = "calibrations", request_body(content = ScanAsked,
-        description = "As for a scan; of the plan's angles only tilts are needed, and none for dark frames alone"),
+/// Take dark and white-reference frames only, for later scans. The answer names the scan that takes them; when it is
+/// done, `?scan_id=` lists the calibrations.
+#[utoipa::path(post, path = "/api/v1/calibrations", tag = "calibrations", request_body(content = ScanRequest,
+        description = "As for a scan. Of the plan's angles only tilts are needed, and none for dark frames only"),
     responses(
     (status = 202, description = "The scan that takes them is planned and about to run", body = Begun, headers(("Location" = String, description = "That scan"))),
-    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 400, description = "The body cannot be read", body = Problem),
     (status = 404, description = "There is no such sample", body = Problem),
     (status = 409, description = "The rig is busy", body = Problem),
-    (status = 422, description = "The plan cannot run; `errors` names everything that is wrong", body = Problem),
+    (status = 422, description = "The plan cannot run; `errors` lists everything that is wrong", body = Problem),
     (status = 503, description = "The stages cannot be had", body = Problem),
     (status = 507, description = "The disk has no room for it", body = Problem),
 ))]
 pub(super) async fn take(
     State(app): State<App>,
     Body(mut request): Body<ScanRequest>,
-) -> Result<impl IntoResponse, ApiError> {
+) -> Result<Response, ApiError> {
     if request.plan.repeats.is_some_and(|repeats| repeats > 0) {
         return Err(ApiError::invalid(
             "plan.repeats",
-            "must be 0 or left out: calibrations show no sample; `dark.repeats` and `flat.repeats` say how many frames",
+            "must be 0 or omitted, since calibrations have no frames of the sample; set `dark.repeats` and `flat.repeats`",
         ));
     }
     request.plan.repeats = Some(0);
@@ -133,11 +127,11 @@ pub(super) async fn take(
     Ok(begun(scan.id, scan.state))
 }
 
-/// One calibration; its frames are those of that kind of the scan that took them.
+/// One calibration. Its frames are those of its kind in the scan that took them.
 #[utoipa::path(get, path = "/api/v1/calibrations/{id}", tag = "calibrations",
     params(("id" = i64, Path, description = "Number of the calibration")), responses(
     (status = 200, description = "The calibration", body = CalibrationBody),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 404, description = "Not found", body = Problem),
 ))]
 pub(super) async fn get(
     State(app): State<App>,

@@ -1,4 +1,4 @@
-//! `/scans/{id}/uncertainty`: how sure the fit that ran along with a scan was, against the rig's time.
+//! `/scans/{id}/uncertainty`: uncertainties of the live fit of a scan against the rig's time.
 
 use std::collections::BTreeMap;
 
@@ -7,10 +7,10 @@ use axum::extract::State;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::error::{ApiError, Problem};
 use super::extract::{Id, PageParams, Params, page};
-use super::words::{FitStatus, FitVariantName};
+use super::status::{ApiError, Problem};
 use super::{App, List};
+use crate::fit::report::{Status, VariantName};
 use crate::scan::event::Certainty;
 use crate::scan::{Event, RecordedEvent};
 use crate::store::utc_text;
@@ -20,30 +20,30 @@ use crate::store::utc_text;
 pub struct UncertainBody {
     /// Estimate, in the unit of the parameter's name.
     value: f64,
-    /// Standard uncertainty with everything known in it, in the same unit.
+    /// Standard uncertainty with all known components, in the same unit.
     std: f64,
 }
 
-/// What the frames so far say.
+/// Result of the live fit of the frames so far.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct CertaintyBody {
-    /// Number of its event.
+    /// Number of the event that reported it.
     id: i64,
     /// When it was reported, RFC 3339 in UTC.
     at: String,
-    /// Time that the rig had spent moving and exposing, s; waiting for people not counted.
+    /// Time that the rig had spent moving and exposing, s, without waiting for the operator.
     elapsed_s: f64,
     /// Number of poses fitted.
     n_observations: usize,
-    /// Number of frames used, dark frames and flats included.
+    /// Number of frames used, including dark and white-reference frames.
     n_frames_used: u32,
-    /// Variant of the model that the values are based on.
-    #[schema(value_type = FitVariantName)]
+    /// Variant of the model that gave the values.
+    #[schema(value_type = VariantName)]
     variant: String,
     /// How the fit ended.
-    #[schema(value_type = FitStatus)]
+    #[schema(value_type = Status)]
     status: String,
-    /// By name; parameters that the frames so far do not determine are missing.
+    /// By name, without the parameters that the frames so far do not determine.
     parameters: BTreeMap<String, UncertainBody>,
 }
 
@@ -79,8 +79,8 @@ impl CertaintyBody {
     }
 }
 
-/// How the uncertainties fell while the scan ran: one row per fit of the frames that were there. The same rows come
-/// as events of type `uncertainty` while it runs.
+/// Uncertainties during the scan, one row per live fit. While the scan runs, the same rows are sent as events of type
+/// `uncertainty`.
 #[utoipa::path(get, path = "/api/v1/scans/{id}/uncertainty", tag = "scans", params(("id" = i64, Path, description = "Number of the scan"), PageParams), responses(
     (status = 200, description = "A page of rows, oldest first", body = List<CertaintyBody>),
     (status = 404, description = "There is no such scan", body = Problem),

@@ -1,15 +1,36 @@
-//! What every route of the description has in common, put in once: keys, ids, parameters, bodies.
+//! Completes the OpenAPI document with what all routes share: keys, ids, parameters and bodies.
 
 use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::response::{Response, ResponseBuilder};
-use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, Schema, Type};
+use utoipa::openapi::schema::{
+    AdditionalProperties, KnownFormat, ObjectBuilder, Schema, SchemaFormat, Type,
+};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, Required};
+use utoipa::{PartialSchema, ToSchema};
 
-use super::error::PROBLEM_JSON;
 use super::guard::KEY_LENGTH_MAX;
 use super::rig::STOP;
+use super::status::PROBLEM_JSON;
 
-/// Adds what the guards and the extractors answer wherever a route has what they look at.
+/// Bytes of a file.
+pub(super) struct Binary;
+
+impl PartialSchema for Binary {
+    fn schema() -> RefOr<Schema> {
+        let object = ObjectBuilder::new()
+            .schema_type(Type::String)
+            .format(Some(SchemaFormat::KnownFormat(KnownFormat::Binary)));
+        RefOr::T(object.build().into())
+    }
+}
+
+impl ToSchema for Binary {
+    fn name() -> std::borrow::Cow<'static, str> {
+        "Binary".into()
+    }
+}
+
+/// Adds the answers of the guards and the extractors to each route that they apply to.
 pub(super) fn complete(document: &mut OpenApi) {
     close_kinds(document, "MaterialBody");
     for (path, item) in &mut document.paths.paths {
@@ -27,7 +48,7 @@ pub(super) fn complete(document: &mut OpenApi) {
         for (operation, does) in asks.chain(does) {
             let has = |place: &ParameterIn| {
                 let all = operation.parameters.iter().flatten();
-                all.filter_map(told).any(|p| &p.parameter_in == place)
+                all.filter_map(described).any(|p| &p.parameter_in == place)
             };
             let query = has(&ParameterIn::Query);
             if path.contains("{id}") {
@@ -35,7 +56,7 @@ pub(super) fn complete(document: &mut OpenApi) {
             }
             if query {
                 answers(operation, "400", "There is no such parameter");
-                answers(operation, "422", "A value makes no sense");
+                answers(operation, "422", "A value is not valid");
             }
             answers(
                 operation,
@@ -43,10 +64,10 @@ pub(super) fn complete(document: &mut OpenApi) {
                 "The request names another host than this machine (`forbidden-host`) or comes from another page \
                  (`forbidden-origin`)",
             );
-            // A body is read even where none is needed.
+            // A body is read even if the route does not need one.
             if does {
-                answers(operation, "400", "The body cannot be understood");
-                answers(operation, "408", "The body did not come");
+                answers(operation, "400", "The body cannot be read");
+                answers(operation, "408", "The body did not arrive in time");
                 answers(operation, "413", "The body is too large");
                 answers(operation, "415", "`Content-Type` is not `application/json`");
             }
@@ -64,7 +85,7 @@ pub(super) fn complete(document: &mut OpenApi) {
     }
 }
 
-/// A name that no other operation has, for the programs that clients are made by: the method and the path's words.
+/// Returns a unique name of an operation, for generated clients: the method and the words of the path.
 fn operation_id(method: &str, path: &str) -> String {
     let words = path
         .strip_prefix("/api/v1")
@@ -82,7 +103,7 @@ fn operation_id(method: &str, path: &str) -> String {
         .join("_")
 }
 
-/// Problems are announced as what they are.
+/// Sets the media type of problems.
 fn name_problem(response: &mut RefOr<Response>) {
     let RefOr::T(response) = response else {
         return;
@@ -99,7 +120,7 @@ fn name_problem(response: &mut RefOr<Response>) {
     }
 }
 
-/// Says of the kinds of a schema that they take no other fields; the derivation says it of structs alone.
+/// Closes the variants of a schema to other fields; the derive macro does so for structs only.
 fn close_kinds(document: &mut OpenApi, name: &str) {
     let schemas = document.components.as_mut().map(|c| &mut c.schemas);
     let Some(RefOr::T(Schema::OneOf(kinds))) = schemas.and_then(|all| all.get_mut(name)) else {
@@ -112,7 +133,7 @@ fn close_kinds(document: &mut OpenApi, name: &str) {
     }
 }
 
-fn told(parameter: &RefOr<Parameter>) -> Option<&Parameter> {
+fn described(parameter: &RefOr<Parameter>) -> Option<&Parameter> {
     match parameter {
         RefOr::T(parameter) => Some(parameter),
         RefOr::Ref(_) => None,
@@ -121,10 +142,10 @@ fn told(parameter: &RefOr<Parameter>) -> Option<&Parameter> {
 
 fn has_key(operation: &Operation) -> bool {
     let all = operation.parameters.iter().flatten();
-    all.filter_map(told).any(|p| p.name == KEY)
+    all.filter_map(described).any(|p| p.name == KEY)
 }
 
-/// Adds an answer that is a problem, unless the route says itself when it gives it.
+/// Adds a problem to the answers, unless the route describes that status itself.
 fn answers(operation: &mut Operation, status: &str, description: &str) {
     let problem = ContentBuilder::new()
         .schema(Some(Ref::from_schema_name("Problem")))
@@ -153,7 +174,7 @@ fn key() -> RefOr<Parameter> {
         .parameter_in(ParameterIn::Header)
         .required(Required::False)
         .description(Some(
-            "A request with a key acts once: sent again with the same key it gets the first answer",
+            "A request with a key is executed once; sent again with the same key, it gets the first answer",
         ))
         .schema(Some(text))
         .build()

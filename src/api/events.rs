@@ -1,5 +1,4 @@
-//! `/events`: the story as server-sent events; who comes back with the last id it saw misses
-//! nothing.
+//! `/events`: server-sent events. A client that reconnects with its last id misses nothing.
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -15,39 +14,39 @@ use serde_json::{Value, json};
 use tokio::sync::broadcast;
 
 use super::App;
-use super::error::ApiError;
 use super::extract::Params;
 use super::frames::image_of;
 use super::scans::{OperatorBody, ProgressBody};
+use super::status::ApiError;
 use crate::lab::Lab;
 use crate::scan::event::OperatorStep;
 use crate::scan::{Event, RecordedEvent, ScanState};
 use crate::store::utc_text;
 
-/// A client that is gone shows only when something is written to it, and has its seat until then.
+/// A client that has left is noticed only when something is written to it; until then it holds a seat.
 const KEEP_ALIVE: Duration = Duration::from_secs(3);
 
-/// Where to begin.
+/// Start of the stream.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct EventParams {
-    /// Begin after this id; 0 for everything. A `Last-Event-ID` header counts more.
+    /// Start after this id; 0 for all events. A `Last-Event-ID` header takes precedence.
     since: Option<i64>,
 }
 
 /// Events as they happen: rig, scan, frame, fit, uncertainty, calculation, forecast, alarm, each with an id.
 #[utoipa::path(get, path = "/api/v1/events", tag = "events", params(EventParams,
-    ("Last-Event-ID" = Option<i64>, Header, description = "Last id seen; what came after is sent first")), responses(
-    (status = 200, description = "Server-sent events; `data` is one JSON object with id, at, type and what belongs to the type", content_type = "text/event-stream", body = String),
-    (status = 400, description = "Last-Event-ID is not an id", body = super::error::Problem),
+    ("Last-Event-ID" = Option<i64>, Header, description = "Last id seen; later events are sent first")), responses(
+    (status = 200, description = "Server-sent events; `data` is one JSON object with id, at, type and the fields of the type", content_type = "text/event-stream", body = String),
+    (status = 400, description = "Last-Event-ID is not an id", body = super::status::Problem),
 ))]
 pub(super) async fn stream(
     State(app): State<App>,
     Params(params): Params<EventParams>,
     headers: HeaderMap,
 ) -> Result<Sse<impl Stream<Item = Result<SseEvent, Infallible>>>, ApiError> {
-    // Listen first, look second: nothing can fall between.
+    // Subscribe before reading the newest id, so that no event is missed.
     let listener = app.lab.events();
     let header = match headers.get("last-event-id") {
         None => None,
@@ -82,7 +81,7 @@ pub(super) async fn stream(
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
 }
 
-/// Follows the story of one listener: from the store where it is behind, else as it is told.
+/// The events of one client: from the store while it is behind, then live.
 struct Follower {
     lab: Lab,
     listener: broadcast::Receiver<Arc<RecordedEvent>>,
@@ -174,7 +173,7 @@ mod tests {
     use crate::scan::{OperatorAction, Progress};
 
     #[test]
-    fn a_waiting_scan_tells_what_to_do() {
+    fn an_event_of_a_waiting_scan_has_the_operator_step() {
         let event = RecordedEvent {
             id: 7,
             at: time::macros::datetime!(2026-01-01 00:00 UTC),

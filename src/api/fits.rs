@@ -1,133 +1,118 @@
-//! `/fits`: begin, look, search, cancel, and the curve beside the points.
+//! `/fits`: start, list, read and cancel fits, and their curves.
 
 use axum::Json;
 use axum::extract::State;
-use axum::response::IntoResponse;
-use serde::de::DeserializeOwned;
+use axum::response::Response;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 use utoipa::ToSchema;
 
-use super::answered::FitAnswered;
-use super::asked::FitAsked;
-use super::error::{ApiError, Problem};
-use super::extract::{Body, Id, Params, finite, page, since};
-use super::{App, Begun, List, jobs, words};
+use super::extract::{Body, Id, Params, page, since};
+use super::job_body::{FitBody, JobBody};
+use super::status::{ApiError, Problem};
+use super::{App, Begun, List, jobs};
 use crate::fit::report::{Status, VariantName};
 use crate::job::JobKind;
 use crate::lab::FitRequest;
 use crate::store::jobs::JobFilter;
-use crate::wording::refusals::plain;
 
-/// Which fits.
+/// Filter of the list.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct FitParams {
-    /// Of this sample.
+    /// Fits of this sample.
     sample_id: Option<i64>,
-    /// Of this scan.
+    /// Fits of this scan.
     scan_id: Option<i64>,
-    /// Of this variant.
-    #[param(value_type = Option<words::FitVariantName>)]
-    variant: Option<String>,
-    /// With this status; `cancelled` finds fits in that state.
-    #[param(value_type = Option<words::FitStatus>)]
-    status: Option<String>,
-    /// Begun at or after, RFC 3339.
+    /// Fits whose report is of this variant.
+    variant: Option<VariantName>,
+    /// Fits with this status; `cancelled` also finds fits in that state.
+    status: Option<Status>,
+    /// Started at or after this time, RFC 3339.
     since: Option<String>,
     /// Fits whose ridge angle is at least this, degrees.
     theta_r_deg_min: Option<f64>,
     /// Fits whose ridge angle is at most this, degrees.
     theta_r_deg_max: Option<f64>,
-    /// Rows at most, 1 to 1000; 100 if not given.
+    /// Rows at most, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
+    /// `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
-/// A word of a report's own enumeration, as it stands in the store; refused with the words that there are.
-fn a_word_of<T: DeserializeOwned>(
-    field: &str,
-    word: Option<String>,
-) -> Result<Option<String>, ApiError> {
-    if let Some(word) = &word {
-        serde_json::from_value::<T>(Value::String(word.clone()))
-            .map_err(|e| ApiError::invalid(field, plain(&e.to_string())))?;
-    }
-    Ok(word)
+/// Returns the word that reports have for a status.
+fn word_of(status: Status) -> String {
+    let word = serde_json::to_value(status).expect("a word is JSON");
+    word.as_str().expect("a status is a word").to_owned()
 }
 
 /// Fits, newest first.
 #[utoipa::path(get, path = "/api/v1/fits", tag = "fits", params(FitParams), responses(
-    (status = 200, description = "A page of fits", body = List<FitAnswered>),
-    (status = 422, description = "A value makes no sense", body = Problem),
+    (status = 200, description = "A page of fits", body = List<FitBody>),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn list(
     State(app): State<App>,
     Params(params): Params<FitParams>,
-) -> Result<Json<List<Value>>, ApiError> {
+) -> Result<Json<List<JobBody>>, ApiError> {
     let page = page(params.limit, params.cursor.as_deref())?;
     let filter = JobFilter {
         sample_id: params.sample_id,
         scan_id: params.scan_id,
-        variant: a_word_of::<VariantName>("variant", params.variant)?,
-        status: a_word_of::<Status>("status", params.status)?,
+        variant: params.variant.map(|name| name.to_string()),
+        status: params.status.map(word_of),
         since: since(params.since)?,
-        theta_r_deg_min: finite("theta_r_deg_min", params.theta_r_deg_min)?,
-        theta_r_deg_max: finite("theta_r_deg_max", params.theta_r_deg_max)?,
+        theta_r_deg_min: params.theta_r_deg_min,
+        theta_r_deg_max: params.theta_r_deg_max,
         ..JobFilter::default()
     };
     jobs::found(&app, JobKind::Fit, &filter, page).await
 }
 
-/// Begin a fit.
-#[utoipa::path(post, path = "/api/v1/fits", tag = "fits", request_body = FitAsked, responses(
+/// Start a fit.
+#[utoipa::path(post, path = "/api/v1/fits", tag = "fits", request_body = FitRequest, responses(
     (status = 202, description = "The fit runs", body = Begun, headers(("Location" = String, description = "The fit"))),
-    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 400, description = "The body cannot be read", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),
-    (status = 422, description = "A value makes no sense", body = Problem),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn begin(
     State(app): State<App>,
     Body(request): Body<FitRequest>,
-) -> Result<impl IntoResponse, ApiError> {
+) -> Result<Response, ApiError> {
     jobs::begin(&app, request).await
 }
 
-/// One fit: the object of `fit --json` plus id, scan_id, state and `request` (what was asked for).
+/// One fit: the object of `fit --json` plus id, scan_id, state and `request`.
 #[utoipa::path(get, path = "/api/v1/fits/{id}", tag = "fits", params(("id" = i64, Path, description = "Number of the fit")), responses(
-    (status = 200, description = "The fit; `state` running (with `progress` and `forecast`), completed, failed, cancelled or interrupted", body = FitAnswered),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 200, description = "The fit; `state` running (with `progress` and `forecast`), completed, failed, cancelled or interrupted", body = FitBody),
+    (status = 404, description = "Not found", body = Problem),
 ))]
-pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
+pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<JobBody>, ApiError> {
     jobs::one(&app, JobKind::Fit, id).await
 }
 
-/// Cancel a fit that runs.
+/// Cancel a running fit.
 #[utoipa::path(post, path = "/api/v1/fits/{id}/cancel", tag = "fits", params(("id" = i64, Path, description = "Number of the fit")), responses(
-    (status = 202, description = "It will end within a moment", body = Begun),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 202, description = "It ends within a moment", body = Begun),
+    (status = 404, description = "Not found", body = Problem),
     (status = 409, description = "It has ended", body = Problem),
 ))]
-pub(super) async fn cancel(
-    State(app): State<App>,
-    Id(id): Id,
-) -> Result<impl IntoResponse, ApiError> {
+pub(super) async fn cancel(State(app): State<App>, Id(id): Id) -> Result<Response, ApiError> {
     jobs::cancel(&app, JobKind::Fit, id).await
 }
 
-/// How finely.
+/// Resolution of the curves.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct CurveParams {
-    /// Distance of the curve's points, 0.1 to 90; 3 if not given.
+    /// Distance of the curve's points, degrees, 0.1 to 90; 3 if omitted.
     step_deg: Option<f64>,
 }
 
-/// A fit beside its observations.
+/// A fit with its observations.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct CurvesBody {
     /// Number of the fit.
@@ -140,7 +125,7 @@ pub struct CurvesBody {
     curves: Vec<CurveBody>,
 }
 
-/// An observation and what the fit predicts there.
+/// An observation and the prediction of the fit.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct PointBody {
     /// Camera tilt θc as recorded, degrees.
@@ -149,7 +134,7 @@ pub struct PointBody {
     phi_s_deg: f64,
     /// Observed signal, in the observations' unit of radiance.
     signal: f64,
-    /// Its own standard uncertainty, in the same unit.
+    /// Its standard uncertainty, in the same unit.
     sigma: f64,
     /// Predicted signal, in the same unit.
     predicted: f64,
@@ -160,8 +145,8 @@ pub struct PointBody {
 /// Predicted signal over φs at one tilt.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct CurveBody {
-    /// Variant of the model that predicts it.
-    #[schema(value_type = words::FitVariantName)]
+    /// Variant of the model.
+    #[schema(value_type = VariantName)]
     variant: String,
     /// Camera tilt θc as recorded, degrees.
     theta_c_deg: f64,
@@ -171,12 +156,12 @@ pub struct CurveBody {
     signal: Vec<f64>,
 }
 
-/// The fitted curve over φs for each tilt, with the observations.
+/// The fitted curves over φs, one per tilt, with the observations.
 #[utoipa::path(get, path = "/api/v1/fits/{id}/curve", tag = "fits", params(("id" = i64, Path, description = "Number of the fit"), CurveParams), responses(
     (status = 200, description = "Points and curves in the observations' unit", body = CurvesBody),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 404, description = "Not found", body = Problem),
     (status = 409, description = "The fit has no report (yet)", body = Problem),
-    (status = 422, description = "A value makes no sense", body = Problem),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn curve(
     State(app): State<App>,

@@ -1,7 +1,5 @@
 //! `/frames` and the frames of a scan.
 
-use std::str::FromStr;
-
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, header};
@@ -10,9 +8,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::caching::Caching;
-use super::error::{ApiError, Problem};
+use super::document::Binary;
 use super::extract::{Id, Params, page};
-use super::{App, List, words};
+use super::status::{ApiError, Problem};
+use super::{App, List};
 use crate::frame::{Frame, FrameKind};
 use crate::store::StoreError;
 use crate::store::frames::FrameRecord;
@@ -26,8 +25,7 @@ pub struct FrameBody {
     scan_id: i64,
     /// File name in an export.
     file: String,
-    /// What it shows.
-    #[schema(value_type = words::FrameKind)]
+    /// Kind of the frame.
     kind: FrameKind,
     /// Camera tilt θc read back from the stage, degrees.
     theta_c_deg: f64,
@@ -53,11 +51,11 @@ pub struct FrameBody {
     max_dn: u16,
     /// Pixels at or above the saturation level.
     saturated_px: u32,
-    /// Whether the frame is used.
+    /// Whether reductions use the frame.
     accepted: bool,
-    /// Why the frame is not used; null if it is.
+    /// Why the frame is not used; null if it is used.
     reason: Option<String>,
-    /// SHA-256 of the file that was imported, hexadecimal; null where it is the PNG itself.
+    /// SHA-256 of the imported file, hexadecimal; null if that is the PNG itself.
     original_sha256: Option<String>,
     /// Path of the PNG on this server.
     image: String,
@@ -90,27 +88,26 @@ impl From<FrameRecord> for FrameBody {
     }
 }
 
-/// Where the file of a frame is.
+/// Returns the path of a frame's file on this server.
 pub(super) fn image_of(id: i64) -> String {
     format!("/api/v1/frames/{id}/image.png")
 }
 
-/// Which frames.
+/// Filter of the list.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct FrameParams {
-    /// Frames that show this.
-    #[param(value_type = Option<words::FrameKind>)]
-    kind: Option<String>,
-    /// Rows at most, 1 to 1000; 100 if not given.
+    /// Frames of this kind.
+    kind: Option<FrameKind>,
+    /// Rows at most, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
+    /// `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
-/// Frames of a scan in the order taken.
+/// Frames of a scan in the order of acquisition.
 #[utoipa::path(get, path = "/api/v1/scans/{id}/frames", tag = "frames", params(("id" = i64, Path, description = "Number of the scan"), FrameParams), responses(
     (status = 200, description = "A page of frames", body = List<FrameBody>),
     (status = 404, description = "There is no such scan", body = Problem),
@@ -120,27 +117,27 @@ pub(super) async fn of_scan(
     Id(id): Id,
     Params(params): Params<FrameParams>,
 ) -> Result<Json<List<FrameBody>>, ApiError> {
-    let kind = params.kind.as_deref().map(FrameKind::from_str).transpose();
-    let kind = kind.map_err(|unknown| ApiError::invalid("kind", unknown.to_string()))?;
     let store = app.lab.store();
     store.scan(id).await?;
     let page = page(params.limit, params.cursor.as_deref())?;
-    Ok(Json(store.frames_of_scan(id, kind, page).await?.into()))
+    Ok(Json(
+        store.frames_of_scan(id, params.kind, page).await?.into(),
+    ))
 }
 
 /// One frame.
 #[utoipa::path(get, path = "/api/v1/frames/{id}", tag = "frames", params(("id" = i64, Path, description = "Number of the frame")), responses(
     (status = 200, description = "The frame", body = FrameBody),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 404, description = "Not found", body = Problem),
 ))]
 pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<FrameBody>, ApiError> {
     Ok(Json(app.lab.store().frame(id).await?.into()))
 }
 
-/// The 16-bit grey PNG as it was kept; it never changes.
+/// The 16-bit grey PNG of a frame; it never changes.
 #[utoipa::path(get, path = "/api/v1/frames/{id}/image.png", tag = "frames", params(("id" = i64, Path, description = "Number of the frame")), responses(
-    (status = 200, description = "The file, bit for bit", content_type = "image/png", body = words::Binary),
-    (status = 304, description = "The client has it"),
+    (status = 200, description = "The file, bit for bit", content_type = "image/png", body = Binary),
+    (status = 304, description = "The client has the file"),
     (status = 404, description = "There is no such frame", body = Problem),
 ))]
 pub(super) async fn image(
@@ -162,10 +159,10 @@ pub(super) async fn image(
         .into_response())
 }
 
-/// The counts alone, for browsers, which cut a 16-bit PNG to 8 bits.
+/// The counts of a frame, for browsers, which reduce a 16-bit PNG to 8 bits.
 #[utoipa::path(get, path = "/api/v1/frames/{id}/pixels", tag = "frames", params(("id" = i64, Path, description = "Number of the frame")), responses(
-    (status = 200, description = "Little-endian u16, row by row from the top left; size in x-width-px and x-height-px", content_type = "application/octet-stream", body = words::Binary),
-    (status = 304, description = "The client has it"),
+    (status = 200, description = "Little-endian u16, row by row from the top left; size in x-width-px and x-height-px", content_type = "application/octet-stream", body = Binary),
+    (status = 304, description = "The client has the file"),
     (status = 404, description = "There is no such frame", body = Problem),
 ))]
 pub(super) async fn pixels(
@@ -180,7 +177,7 @@ pub(super) async fn pixels(
         return Ok(answer);
     }
     let store = app.lab.store().clone();
-    // Also to decode it: the threads of the runtime are for who must not wait, such as a stop.
+    // Decoding blocks too, and the threads of the runtime must stay free for requests such as the stop.
     let read = tokio::task::spawn_blocking(move || {
         let png = store.read_png(&frame.sha256)?;
         let counts = Frame::from_png(&png).map_err(StoreError::Frame)?;
@@ -203,7 +200,7 @@ pub(super) async fn pixels(
     Ok((caching.headers(), size, kind, bytes).into_response())
 }
 
-/// A frame's file is named by its content.
+/// Cache-Control of a file that is named by its content.
 const NEVER_CHANGES: &str = "private, max-age=31536000, immutable";
 
 async fn read(app: &App, frame: &FrameRecord) -> Result<Vec<u8>, ApiError> {

@@ -1,9 +1,9 @@
-//! Who may come in: only this machine, and no page but our own; how much, and twice the same once.
+//! Checks every request before its handler: origin, host, size and form of the body, Idempotency-Key.
 //!
-//! There is no access control yet, so the daemon listens on loopback only. That keeps other
-//! machines out, but not the browser of the person at this one: a page from elsewhere may send it
-//! requests (cross-site POST), or name itself 127.0.0.1 (DNS rebinding). Hence every request must
-//! name a loopback host, and one that carries an `Origin` must come from the very host it goes to.
+//! There is no access control yet, so the daemon listens on loopback only. That excludes other
+//! machines, but not other pages in a browser on this one: they may send requests (cross-site POST)
+//! or resolve their own name to 127.0.0.1 (DNS rebinding). Therefore every request must name a
+//! loopback host, and a request with an `Origin` must come from the host that it is sent to.
 
 use std::collections::HashMap;
 use std::net::IpAddr;
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use axum::body::{Body, to_bytes};
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, Method, StatusCode, Version, header};
+use axum::http::{HeaderMap, Method, Version, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use futures::StreamExt;
@@ -20,20 +20,19 @@ use tokio::sync::{Mutex, OwnedMutexGuard};
 use tokio::time::timeout;
 
 use super::App;
-use super::error::ApiError;
-use super::extract::{BODY_BYTES_MAX, says_json, too_large};
+use super::extract::{BODY_BYTES_MAX, announces_json};
+use super::status::{self, ApiError};
 use crate::lab::LabError;
 use crate::store::frames::sha256_hex;
-use crate::store::idempotency::KeptAnswer;
 
-/// A refused body is read up to here, so that a client which is still sending gets to see why.
+/// Most bytes of a refused body that are read, so that a client that is still sending receives the refusal.
 const DRAINED_BYTES_MAX: usize = 1 << 30;
-/// How long a client may take to send the next piece of a body.
+/// How long a client may take to send the next part of a body.
 pub(super) const CHUNK_WAIT: Duration = Duration::from_secs(30);
 /// Longest Idempotency-Key.
 pub(super) const KEY_LENGTH_MAX: usize = 200;
 
-/// Refuses hosts that are not this machine and origins that are not this page.
+/// Refuses requests for other hosts and from other pages.
 pub(super) async fn same_machine_same_page(request: Request, next: Next) -> Response {
     match check_origin(request.headers(), request.uri().host(), request.version()) {
         Ok(()) => next.run(request).await,
@@ -58,28 +57,20 @@ fn check_origin(
     if let Some(origin) = text(header::ORIGIN)
         && origin != format!("http://{host}")
     {
-        return Err(ApiError::new(
-            StatusCode::FORBIDDEN,
-            "forbidden-origin",
-            "another page may not command the rig",
-            format!("a page from {origin} asks; only the daemon's own page may"),
-        ));
+        return Err(ApiError::forbidden_origin(format!(
+            "the request comes from a page of {origin}; only the daemon's own page may send requests"
+        )));
     }
     Ok(())
 }
 
 fn forbidden_host(why: &str) -> ApiError {
-    ApiError::new(
-        StatusCode::FORBIDDEN,
-        "forbidden-host",
-        "the request is for another host",
-        format!(
-            "{why}; use http://127.0.0.1, http://localhost or http://[::1] with the daemon's port"
-        ),
-    )
+    ApiError::forbidden_host(format!(
+        "{why}; use http://127.0.0.1, http://localhost or http://[::1] with the daemon's port"
+    ))
 }
 
-/// Whether `host` (with or without port) can only mean this machine.
+/// Returns whether `host` (with or without port) can only be this machine.
 fn is_loopback(host: &str) -> bool {
     let name = match host.strip_prefix('[') {
         Some(v6) => v6.split(']').next().unwrap_or_default(),
@@ -89,12 +80,12 @@ fn is_loopback(host: &str) -> bool {
         || name.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }
 
-/// Whether it is the stop, which nothing may refuse, delay or answer in its place: it goes past keys and bodies.
+/// Returns whether the request is the stop. Nothing may refuse or delay the stop, so its key and body are ignored.
 pub(super) fn is_stop(request: &Request) -> bool {
     request.method() == Method::POST && request.uri().path() == super::rig::STOP
 }
 
-/// Refuses bodies that are too large or no JSON, before anybody reads them.
+/// Refuses bodies that are too large or not announced as JSON.
 pub(super) async fn check_body(request: Request, next: Next) -> Response {
     if is_stop(&request) {
         return next.run(request).await;
@@ -119,17 +110,11 @@ pub(super) async fn check_body(request: Request, next: Next) -> Response {
         return refuse(request, too_large()).await;
     }
     let has_body = chunked || announced.is_some_and(|bytes| bytes > 0);
-    if has_body && !says_json(request.headers()) {
-        let problem = ApiError::new(
-            StatusCode::UNSUPPORTED_MEDIA_TYPE,
-            "wrong-content-type",
-            "`Content-Type` must be `application/json`",
-            "send the body with `Content-Type: application/json`",
-        );
-        return refuse(request, problem).await;
+    if has_body && !announces_json(request.headers()) {
+        return refuse(request, ApiError::wrong_content_type()).await;
     }
     let (parts, body) = request.into_parts();
-    // Read here, so that a chunked body that grows too large is refused in the same way.
+    // Read here, so that a chunked body that becomes too large is refused in the same way.
     match whole(body, CHUNK_WAIT).await {
         Ok(bytes) => {
             next.run(Request::from_parts(parts, Body::from(bytes)))
@@ -139,7 +124,7 @@ pub(super) async fn check_body(request: Request, next: Next) -> Response {
     }
 }
 
-/// All of a body, of which a piece comes at least every `wait`.
+/// Reads a whole body. Each part must arrive within `wait`.
 async fn whole(body: Body, wait: Duration) -> Result<Vec<u8>, ApiError> {
     let mut bytes = Vec::new();
     let mut stream = body.into_data_stream();
@@ -153,26 +138,22 @@ async fn whole(body: Body, wait: Duration) -> Result<Vec<u8>, ApiError> {
                 drain(stream).await;
                 return Err(too_large());
             }
-            Ok(Some(Err(_))) => return Err(ApiError::bad_request("the body broke off")),
-            Err(_) => return Err(too_slow()),
+            Ok(Some(Err(_))) => {
+                return Err(ApiError::bad_request(
+                    "the connection broke before the body was complete",
+                ));
+            }
+            Err(_) => return Err(ApiError::too_slow(wait)),
         }
     }
 }
 
-fn too_slow() -> ApiError {
-    ApiError::new(
-        StatusCode::REQUEST_TIMEOUT,
-        "body-too-slow",
-        "the body did not come",
-        format!(
-            "nothing more of the body came for {} s; nothing was done",
-            CHUNK_WAIT.as_secs()
-        ),
-    )
+fn too_large() -> ApiError {
+    ApiError::too_large(BODY_BYTES_MAX)
 }
 
 async fn refuse(request: Request, problem: ApiError) -> Response {
-    // A client that asks before it sends gets its answer at once.
+    // A client that waits for a 100-continue gets its answer at once.
     if !request.headers().contains_key(header::EXPECT) {
         drain(request.into_body().into_data_stream()).await;
     }
@@ -189,7 +170,7 @@ async fn drain(mut stream: axum::body::BodyDataStream) {
     }
 }
 
-/// A POST that carries an Idempotency-Key acts once; sent again it gets the first answer.
+/// Executes a POST with an Idempotency-Key once. Sent again, it gets the first answer.
 pub(super) async fn once_per_key(State(app): State<App>, request: Request, next: Next) -> Response {
     if is_stop(&request) {
         return next.run(request).await;
@@ -205,32 +186,32 @@ pub(super) async fn once_per_key(State(app): State<App>, request: Request, next:
             return ApiError::invalid("Idempotency-Key", message).into_response();
         }
     };
-    // A client that goes away drops what it waits for, at any `.await`: on a task of its own the action is done and
-    // its answer is kept all the same.
+    // When a client leaves, its request is dropped at any `.await`. On a task of its own the action is completed and
+    // its answer is kept.
     let acting = tokio::spawn(async move { keyed(&app, &key, request, next).await });
     match acting.await {
         Ok(Ok(response)) => response,
         Ok(Err(problem)) => problem.into_response(),
-        // The layer for handlers that panic answers it.
+        // The layer that catches panics answers.
         Err(broken) if broken.is_panic() => std::panic::resume_unwind(broken.into_panic()),
         Err(_) => ApiError::from(LabError::Stopping).into_response(),
     }
 }
 
-/// Whose turn it is, key by key. What carries other keys does not wait for an import that takes minutes.
+/// One lock per key, so that requests with other keys do not wait for an import that takes minutes.
 #[derive(Clone, Default)]
-pub(super) struct Turns(Arc<std::sync::Mutex<HashMap<String, Arc<Mutex<()>>>>>);
+pub(super) struct KeyLocks(Arc<std::sync::Mutex<HashMap<String, Arc<Mutex<()>>>>>);
 
-impl Turns {
-    /// Completes when nobody else is at work under `key`, and holds the turn as long as it is kept.
+impl KeyLocks {
+    /// Waits for the lock of `key`.
     async fn of(&self, key: &str) -> OwnedMutexGuard<()> {
-        let turn = {
+        let lock = {
             let mut all = self.0.lock().expect("no holder of this lock panics");
-            // Keys that nobody is at work under or waits for are forgotten.
-            all.retain(|_, turn| Arc::strong_count(turn) > 1);
+            // Unused locks are removed.
+            all.retain(|_, lock| Arc::strong_count(lock) > 1);
             Arc::clone(all.entry(key.to_owned()).or_default())
         };
-        turn.lock_owned().await
+        lock.lock_owned().await
     }
 }
 
@@ -239,48 +220,30 @@ async fn keyed(app: &App, key: &str, request: Request, next: Next) -> Result<Res
     let body = to_bytes(body, BODY_BYTES_MAX)
         .await
         .map_err(|_| too_large())?;
-    let mut told = format!("{} {}\n", parts.method, parts.uri).into_bytes();
-    told.extend_from_slice(&body);
-    let told = sha256_hex(&told);
-    // The second of two at once must find the first one's answer.
-    let _turn = app.turns.of(key).await;
+    let mut fingerprint = format!("{} {}\n", parts.method, parts.uri).into_bytes();
+    fingerprint.extend_from_slice(&body);
+    let fingerprint = sha256_hex(&fingerprint);
+    // The second of two simultaneous requests must find the first one's answer.
+    let _lock = app.key_locks.of(key).await;
     let store = app.lab.store();
-    if let Some(kept) = store.kept_answer(key, &told).await? {
-        let status = StatusCode::from_u16(kept.status).unwrap_or(StatusCode::OK);
-        let mut response = (
-            status,
-            [(header::CONTENT_TYPE, "application/json")],
-            kept.body,
-        )
-            .into_response();
-        if let Some(location) = kept.location.and_then(|l| l.parse().ok()) {
-            response.headers_mut().insert(header::LOCATION, location);
-        }
-        return Ok(response);
+    if let Some(kept) = store.kept_answer(key, &fingerprint).await? {
+        return Ok(status::repeated(kept));
     }
     let response = next.run(Request::from_parts(parts, Body::from(body))).await;
     if !response.status().is_success() {
-        // Nothing was done: the same key may try again.
+        // Nothing was done, so the key can be used again.
         return Ok(response);
     }
     let (parts, body) = response.into_parts();
     let body = to_bytes(body, usize::MAX)
         .await
-        .map_err(|_| ApiError::bad_request("the answer broke off"))?;
-    let answer = KeptAnswer {
-        status: parts.status.as_u16(),
-        location: parts
-            .headers
-            .get(header::LOCATION)
-            .and_then(|l| l.to_str().ok())
-            .map(str::to_owned),
-        body: String::from_utf8_lossy(&body).into_owned(),
-    };
-    app.lab.keep_answer(key, &told, &answer).await?;
+        .map_err(|_| ApiError::internal())?;
+    let answer = status::to_keep(parts.status, &parts.headers, &body);
+    app.lab.keep_answer(key, &fingerprint, &answer).await?;
     Ok(Response::from_parts(parts, Body::from(body)))
 }
 
-/// A method as it is counted: whatever a client invents is one.
+/// Returns the label of a method in the metrics. Unknown methods share one label.
 fn counted(method: &Method) -> &'static str {
     match *method {
         Method::GET => "GET",
@@ -291,7 +254,7 @@ fn counted(method: &Method) -> &'static str {
     }
 }
 
-/// Counts and times requests, and logs each at debug.
+/// Counts, times and logs requests, and sets the security headers.
 pub(super) async fn measure(request: Request, next: Next) -> Response {
     let started = Instant::now();
     let method = request.method().clone();
@@ -378,27 +341,26 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_key_waits_for_its_own_turn_only_and_is_forgotten_after() {
-        let turns = Turns::default();
-        let first = turns.of("import").await;
-        let mut again = Box::pin(turns.of("import"));
+    async fn a_key_waits_for_its_own_lock_only_and_is_removed_after() {
+        let locks = KeyLocks::default();
+        let first = locks.of("import").await;
+        let mut again = Box::pin(locks.of("import"));
         assert!((&mut again).now_or_never().is_none());
-        let other = turns.of("scan").now_or_never();
+        let other = locks.of("scan").now_or_never();
         assert!(other.is_some());
         drop((first, other));
         again.await;
-        turns.of("last").await;
-        let left = turns.0.lock().unwrap().len();
+        locks.of("last").await;
+        let left = locks.0.lock().unwrap().len();
         assert_eq!(left, 1);
     }
 
     #[tokio::test]
-    async fn a_body_that_does_not_come_is_not_waited_for() {
+    async fn a_body_that_does_not_arrive_times_out() {
         let some = futures::stream::iter([Ok::<_, std::io::Error>("{")]);
         let body = Body::from_stream(some.chain(futures::stream::pending()));
         let problem = whole(body, Duration::from_millis(1)).await.unwrap_err();
-        let status = problem.into_response().status();
-        assert_eq!(status, StatusCode::REQUEST_TIMEOUT);
+        assert_eq!(problem.into_response().status(), 408);
         let body = Body::from("{}");
         assert_eq!(whole(body, CHUNK_WAIT).await.unwrap(), b"{}");
     }

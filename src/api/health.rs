@@ -1,49 +1,48 @@
-//! Whether the daemon lives, is ready, and how it fares.
+//! Liveness, readiness and metrics.
 
-use axum::Json;
 use axum::extract::{Request, State};
-use axum::http::{Method, StatusCode, header};
-use axum::response::IntoResponse;
+use axum::http::{Method, header};
+use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::App;
-use super::error::ApiError;
+use super::status::{self, ApiError};
 use crate::store::ROOM_TO_OPEN_KB;
 
-/// Where it is asked whether the daemon lives.
+/// Path of the liveness check.
 pub(super) const HEALTHZ: &str = "/healthz";
 
-/// Whether it is the question whether the daemon lives.
+/// Returns whether the request is the liveness check.
 pub(super) fn is_healthz(request: &Request) -> bool {
     matches!(*request.method(), Method::GET | Method::HEAD) && request.uri().path() == HEALTHZ
 }
 
-/// Whether it lives; answered however many are connected.
+/// Liveness: answered however many connections are open.
 #[utoipa::path(get, path = "/healthz", tag = "health", responses((status = 200, description = "The daemon is alive", body = String)))]
 pub(super) async fn healthz() -> &'static str {
     "ok\n"
 }
 
-/// Whether it can work.
+/// Readiness of the daemon.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ReadyBody {
-    /// Whether everything is there.
+    /// Whether store and rig are ready.
     ready: bool,
-    /// Whether the store answers and keeps what it is told.
+    /// Whether the store commits, records all running scans and has disk space.
     store: bool,
     /// Whether the stages answer; true for a daemon without a rig.
     rig: bool,
-    /// Why it is not ready; null if it is.
+    /// Why it is not ready; null if it is ready.
     problem: Option<String>,
 }
 
-/// Whether it can work: store and stages answer, and the disk has room.
+/// Readiness: store and stages answer, and the disk has space.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses(
     (status = 200, description = "Ready to serve requests", body = ReadyBody),
-    (status = 503, description = "It cannot; `problem` says why", body = ReadyBody),
+    (status = 503, description = "Not ready; `problem` states why", body = ReadyBody),
 ))]
-pub(super) async fn readyz(State(app): State<App>) -> impl IntoResponse {
+pub(super) async fn readyz(State(app): State<App>) -> Response {
     let store = app.lab.store().check_commits().await;
     let (rig, problem) = match app.lab.rig().await {
         Ok(view) => (view.connected, view.problem.map(|(_, detail)| detail)),
@@ -55,16 +54,12 @@ pub(super) async fn readyz(State(app): State<App>) -> impl IntoResponse {
     let no_room = free.filter(|bytes| *bytes < 1024 * ROOM_TO_OPEN_KB);
     let kept = store.is_ok() && unrecorded.is_none() && no_room.is_none();
     let ready = kept && rig;
-    let status = match ready {
-        true => StatusCode::OK,
-        false => StatusCode::SERVICE_UNAVAILABLE,
-    };
     let problem = match (&store, unrecorded) {
         (Err(error), _) => Some(error.to_string()),
         (Ok(()), Some((scan, why))) => Some(format!("scan {scan} cannot be recorded: {why}")),
         (Ok(()), None) => match no_room {
             Some(bytes) => Some(format!(
-                "the disk of the data folder has {bytes} bytes left: nothing more can be kept; make room"
+                "the disk of the data folder has {bytes} bytes left, too few to record anything; free some space"
             )),
             None => problem,
         },
@@ -75,28 +70,28 @@ pub(super) async fn readyz(State(app): State<App>) -> impl IntoResponse {
         rig,
         problem,
     };
-    (status, Json(body))
+    status::readiness(ready, body)
 }
 
-/// Says what each metric is, in the text that monitors read.
+/// Registers the description of each metric.
 pub(super) fn describe_metrics() {
     use ::metrics::{Unit, describe_counter, describe_gauge, describe_histogram};
     describe_counter!(
         "ridged_scan_states_total",
-        "States that scans came to, by state"
+        "State changes of scans, by new state"
     );
     describe_counter!(
         "ridged_frames_total",
-        "Frames kept, by whether they are used"
+        "Frames stored, by whether they are used"
     );
     describe_counter!(
         "ridged_task_states_total",
-        "States that fits, maps, contrasts, verdicts and traces came to, by task and state"
+        "State changes of fits, maps, contrasts, verdicts and traces, by task and new state"
     );
     describe_counter!("ridged_alarms_total", "Alarms, by code");
     describe_counter!(
         "ridged_stage_line_total",
-        "Exchanges with the stages, and what went wrong on the line: timeout, garbled, stray or alert"
+        "Exchanges with the stages, and faults of the line: timeout, garbled, stray or alert"
     );
     describe_counter!(
         "ridged_http_requests_total",
@@ -110,12 +105,12 @@ pub(super) fn describe_metrics() {
     describe_gauge!(
         "ridged_disk_free_bytes",
         Unit::Bytes,
-        "Space left where the data folder is"
+        "Free space on the disk of the data folder"
     );
 }
 
-/// Counters and timings for Prometheus: scans and other work by the states they came to, frames, alarms, the line to the
-/// stages, requests, space left. Each `# HELP` line says what a metric is.
+/// Counters and timings for Prometheus: state changes of scans and jobs, frames, alarms, the line to the stages, requests,
+/// disk space. Each `# HELP` line describes a metric.
 #[utoipa::path(get, path = "/metrics", tag = "health", responses((status = 200, description = "Prometheus text", content_type = "text/plain", body = String)))]
 pub(super) async fn metrics(State(app): State<App>) -> impl IntoResponse {
     if let Ok(free) = app.lab.store().free_bytes() {

@@ -1,61 +1,59 @@
-//! `/imports`: a recorded series on this machine into the store.
+//! `/imports`: imports a recorded series from this machine into the store.
 
 use std::path::PathBuf;
 
-use axum::Json;
 use axum::extract::State;
-use axum::http::{StatusCode, header};
-use axum::response::IntoResponse;
+use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::App;
-use super::error::{ApiError, Problem};
 use super::extract::Body;
+use super::status::{self, ApiError, Problem};
 use crate::lab::{ImportOptions, LabError};
 
-/// A series to be imported.
+/// A series to import.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImportRequest {
-    /// Absolute path of its folder on the daemon's machine.
+    /// Absolute path of the folder on the daemon's machine.
     #[schema(value_type = String)]
     folder: PathBuf,
-    /// Leave out frames that cannot be read, instead of refusing the series.
+    /// Leave out unreadable frames instead of refusing the series.
     #[serde(default)]
     skip_unreadable: bool,
 }
 
-/// What an import did.
+/// Result of an import.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ImportBody {
-    /// The scan it became.
+    /// Number of the new scan.
     scan_id: i64,
-    /// The sample it is of.
+    /// Number of its sample.
     sample_id: i64,
-    /// Frames kept.
+    /// Number of frames imported.
     n_frames: usize,
-    /// Frames left out, with the reason.
+    /// Frames left out, each with the reason.
     skipped: Vec<String>,
-    /// The newest scan that holds the very same series already; null where it is new.
+    /// The newest scan that already holds the same series; null if there is none.
     same_as_scan_id: Option<i64>,
-    /// Where none does: the scan that holds the same frames and differs least in what it says of them; else null.
+    /// Otherwise the scan with the same frames whose description differs least; null if there is none.
     like_scan_id: Option<i64>,
-    /// What it says otherwise, value by value. Both scans are kept.
+    /// Values of the description that differ. Both scans are kept.
     differences: Vec<String>,
 }
 
 /// Take a recorded series into the store as a completed scan.
 #[utoipa::path(post, path = "/api/v1/imports", tag = "scans", request_body = ImportRequest, responses(
-    (status = 201, description = "The scan it became", body = ImportBody, headers(("Location" = String, description = "The scan"))),
-    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 201, description = "The new scan", body = ImportBody, headers(("Location" = String, description = "The scan"))),
+    (status = 400, description = "The body cannot be read", body = Problem),
     (status = 422, description = "The folder is not a series, or a frame cannot be read", body = Problem),
-    (status = 507, description = "The series would not leave the reserve free, or the disk is full; nothing was imported", body = Problem),
+    (status = 507, description = "The disk has no space for the series beside the reserve; nothing was imported", body = Problem),
 ))]
 pub(super) async fn add(
     State(app): State<App>,
     Body(body): Body<ImportRequest>,
-) -> Result<impl IntoResponse, ApiError> {
+) -> Result<Response, ApiError> {
     if !body.folder.is_absolute() {
         return Err(ApiError::invalid("folder", "must be an absolute path"));
     }
@@ -63,7 +61,7 @@ pub(super) async fn add(
         skip_unreadable: body.skip_unreadable,
         ..ImportOptions::default()
     };
-    // On a task of its own: a client that goes away does not leave half a series behind.
+    // On a task of its own, so that a client that leaves does not leave half a series in the store.
     let import = async move { app.lab.import(&body.folder, &options, &|_, _| {}).await };
     let imported = tokio::spawn(import)
         .await
@@ -78,9 +76,5 @@ pub(super) async fn add(
         like_scan_id: imported.like.as_ref().map(|like| like.scan_id),
         differences: imported.like.map_or_else(Vec::new, |like| like.differences),
     };
-    Ok((
-        StatusCode::CREATED,
-        [(header::LOCATION, location)],
-        Json(body),
-    ))
+    Ok(status::created(location, body))
 }

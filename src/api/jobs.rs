@@ -2,82 +2,78 @@
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::{StatusCode, header};
+use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::error::{ApiError, Problem};
+use super::document::Binary;
 use super::extract::{Body, Id, IdAndName, Params, page, since};
-use super::{App, Begun, List, words};
+use super::job_body::{JobBody, JobError, result_of_today};
+use super::status::{self, ApiError, Problem};
+use super::{App, Begun, List};
 use crate::job::{JobId, JobKind, JobState};
 use crate::lab::{ContrastRequest, JobRequest, LabError, MapRequest, TraceRequest, VerdictRequest};
 use crate::store::jobs::{Job, JobFilter};
 use crate::store::{PageRequest, StoreError};
 
-/// The body of a job: the object of the command of that name, once there is one, with what the store adds. Before, the
-/// progress (`progress`) and the forecast (`forecast`, which stays with the result).
-fn body(app: &App, job: Job) -> Result<Value, StoreError> {
+fn body(app: &App, job: Job) -> Result<JobBody, StoreError> {
     let parsed = |text: &str, table| -> Result<Value, StoreError> {
         serde_json::from_str(text).map_err(|e| StoreError::bad_row(table, e))
     };
+    let (progress, forecast) = app.lab.job_progress(job.id());
     let request = parsed(&job.request, "jobs")?;
-    let mut object = match (&job.result, job.kind) {
+    let result = match (&job.result, job.kind) {
+        (Some(result), JobKind::Contrast) => result_of_today(parsed(result, "job_ends")?),
         (Some(result), _) => parsed(result, "job_ends")?,
         (None, JobKind::Fit) => {
             json!({ "variant": request["variant"], "region": request["region"] })
         }
         (None, _) => json!({}),
     };
-    object["id"] = json!(job.number);
-    object["scan_id"] = json!(job.scan_id);
-    object["sample_id"] = json!(job.sample_id);
-    object["sample_name"] = json!(job.sample_name);
-    object["state"] = json!(job.state);
-    object["request"] = request;
-    object["created_at"] = json!(job.created_at);
-    object["ended_at"] = json!(job.ended_at);
-    let (progress, forecast) = app.lab.job_progress(job.id());
-    if let Some(progress) = progress {
-        object["progress"] = json!(progress);
-    }
-    if let Some(forecast) = forecast {
-        object["forecast"] = json!(forecast);
-    }
-    if let (Some(code), Some(detail)) = (job.error_code, job.error_detail) {
-        object["error"] = json!({ "code": code, "detail": detail });
-    }
-    Ok(object)
+    Ok(JobBody {
+        id: job.number,
+        scan_id: job.scan_id,
+        sample_id: job.sample_id,
+        sample_name: job.sample_name,
+        state: job.state,
+        request,
+        created_at: job.created_at,
+        ended_at: job.ended_at,
+        progress,
+        forecast,
+        error: JobError::of(job.error_code, job.error_detail),
+        result,
+    })
 }
 
-/// Which of them.
+/// Filter of the list.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct JobParams {
-    /// Of any scan of this sample.
+    /// Jobs of any scan of this sample.
     sample_id: Option<i64>,
-    /// Of this scan.
+    /// Jobs of this scan.
     scan_id: Option<i64>,
-    /// In this state.
-    #[param(value_type = Option<words::TaskState>)]
-    state: Option<String>,
-    /// Begun at or after, RFC 3339.
+    /// Jobs in this state.
+    state: Option<JobState>,
+    /// Started at or after this time, RFC 3339.
     since: Option<String>,
-    /// Rows at most, 1 to 1000; 100 if not given.
+    /// Rows at most, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
+    /// `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
-/// A page of jobs of a kind.
+/// Returns a page of jobs of a kind.
 pub(super) async fn found(
     app: &App,
     kind: JobKind,
     filter: &JobFilter,
     page: PageRequest,
-) -> Result<Json<List<Value>>, ApiError> {
+) -> Result<Json<List<JobBody>>, ApiError> {
     let found = app.lab.store().jobs(kind, filter, page).await?;
     let mut list = List::after(&found);
     for job in found.items {
@@ -87,19 +83,16 @@ pub(super) async fn found(
     Ok(Json(list))
 }
 
-async fn list(app: &App, kind: JobKind, params: JobParams) -> Result<Json<List<Value>>, ApiError> {
+async fn list(
+    app: &App,
+    kind: JobKind,
+    params: JobParams,
+) -> Result<Json<List<JobBody>>, ApiError> {
     let page = page(params.limit, params.cursor.as_deref())?;
-    let state = match params.state.as_deref() {
-        Some(word) => Some(JobState::from_word(word).ok_or_else(|| {
-            let known = JobState::ALL.map(JobState::as_str).join(", ");
-            ApiError::invalid("state", format!("`{word}` is none of {known}"))
-        })?),
-        None => None,
-    };
     let filter = JobFilter {
         sample_id: params.sample_id,
         scan_id: params.scan_id,
-        state,
+        state: params.state,
         since: since(params.since)?,
         ..JobFilter::default()
     };
@@ -113,11 +106,10 @@ pub(super) async fn begin(app: &App, request: impl Into<JobRequest>) -> Result<R
         state: JobState::Running.to_string(),
     };
     let path = format!("/api/v1/{}/{}", id.kind.plural(), id.number);
-    let location = [(header::LOCATION, path)];
-    Ok((StatusCode::ACCEPTED, location, Json(body)).into_response())
+    Ok(status::accepted(path, body))
 }
 
-pub(super) async fn one(app: &App, kind: JobKind, number: i64) -> Result<Json<Value>, ApiError> {
+pub(super) async fn one(app: &App, kind: JobKind, number: i64) -> Result<Json<JobBody>, ApiError> {
     let job = app.lab.store().job(JobId::new(kind, number)).await?;
     Ok(Json(body(app, job)?))
 }
@@ -150,38 +142,34 @@ async fn file(
     Ok((headers, bytes))
 }
 
-pub(super) async fn cancel(
-    app: &App,
-    kind: JobKind,
-    number: i64,
-) -> Result<impl IntoResponse + use<>, ApiError> {
+pub(super) async fn cancel(app: &App, kind: JobKind, number: i64) -> Result<Response, ApiError> {
     app.lab.cancel_job(JobId::new(kind, number)).await?;
     let body = Begun {
         id: Some(number),
         state: JobState::Cancelled.to_string(),
     };
-    Ok((StatusCode::ACCEPTED, Json(body)))
+    Ok(status::ordered(body))
 }
 
 /// Maps, newest first.
 #[utoipa::path(get, path = "/api/v1/maps", tag = "maps", params(JobParams), responses(
-    (status = 200, description = "A page of maps", body = List<Object>),
-    (status = 422, description = "A value makes no sense", body = Problem),
+    (status = 200, description = "A page of maps", body = List<JobBody>),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn maps(
     State(app): State<App>,
     Params(params): Params<JobParams>,
-) -> Result<Json<List<Value>>, ApiError> {
+) -> Result<Json<List<JobBody>>, ApiError> {
     list(&app, JobKind::Map, params).await
 }
 
-/// Begin a map: every pixel of a scan fitted.
-#[utoipa::path(post, path = "/api/v1/maps", tag = "maps", request_body(content = Object, description =
-    "`scan_id`, optional `max_seconds` (pixels not reached by then have no value) and `target_error` (share of the brightest radiance that may be left out)"), responses(
+/// Start a map, a fit of every pixel of a scan.
+#[utoipa::path(post, path = "/api/v1/maps", tag = "maps", request_body(content = MapRequest, description =
+    "`scan_id`, optional `max_seconds` (pixels not reached within this time have no value) and `target_error` (share of the brightest radiance that the model may omit)"), responses(
     (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The map"))),
-    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 400, description = "The body cannot be read", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),
-    (status = 422, description = "A value makes no sense", body = Problem),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn begin_map(
     State(app): State<App>,
@@ -190,19 +178,19 @@ pub(super) async fn begin_map(
     begin(&app, request).await
 }
 
-/// One map: the object of `map --json` plus id, scan_id and state; its `files` lie below `files/`.
+/// One map: the object of `map --json` plus the fields of its job. Its `files` are below `files/`.
 #[utoipa::path(get, path = "/api/v1/maps/{id}", tag = "maps", params(("id" = i64, Path, description = "Number of the map")), responses(
-    (status = 200, description = "The map; `state` running (with `progress`), completed, failed, cancelled or interrupted", body = Object),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 200, description = "The map; `state` running (with `progress`), completed, failed, cancelled or interrupted", body = JobBody),
+    (status = 404, description = "Not found", body = Problem),
 ))]
-pub(super) async fn map(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
+pub(super) async fn map(State(app): State<App>, Id(id): Id) -> Result<Json<JobBody>, ApiError> {
     one(&app, JobKind::Map, id).await
 }
 
-/// Cancel a map that runs.
+/// Cancel a running map.
 #[utoipa::path(post, path = "/api/v1/maps/{id}/cancel", tag = "maps", params(("id" = i64, Path, description = "Number of the map")), responses(
-    (status = 202, description = "It will end within a moment", body = Begun),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 202, description = "It ends within a moment", body = Begun),
+    (status = 404, description = "Not found", body = Problem),
     (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel_map(
@@ -215,10 +203,10 @@ pub(super) async fn cancel_map(
 /// A file of a map: float32 TIFF, PNG picture, CSV or JSON.
 #[utoipa::path(get, path = "/api/v1/maps/{id}/files/{name}", tag = "maps", params(
     ("id" = i64, Path, description = "Number of the map"),
-    ("name" = String, Path, description = "One of its `files`, such as theta_r_deg.png"),
+    ("name" = String, Path, description = "One of its `files`, e.g. theta_r_deg.png"),
 ), responses(
     (status = 200, description = "The file",
-        content((words::Binary = "image/tiff"), (words::Binary = "image/png"), (String = "text/csv"), (Object = "application/json"))),
+        content((Binary = "image/tiff"), (Binary = "image/png"), (String = "text/csv"), (Object = "application/json"))),
     (status = 404, description = "There is no such map", body = Problem),
     (status = 409, description = "The map has no files (yet)", body = Problem),
     (status = 422, description = "The map has no such file", body = Problem),
@@ -232,22 +220,22 @@ pub(super) async fn map_file(
 
 /// Contrasts, newest first.
 #[utoipa::path(get, path = "/api/v1/contrasts", tag = "contrasts", params(JobParams), responses(
-    (status = 200, description = "A page of contrasts", body = List<Object>),
-    (status = 422, description = "A value makes no sense", body = Problem),
+    (status = 200, description = "A page of contrasts", body = List<JobBody>),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn contrasts(
     State(app): State<App>,
     Params(params): Params<JobParams>,
-) -> Result<Json<List<Value>>, ApiError> {
+) -> Result<Json<List<JobBody>>, ApiError> {
     list(&app, JobKind::Contrast, params).await
 }
 
-/// Begin a contrast table of a scan.
-#[utoipa::path(post, path = "/api/v1/contrasts", tag = "contrasts", request_body(content = Object, description = "`scan_id`, optional `region`"), responses(
+/// Start a contrast table of a scan.
+#[utoipa::path(post, path = "/api/v1/contrasts", tag = "contrasts", request_body(content = ContrastRequest, description = "`scan_id`, optional `region`"), responses(
     (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The contrast"))),
-    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 400, description = "The body cannot be read", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),
-    (status = 422, description = "A value makes no sense", body = Problem),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn begin_contrast(
     State(app): State<App>,
@@ -256,19 +244,22 @@ pub(super) async fn begin_contrast(
     begin(&app, request).await
 }
 
-/// One contrast table: the object of `contrast --json` plus id, scan_id and state.
+/// One contrast table: the object of `contrast --json` plus the fields of its job.
 #[utoipa::path(get, path = "/api/v1/contrasts/{id}", tag = "contrasts", params(("id" = i64, Path, description = "Number of the contrast")), responses(
-    (status = 200, description = "The contrast", body = Object),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 200, description = "The contrast", body = JobBody),
+    (status = 404, description = "Not found", body = Problem),
 ))]
-pub(super) async fn contrast(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
+pub(super) async fn contrast(
+    State(app): State<App>,
+    Id(id): Id,
+) -> Result<Json<JobBody>, ApiError> {
     one(&app, JobKind::Contrast, id).await
 }
 
-/// Cancel a contrast that runs.
+/// Cancel a running contrast.
 #[utoipa::path(post, path = "/api/v1/contrasts/{id}/cancel", tag = "contrasts", params(("id" = i64, Path, description = "Number of the contrast")), responses(
-    (status = 202, description = "It will end within a moment", body = Begun),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 202, description = "It ends within a moment", body = Begun),
+    (status = 404, description = "Not found", body = Problem),
     (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel_contrast(
@@ -280,23 +271,23 @@ pub(super) async fn cancel_contrast(
 
 /// Verdicts, newest first.
 #[utoipa::path(get, path = "/api/v1/verdicts", tag = "verdicts", params(JobParams), responses(
-    (status = 200, description = "A page of verdicts", body = List<Object>),
-    (status = 422, description = "A value makes no sense", body = Problem),
+    (status = 200, description = "A page of verdicts", body = List<JobBody>),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn verdicts(
     State(app): State<App>,
     Params(params): Params<JobParams>,
-) -> Result<Json<List<Value>>, ApiError> {
+) -> Result<Json<List<JobBody>>, ApiError> {
     list(&app, JobKind::Verdict, params).await
 }
 
-/// Begin a verdict: a scan judged against a specification.
-#[utoipa::path(post, path = "/api/v1/verdicts", tag = "verdicts", request_body(content = Object, description =
-    "`scan_id`, `specification` (`name`, `limits` such as {\"theta_r_deg\": {\"lower\": 9.5, \"upper\": 10.5}}, optional `decision` and `reference_plane`: \"sample\" leaves angles open unless the rig states `sample_wedge_std_deg`), optional `variant` and `region`, `max_seconds`, `target_error` (of the ray tracer), `tolerance`"), responses(
+/// Start a verdict, which judges a scan against a specification.
+#[utoipa::path(post, path = "/api/v1/verdicts", tag = "verdicts", request_body(content = VerdictRequest, description =
+    "`scan_id`, `specification` (`name`, `limits`, e.g. {\"theta_r_deg\": {\"lower\": 9.5, \"upper\": 10.5}}, optional `decision` and `reference_plane`: \"sample\" needs `sample_wedge_std_deg` in the settings of the rig to judge angles), optional `variant` and `region`, `max_seconds`, `target_error` (of the ray tracer), `tolerance`"), responses(
     (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The verdict"))),
-    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 400, description = "The body cannot be read", body = Problem),
     (status = 404, description = "There is no such scan", body = Problem),
-    (status = 422, description = "A value makes no sense", body = Problem),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn begin_verdict(
     State(app): State<App>,
@@ -305,19 +296,19 @@ pub(super) async fn begin_verdict(
     begin(&app, request).await
 }
 
-/// One verdict: the object of `judge --json` plus id, scan_id and state.
+/// One verdict: the object of `judge --json` plus the fields of its job.
 #[utoipa::path(get, path = "/api/v1/verdicts/{id}", tag = "verdicts", params(("id" = i64, Path, description = "Number of the verdict")), responses(
-    (status = 200, description = "The verdict: pass, fail or cannot-tell, with every limit's reason", body = Object),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 200, description = "The verdict: pass, fail or cannot-tell, with every limit's reason", body = JobBody),
+    (status = 404, description = "Not found", body = Problem),
 ))]
-pub(super) async fn verdict(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
+pub(super) async fn verdict(State(app): State<App>, Id(id): Id) -> Result<Json<JobBody>, ApiError> {
     one(&app, JobKind::Verdict, id).await
 }
 
-/// Cancel a verdict that runs.
+/// Cancel a running verdict.
 #[utoipa::path(post, path = "/api/v1/verdicts/{id}/cancel", tag = "verdicts", params(("id" = i64, Path, description = "Number of the verdict")), responses(
-    (status = 202, description = "It will end within a moment", body = Begun),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 202, description = "It ends within a moment", body = Begun),
+    (status = 404, description = "Not found", body = Problem),
     (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel_verdict(
@@ -329,22 +320,22 @@ pub(super) async fn cancel_verdict(
 
 /// Traces, newest first.
 #[utoipa::path(get, path = "/api/v1/traces", tag = "traces", params(JobParams), responses(
-    (status = 200, description = "A page of traces", body = List<Object>),
-    (status = 422, description = "A value makes no sense", body = Problem),
+    (status = 200, description = "A page of traces", body = List<JobBody>),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn traces(
     State(app): State<App>,
     Params(params): Params<JobParams>,
-) -> Result<Json<List<Value>>, ApiError> {
+) -> Result<Json<List<JobBody>>, ApiError> {
     list(&app, JobKind::Trace, params).await
 }
 
-/// Begin a trace: polarised light through a scene.
-#[utoipa::path(post, path = "/api/v1/traces", tag = "traces", request_body(content = Object, description =
-    "`scene` (the text of its TOML, or an object of the same keys), optional `files` (those that it names by `path`: an object of contents in base64; they stay with the result as `given-NAME`), `photons` (instead of the scene's), `max_seconds`, `target_error` (relative error of the reflected bins), `compare` (every path with and without polarisation; where a material depends on the wavelength, at eight of them) and `surfaces` (2 to 1000: so many surfaces of the same statistics in all; `surfaces` of the result tells photons and spread apart)"), responses(
+/// Start a trace of polarised light through a scene.
+#[utoipa::path(post, path = "/api/v1/traces", tag = "traces", request_body(content = TraceRequest, description =
+    "`scene` (the text of its TOML, or an object of the same keys), optional `files` (those that the scene names by `path`: an object of contents in base64, kept with the result as `given-NAME`), `photons` (instead of the scene's), `max_seconds`, `target_error` (relative error of the reflected bins), `compare` (traces every path with and without polarisation, at eight wavelengths if a material depends on it) and `surfaces` (2 to 1000 random surfaces of the same statistics; `surfaces` of the result separates photon noise from their spread)"), responses(
     (status = 202, description = "It runs", body = Begun, headers(("Location" = String, description = "The trace"))),
-    (status = 400, description = "The body cannot be understood", body = Problem),
-    (status = 422, description = "The scene makes no sense", body = Problem),
+    (status = 400, description = "The body cannot be read", body = Problem),
+    (status = 422, description = "The scene is not valid", body = Problem),
 ))]
 pub(super) async fn begin_trace(
     State(app): State<App>,
@@ -353,20 +344,20 @@ pub(super) async fn begin_trace(
     begin(&app, request).await
 }
 
-/// One trace: the object of `trace --json` plus id and state, `light`, `bins` (what is in its files), `comparison` (with
-/// `compare`: ADM and MDM of Wang et al. 2017, their mask) and `warnings`; its `files` lie below `files/`.
+/// One trace: the object of `trace --json` plus the fields of its job, `light`, `bins` (the content of its files), `comparison`
+/// (with `compare`: ADM and MDM of Wang et al. 2017, and their mask) and `warnings`. Its `files` are below `files/`.
 #[utoipa::path(get, path = "/api/v1/traces/{id}", tag = "traces", params(("id" = i64, Path, description = "Number of the trace")), responses(
-    (status = 200, description = "The trace", body = Object),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 200, description = "The trace", body = JobBody),
+    (status = 404, description = "Not found", body = Problem),
 ))]
-pub(super) async fn trace(State(app): State<App>, Id(id): Id) -> Result<Json<Value>, ApiError> {
+pub(super) async fn trace(State(app): State<App>, Id(id): Id) -> Result<Json<JobBody>, ApiError> {
     one(&app, JobKind::Trace, id).await
 }
 
-/// Cancel a trace that runs.
+/// Cancel a running trace.
 #[utoipa::path(post, path = "/api/v1/traces/{id}/cancel", tag = "traces", params(("id" = i64, Path, description = "Number of the trace")), responses(
-    (status = 202, description = "It will end within a moment", body = Begun),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 202, description = "It ends within a moment", body = Begun),
+    (status = 404, description = "Not found", body = Problem),
     (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel_trace(
@@ -377,16 +368,16 @@ pub(super) async fn cancel_trace(
 }
 
 /// A file of a trace: `bins.csv` (the table of `trace --out`), `plane.json` (the plane of incidence: the virtual ellipsometer's
-/// readings, and polarised against scalar), or little-endian 32-bit floats: `bins.f32` (for every of `bins.sides`, bin row by row
-/// over polar angle and azimuth, and of `bins.numbers`: value and standard error, sr⁻¹, NaN where no light arrived),
-/// `difference.f32` (for every bin of the upper side: d = (polarised − scalar)/scalar averaged over the wavelengths, its standard
-/// error, ADM and MDM; NaN where it does not count).
+/// readings, and polarised against scalar), or little-endian 32-bit floats: `bins.f32` (for each of `bins.sides`, each bin by polar angle and
+/// azimuth, and each of `bins.numbers`: value and standard error, sr⁻¹, NaN without light),
+/// `difference.f32` (for each bin of the upper side: d = (polarised − scalar)/scalar averaged over the wavelengths, its standard
+/// error, ADM and MDM; NaN if the bin does not count).
 #[utoipa::path(get, path = "/api/v1/traces/{id}/files/{name}", tag = "traces", params(
     ("id" = i64, Path, description = "Number of the trace"),
-    ("name" = String, Path, description = "One of its `files`, such as bins.csv"),
+    ("name" = String, Path, description = "One of its `files`, e.g. bins.csv"),
 ), responses(
     (status = 200, description = "The file",
-        content((String = "text/csv"), (Object = "application/json"), (words::Binary = "application/octet-stream"))),
+        content((String = "text/csv"), (Object = "application/json"), (Binary = "application/octet-stream"))),
     (status = 404, description = "There is no such trace", body = Problem),
     (status = 409, description = "The trace has no files (yet)", body = Problem),
     (status = 422, description = "The trace has no such file", body = Problem),

@@ -1,21 +1,18 @@
-//! HTTP: routes and their description from one source, problems, events, the page.
+//! The HTTP interface: routes with their OpenAPI description, problems, events and the page.
 //!
-//! [`router`] makes the whole from a [`Lab`]; [`server::bind`] and [`server::serve`] put it on a
-//! loopback address. One file per noun; `error` alone knows status codes, `guard` alone knows who
-//! may come in. This room knows no hardware and no settings.
+//! [`router`] builds everything from a [`Lab`]; [`server::bind`] and [`server::serve`] serve it on a
+//! loopback address. There is one file per noun. Only `status` knows status codes, and only `guard`
+//! decides which requests are accepted. This module knows no hardware and no settings.
 //!
-//! To add a route: a handler in the noun's file with `#[utoipa::path]` (each response with a
-//! description), one line in [`router`], and the snapshot in `tests/data/openapi.json` renewed.
+//! To add a route, write a handler in the noun's file with `#[utoipa::path]` (each response with a
+//! description), add one line to `described`, and renew the snapshot `tests/data/openapi.json`.
 
 mod accuracy;
-mod answered;
-mod asked;
 mod caching;
 mod calibrations;
 mod certainty;
 mod connections;
 mod document;
-mod error;
 mod events;
 mod extract;
 mod fits;
@@ -23,6 +20,7 @@ mod frames;
 mod guard;
 mod health;
 mod imports;
+mod job_body;
 mod jobs;
 mod observations;
 mod page;
@@ -30,7 +28,7 @@ mod rig;
 mod samples;
 mod scans;
 pub mod server;
-mod words;
+mod status;
 
 use std::sync::Arc;
 
@@ -48,39 +46,39 @@ use utoipa_axum::routes;
 use crate::lab::{Lab, LabError};
 use crate::store::{DamagedRow, Page, StoreError};
 
-pub use error::{ApiError, FieldProblem, Problem};
+pub use status::{ApiError, FieldProblem, OutOfRange, Problem};
 
-/// Gives the metrics as text.
+/// Renders the metrics as text.
 pub type RenderMetrics = Arc<dyn Fn() -> String + Send + Sync>;
 
-/// What every handler may use.
+/// State shared by all handlers.
 #[derive(Clone)]
 pub(crate) struct App {
     lab: Lab,
     render_metrics: RenderMetrics,
     openapi: Arc<str>,
-    /// Ends the event streams, which would otherwise keep the server alive.
+    /// Ends the event streams, which would otherwise keep the server running.
     ending: CancellationToken,
-    /// One turn for requests with an Idempotency-Key.
-    turns: guard::Turns,
+    /// Locks for requests with an Idempotency-Key.
+    key_locks: guard::KeyLocks,
 }
 
-/// A list as all lists are.
+/// A page of a list.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct List<T> {
     /// The rows of this page.
     pub items: Vec<T>,
-    /// Hand it back as `cursor` for the next page; null at the end.
+    /// `cursor` of the next page; null at the end.
     pub next_cursor: Option<String>,
-    /// Rows of this page that the store cannot read; left out where there are none.
+    /// Rows of this page that the store cannot read; omitted if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub damaged: Vec<DamagedBody>,
 }
 
-/// A row that does not hold what was written into it.
+/// A row that the store cannot read.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct DamagedBody {
-    /// Its number.
+    /// Number of the row.
     id: i64,
     /// What is wrong with it.
     detail: String,
@@ -104,7 +102,7 @@ impl<T, U: From<T>> From<Page<T>> for List<U> {
 }
 
 impl<U> List<U> {
-    /// A list of no rows yet, after this page.
+    /// Returns an empty list with the cursor and the damaged rows of this page.
     fn after<T>(page: &Page<T>) -> Self {
         List {
             items: Vec::new(),
@@ -118,10 +116,10 @@ impl<U> List<U> {
         }
     }
 
-    /// Takes in what a row answers. One that is damaged stands beside the others.
+    /// Adds a row, or lists it as damaged.
     ///
     /// # Errors
-    /// What went wrong besides.
+    /// Any error other than a damaged row.
     fn take(&mut self, id: i64, answer: Result<U, LabError>) -> Result<(), ApiError> {
         match answer {
             Ok(item) => self.items.push(item),
@@ -135,12 +133,12 @@ impl<U> List<U> {
     }
 }
 
-/// The answer to what takes longer than a request.
+/// The answer to a request for work that takes longer than the request.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Begun {
-    /// Number of what was begun; null for a motion.
+    /// Number of the new row; null for a motion.
     pub id: Option<i64>,
-    /// State it is in now.
+    /// Its state now.
     pub state: String,
 }
 
@@ -148,12 +146,12 @@ pub struct Begun {
 #[openapi(
     info(
         title = "ridged",
-        description = "Drives a rig for surfaces of fine parallel ridges, keeps its frames, fits the ridge angle and states the uncertainty. Loopback only. Errors are RFC 9457 problems with a stable `code`. POSTs may carry an `Idempotency-Key`, but for the stop, which acts each time.",
+        description = "Drives a rig for surfaces of fine parallel ridges, keeps its frames, fits the ridge angle and states the uncertainty. Loopback only. Errors are RFC 9457 problems with a stable `code`. POSTs except the stop may carry an `Idempotency-Key`.",
         license(name = "MIT OR Apache-2.0")
     ),
     tags(
         (name = "rig", description = "The stages, one axis at a time"),
-        (name = "samples", description = "What is measured"),
+        (name = "samples", description = "Surfaces to be measured"),
         (name = "scans", description = "Series of frames"),
         (name = "frames", description = "16-bit images"),
         (name = "observations", description = "Frames reduced to numbers"),
@@ -163,7 +161,7 @@ pub struct Begun {
         (name = "verdicts", description = "Judgement against a specification"),
         (name = "traces", description = "Polarised light through a scene"),
         (name = "calibrations", description = "Dark and white-reference frames"),
-        (name = "events", description = "What happens, as it happens"),
+        (name = "events", description = "Changes of scans, frames, jobs and rig, as they happen"),
         (name = "health", description = "For monitors"),
     )
 )]
@@ -216,7 +214,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(health::metrics))
 }
 
-/// The OpenAPI document, pretty-printed.
+/// Returns the OpenAPI document, pretty-printed.
 #[must_use]
 pub fn openapi_json() -> String {
     let mut document = described().into_openapi();
@@ -226,7 +224,7 @@ pub fn openapi_json() -> String {
         .expect("a document of text is JSON")
 }
 
-/// The whole HTTP interface of a lab. `ending` is cancelled when the server shall end.
+/// Builds the whole HTTP interface of a lab. Cancelling `ending` ends the event streams.
 pub fn router(lab: Lab, render_metrics: RenderMetrics, ending: CancellationToken) -> Router {
     health::describe_metrics();
     let app = App {
@@ -234,18 +232,15 @@ pub fn router(lab: Lab, render_metrics: RenderMetrics, ending: CancellationToken
         render_metrics,
         openapi: openapi_json().into(),
         ending,
-        turns: guard::Turns::default(),
+        key_locks: guard::KeyLocks::default(),
     };
     let (routes, _) = described().split_for_parts();
     routes
         .route("/openapi.json", get(health::openapi))
         .fallback(page::page)
         .method_not_allowed_fallback(async || {
-            ApiError::new(
-                axum::http::StatusCode::METHOD_NOT_ALLOWED,
-                "method-not-allowed",
-                "not with this method",
-                "the route exists, but not with this method; /openapi.json lists them",
+            ApiError::method_not_allowed(
+                "the route exists, but has no such method; /openapi.json lists all routes",
             )
             .into_response()
         })
@@ -259,11 +254,5 @@ pub fn router(lab: Lab, render_metrics: RenderMetrics, ending: CancellationToken
 
 fn panicked(_: Box<dyn std::any::Any + Send>) -> axum::response::Response {
     tracing::error!("a handler panicked; the message is above");
-    ApiError::new(
-        axum::http::StatusCode::INTERNAL_SERVER_ERROR,
-        "internal",
-        "something went wrong inside",
-        "something went wrong inside; the daemon's log has the details",
-    )
-    .into_response()
+    ApiError::internal().into_response()
 }

@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::App;
-use super::error::{ApiError, Problem};
-use super::extract::{Id, Params, finite, page};
+use super::extract::{Id, Params, page};
+use super::status::{ApiError, Problem};
 use crate::observation::RejectedFrame;
 
-/// An angle asked for matches positions read back within this.
+/// Largest difference between a requested angle and a position read back, degrees.
 const MATCH_DEG: f64 = 0.5;
 
-/// Which observations, in which form.
+/// Filter and form of the observations.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
@@ -24,15 +24,27 @@ pub struct ObservationParams {
     theta_c_deg: Option<f64>,
     /// Only at this azimuth, within 0.5°.
     phi_s_deg: Option<f64>,
-    /// Region of a sample that has several.
+    /// Region of a sample with several regions.
     region: Option<String>,
     /// json (default) or csv.
-    format: Option<String>,
-    /// Rows at most, 1 to 1000; all if not given.
+    #[param(value_type = Option<String>)]
+    format: Option<Format>,
+    /// Rows at most, 1 to 1000; all if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
+    /// `next_cursor` of the previous page.
     cursor: Option<String>,
+}
+
+/// Form of an answer.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Format {
+    /// One object.
+    #[default]
+    Json,
+    /// A table.
+    Csv,
 }
 
 /// A reduced measurement.
@@ -42,11 +54,11 @@ pub struct ObservationBody {
     theta_c_deg: f64,
     /// Sample azimuth φs read back from the stage, degrees.
     phi_s_deg: f64,
-    /// Radiance for lamp irradiance 1 on a surface facing it; arbitrary unit if not `absolute`.
+    /// Radiance for a lamp irradiance of 1 on a surface that faces the lamp; in an arbitrary unit if not `absolute`.
     signal: f64,
-    /// Its own standard uncertainty, in the unit of `signal`; errors common to all observations are not in it.
+    /// Its standard uncertainty in the unit of `signal`, without errors common to all observations.
     sigma: f64,
-    /// Number of frames in it.
+    /// Number of frames of this observation.
     n_frames: u32,
 }
 
@@ -59,33 +71,30 @@ pub struct ObservationsBody {
     next_cursor: Option<String>,
     /// Number of the scan.
     scan_id: i64,
-    /// False while more frames may come.
+    /// False while more frames may follow.
     complete: bool,
-    /// Whether a white reference gives the scale.
+    /// Whether a white reference defines the scale.
     absolute: bool,
     /// Region of the sample; null for the whole.
     region: Option<String>,
     /// Frames left out.
-    #[schema(value_type = Vec<Object>)]
     rejected_frames: Vec<RejectedFrame>,
-    /// Sentences for people.
+    /// Warnings, as sentences.
     warnings: Vec<String>,
 }
 
-/// Observations of a scan, reduced from its frames now or earlier.
+/// Observations of a scan, reduced from its frames.
 #[utoipa::path(get, path = "/api/v1/scans/{id}/observations", tag = "observations", params(("id" = i64, Path, description = "Number of the scan"), ObservationParams), responses(
     (status = 200, description = "The observations; CSV columns: theta_c_deg, phi_s_deg, signal, sigma, n_frames",
         content((ObservationsBody = "application/json"), (String = "text/csv"))),
     (status = 404, description = "There is no such scan", body = Problem),
-    (status = 422, description = "The frames give no observations, or a region has to be named", body = Problem),
+    (status = 422, description = "The frames give no observations, or a region must be named", body = Problem),
 ))]
 pub(super) async fn of_scan(
     State(app): State<App>,
     Id(id): Id,
     Params(params): Params<ObservationParams>,
 ) -> Result<Response, ApiError> {
-    let theta_c_deg = finite("theta_c_deg", params.theta_c_deg)?;
-    let phi_s_deg = finite("phi_s_deg", params.phi_s_deg)?;
     let reduced = app.lab.observations(id, params.region.as_deref()).await?;
     let near = |value: f64, asked: Option<f64>| asked.is_none_or(|a| (value - a).abs() < MATCH_DEG);
     let items: Vec<ObservationBody> = reduced
@@ -99,11 +108,11 @@ pub(super) async fn of_scan(
             sigma: o.sigma,
             n_frames: o.n_frames,
         })
-        .filter(|o| near(o.theta_c_deg, theta_c_deg) && near(o.phi_s_deg, phi_s_deg))
+        .filter(|o| near(o.theta_c_deg, params.theta_c_deg) && near(o.phi_s_deg, params.phi_s_deg))
         .collect();
     let (items, next_cursor) = cut(items, params.limit, params.cursor.as_deref())?;
-    match params.format.as_deref() {
-        None | Some("json") => Ok(Json(ObservationsBody {
+    match params.format.unwrap_or_default() {
+        Format::Json => Ok(Json(ObservationsBody {
             items,
             next_cursor,
             scan_id: id,
@@ -114,15 +123,11 @@ pub(super) async fn of_scan(
             warnings: reduced.set.warnings,
         })
         .into_response()),
-        Some("csv") => Ok(csv(id, &items)),
-        Some(other) => Err(ApiError::invalid(
-            "format",
-            format!("`{other}` is neither json nor csv"),
-        )),
+        Format::Csv => Ok(csv(id, &items)),
     }
 }
 
-/// A page of a reduction; the cursor is the place of its first row.
+/// Returns a page of the observations. Its cursor is the place of its first row.
 fn cut(
     items: Vec<ObservationBody>,
     limit: Option<u32>,
@@ -146,7 +151,7 @@ fn cut(
 fn csv(scan_id: i64, items: &[ObservationBody]) -> Response {
     let mut text = String::from("theta_c_deg,phi_s_deg,signal,sigma,n_frames\n");
     for o in items {
-        // Shortest digits that give the same number back.
+        // The shortest digits that read back as the same number.
         text.push_str(&format!(
             "{},{},{},{},{}\n",
             o.theta_c_deg, o.phi_s_deg, o.signal, o.sigma, o.n_frames

@@ -1,10 +1,10 @@
-//! The page, embedded in the program; without it, a word on how to build it.
+//! The page, embedded in the program.
 
-use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
+use axum::http::{HeaderMap, Method, Uri, header};
 use axum::response::{IntoResponse, Response};
 
 use super::caching::Caching;
-use super::error::ApiError;
+use super::status::{self, ApiError};
 use crate::wording::hex;
 
 #[derive(rust_embed::RustEmbed)]
@@ -12,7 +12,7 @@ use crate::wording::hex;
 #[allow_missing = true]
 struct Dist;
 
-/// Whatever no route answers: a file of the page, the page itself at `/`, or a problem.
+/// Answers requests without a route: a file of the page, the page itself at `/`, or a problem.
 pub(super) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Response {
     let path = match uri.path() {
         "/" => "index.html",
@@ -27,15 +27,13 @@ pub(super) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Respon
             return answer(path, &file, &headers);
         }
         if path == "index.html" {
-            return (
-                StatusCode::SERVICE_UNAVAILABLE,
-                "This ridged was built without its page: run `make web`, then build it again.\n\
-                 The HTTP interface works all the same; /openapi.json describes it.\n",
-            )
-                .into_response();
+            return status::unavailable(
+                "This ridged was built without its page. Run `make web`, then build it again.\n\
+                 The HTTP interface works without it; /openapi.json describes it.\n",
+            );
         }
     }
-    // A script that forgot the prefix must not take the page for an answer.
+    // A script that omits the prefix must not receive the page.
     let below_api = path == "api" || path.starts_with("api/");
     let hint = if below_api {
         "/openapi.json lists them"
@@ -46,17 +44,14 @@ pub(super) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Respon
 }
 
 fn only_read() -> Response {
-    let problem = ApiError::new(
-        StatusCode::METHOD_NOT_ALLOWED,
-        "method-not-allowed",
-        "not with this method",
-        "the page is only read; the routes for scripts begin with /api/v1, and /openapi.json lists them",
+    let problem = ApiError::method_not_allowed(
+        "the page can only be read; the routes for scripts begin with /api/v1, and /openapi.json lists them",
     );
     ([(header::ALLOW, "GET, HEAD")], problem).into_response()
 }
 
 fn answer(path: &str, file: &rust_embed::EmbeddedFile, headers: &HeaderMap) -> Response {
-    // Files below assets/ carry a hash in their name and never change.
+    // Files below assets/ have a hash in their name and never change.
     let cache = if path.starts_with("assets/") {
         "public, max-age=31536000, immutable"
     } else {

@@ -1,18 +1,35 @@
-//! `/rig`: where the stages stand, one axis at a time, and the stop that is never refused.
+//! `/rig`: state of the rig, motions of one axis, and the stop, which is never refused.
 
 use axum::Json;
 use axum::extract::{Path, State};
-use axum::http::{StatusCode, header};
-use axum::response::IntoResponse;
+use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::error::{ApiError, Problem};
 use super::extract::Body;
-use super::{App, Begun, words};
+use super::status::{self, ApiError, Problem};
+use super::{App, Begun};
 use crate::lab::{AxisView, RigView};
 use crate::scan::ScanState;
 use crate::units::Angle;
+
+/// What the rig is doing.
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Activity {
+    /// Accepts commands.
+    Idle,
+    /// An axis moves.
+    Moving,
+    /// An axis homes.
+    Homing,
+    /// A scan runs.
+    Scanning,
+    /// A paused scan holds the rig.
+    Paused,
+    /// The stages do not answer, and nothing is running.
+    NotConnected,
+}
 
 /// State of the rig.
 #[derive(Debug, Serialize, ToSchema)]
@@ -21,29 +38,28 @@ pub struct RigBody {
     connected: bool,
     /// Why the stages do not answer; null if they do.
     problem: Option<RigProblem>,
-    /// Why the last motion of one axis failed; null where it did not, and once another is begun.
+    /// Why the last motion of an axis failed; null if it succeeded or another one has started.
     failure: Option<RigProblem>,
-    /// Whether the rig is a simulated one.
+    /// Whether the rig is simulated.
     simulated: bool,
     /// Protocol and port.
     description: String,
     /// The camera.
     camera: CameraBody,
-    /// How much faster than life a simulated rig runs; 1 for a real one.
+    /// Speed of a simulated rig relative to real time; 1 for a real rig.
     time_scale: f64,
     /// The two axes.
     axes: AxesBody,
-    /// idle (an order is taken), moving, homing, scanning, paused (a scan that is paused holds the rig), or not-connected: nothing is under
-    /// way, and the stages do not answer.
-    activity: &'static str,
+    /// What the rig is doing: idle (accepts commands), moving, homing, scanning, paused (a paused scan holds the rig) or
+    /// not-connected (the stages do not answer and nothing is running).
+    activity: Activity,
     /// Scan that holds the rig.
     scan_id: Option<i64>,
     /// State of that scan.
-    #[schema(value_type = Option<words::ScanState>)]
     scan_state: Option<ScanState>,
-    /// Why it is in that state, where it says so.
+    /// Reason for that state, if there is one.
     scan_reason: Option<String>,
-    /// Where lamp and camera stand.
+    /// Positions of lamp and camera.
     geometry: GeometryBody,
 }
 
@@ -69,7 +85,7 @@ pub struct CameraBody {
     bit_depth: u32,
     /// Count at which a pixel is full, DN.
     saturation_dn: f64,
-    /// Exposure times of a plan that names none, s.
+    /// Default exposure times of a plan, s.
     exposures_s: Vec<f64>,
 }
 
@@ -87,13 +103,13 @@ pub struct AxesBody {
 pub struct AxisBody {
     /// Current position, degrees; null if the stage does not answer.
     position_deg: Option<f64>,
-    /// Whether it moves; null if the stage does not answer: it may.
+    /// Whether it moves; null if the stage does not answer, so that it may move.
     moving: Option<bool>,
-    /// Whether it knows its reference.
+    /// Whether the axis has a reference position.
     homed: bool,
-    /// Warnings in words.
+    /// Warnings of the controller: code and meaning.
     warnings: Vec<String>,
-    /// Serial number of the device; null if it is not known.
+    /// Serial number of the device; null if unknown.
     serial: Option<String>,
     /// Lowest position allowed, degrees.
     limit_min_deg: f64,
@@ -101,24 +117,24 @@ pub struct AxisBody {
     limit_max_deg: f64,
 }
 
-/// Where lamp and camera stand.
+/// Positions of lamp and camera.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct GeometryBody {
     /// Angle between lamp and camera, degrees.
     theta_l_deg: f64,
-    /// Azimuth of the lamp about the camera's axis, degrees: 0 in the tilt plane, 90 beside it.
+    /// Azimuth of the lamp about the camera's axis, degrees: 0 in the tilt plane, 90 perpendicular to it.
     light_azimuth_deg: f64,
-    /// What to add to a recorded φs to get the azimuth of the lean direction v, degrees.
+    /// Added to a recorded φs it gives the azimuth of the lean direction v, degrees.
     azimuth_zero_deg: f64,
-    /// Half angle of the lamp seen from the sample, degrees; null for a point.
+    /// Angular radius of the lamp seen from the sample, degrees; null for a point.
     light_angular_radius_deg: Option<f64>,
-    /// Half angle of the lens's pupil seen from the sample, degrees; null for a point.
+    /// Angular radius of the lens's pupil seen from the sample, degrees; null for a point.
     lens_angular_radius_deg: Option<f64>,
     /// Wavelength of the lamp, nm; null if not stated.
     wavelength_nm: Option<f64>,
 }
 
-/// Degrees without the last digits that the way through radians makes.
+/// Returns degrees without the rounding error of the conversion to radians.
 fn degrees(angle: Angle) -> f64 {
     (angle.deg() * 1e10).round() / 1e10
 }
@@ -163,12 +179,12 @@ impl From<RigView> for RigBody {
                 phi_s: phi_s.into(),
             },
             activity: match view.activity {
-                RigActivity::Idle | RigActivity::Stopped => "idle",
-                RigActivity::NotConnected => "not-connected",
-                RigActivity::Moving => "moving",
-                RigActivity::Homing => "homing",
-                RigActivity::Scanning if scan_state == Some(ScanState::Paused) => "paused",
-                RigActivity::Scanning => "scanning",
+                RigActivity::Idle | RigActivity::Stopped => Activity::Idle,
+                RigActivity::NotConnected => Activity::NotConnected,
+                RigActivity::Moving => Activity::Moving,
+                RigActivity::Homing => Activity::Homing,
+                RigActivity::Scanning if scan_state == Some(ScanState::Paused) => Activity::Paused,
+                RigActivity::Scanning => Activity::Scanning,
             },
             scan_id: view.scan_id,
             scan_state,
@@ -195,7 +211,7 @@ impl From<RigView> for RigBody {
     }
 }
 
-/// Where an axis is to move.
+/// Target of a motion.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MoveBody {
@@ -203,9 +219,9 @@ pub struct MoveBody {
     position_deg: f64,
 }
 
-/// Where the rig stands now.
+/// State of the rig now.
 #[utoipa::path(get, path = "/api/v1/rig", tag = "rig", responses(
-    (status = 200, description = "The rig as it is now; `connected` is false where the stages do not answer", body = RigBody),
+    (status = 200, description = "The rig now; `connected` is false if the stages do not answer", body = RigBody),
     (status = 503, description = "This daemon has no rig", body = Problem),
 ))]
 pub(super) async fn get_rig(State(app): State<App>) -> Result<Json<RigBody>, ApiError> {
@@ -217,41 +233,41 @@ pub(super) async fn get_rig(State(app): State<App>) -> Result<Json<RigBody>, Api
     request_body = MoveBody, responses(
     (status = 202, description = "The axis is about to move", body = Begun),
     (status = 404, description = "There is no such axis", body = Problem),
-    (status = 409, description = "The rig is busy, a stop came first (`stopped`), or the axis has no reference (`stage-not-referenced`): home it first", body = Problem),
+    (status = 409, description = "The rig is busy, a stop was requested first (`stopped`), or the axis has no reference (`stage-not-referenced`): home it first", body = Problem),
     (status = 422, description = "The position is outside the travel", body = Problem),
-    (status = 503, description = "The stages cannot be had", body = Problem),
+    (status = 503, description = "The stages are not available", body = Problem),
 ))]
 pub(super) async fn move_axis(
     State(app): State<App>,
     Path(axis): Path<String>,
     Body(body): Body<MoveBody>,
-) -> Result<impl IntoResponse, ApiError> {
+) -> Result<Response, ApiError> {
     let target = Angle::from_deg(body.position_deg);
     app.lab.move_axis(axis_of(&axis)?, target).await?;
     Ok(accepted("moving"))
 }
 
-/// Look for the reference of one axis.
+/// Home one axis.
 #[utoipa::path(post, path = "/api/v1/rig/axes/{axis}/home", tag = "rig", params(("axis" = String, Path, description = "theta_c or phi_s")), responses(
     (status = 202, description = "The axis is about to move", body = Begun),
     (status = 404, description = "There is no such axis", body = Problem),
-    (status = 409, description = "The rig is busy, or a stop came first (`stopped`)", body = Problem),
-    (status = 503, description = "The stages cannot be had", body = Problem),
+    (status = 409, description = "The rig is busy, or a stop was requested first (`stopped`)", body = Problem),
+    (status = 503, description = "The stages are not available", body = Problem),
 ))]
 pub(super) async fn home_axis(
     State(app): State<App>,
     Path(axis): Path<String>,
-) -> Result<impl IntoResponse, ApiError> {
+) -> Result<Response, ApiError> {
     app.lab.home(axis_of(&axis)?).await?;
     Ok(accepted("homing"))
 }
 
-/// Let an axis move again that another program parked. It keeps its position, and nothing moves by that; homing unparks too.
+/// Unpark an axis that another program parked. It keeps its position and does not move. Homing also unparks.
 #[utoipa::path(post, path = "/api/v1/rig/axes/{axis}/unpark", tag = "rig", params(("axis" = String, Path, description = "theta_c or phi_s")), responses(
-    (status = 200, description = "The axis is not parked any more", body = Begun),
+    (status = 200, description = "The axis is not parked", body = Begun),
     (status = 404, description = "There is no such axis", body = Problem),
     (status = 409, description = "The rig is busy", body = Problem),
-    (status = 503, description = "The stages cannot be had, or cannot be parked", body = Problem),
+    (status = 503, description = "The stages are not available, or cannot be parked", body = Problem),
 ))]
 pub(super) async fn unpark_axis(
     State(app): State<App>,
@@ -264,17 +280,17 @@ pub(super) async fn unpark_axis(
     }))
 }
 
-/// Where the stop is asked for.
+/// Path of the stop.
 pub(super) const STOP: &str = "/api/v1/rig/stop";
 
 /// Stop both axes at once. Never refused; a running scan pauses. A body and an `Idempotency-Key`
-/// are not looked at: each request stops.
+/// are ignored: each request stops.
 #[utoipa::path(post, path = "/api/v1/rig/stop", tag = "rig", responses(
-    (status = 200, description = "The stages heard the stop and stand", body = Begun),
+    (status = 200, description = "The stages confirmed the stop", body = Begun),
     (status = 503, description = "The stages could not be reached and may be moving: use the hardware emergency switch", body = Problem),
 ))]
 pub(super) async fn stop(State(app): State<App>) -> Result<Json<Begun>, ApiError> {
-    // A client that hangs up at once has still said it.
+    // The stop is executed even if the client disconnects at once.
     let stop = tokio::spawn(async move { app.lab.stop().await });
     stop.await.expect("a stop does not panic")?;
     Ok(Json(Begun {
@@ -284,18 +300,17 @@ pub(super) async fn stop(State(app): State<App>) -> Result<Json<Begun>, ApiError
 }
 
 fn axis_of(word: &str) -> Result<crate::lab::AxisName, ApiError> {
-    word.parse()
-        .map_err(|_| ApiError::not_found(format!("there is no axis `{word}`: theta_c or phi_s")))
+    word.parse().map_err(|_| {
+        ApiError::not_found(format!(
+            "there is no axis `{word}`; expected theta_c or phi_s"
+        ))
+    })
 }
 
-fn accepted(state: &str) -> impl IntoResponse + use<> {
+fn accepted(state: &str) -> Response {
     let body = Begun {
         id: None,
         state: state.into(),
     };
-    (
-        StatusCode::ACCEPTED,
-        [(header::LOCATION, "/api/v1/rig")],
-        Json(body),
-    )
+    status::accepted("/api/v1/rig", body)
 }

@@ -1,21 +1,21 @@
-//! `/samples`
+//! `/samples`: list, add and read samples.
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::{StatusCode, header};
-use axum::response::IntoResponse;
-use serde::{Deserialize, Serialize};
+use axum::response::Response;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
-use super::error::{ApiError, Problem};
 use super::extract::{Body, Id, Params, page};
+use super::status::{self, ApiError, Problem};
 use super::{App, List};
 use crate::material::{Material, tables};
 use crate::series::INDEX_STD;
 use crate::store::samples::{NewSample, Sample, SimulatedSurface};
 
 /// Nominal material: complex index N = n + ik with standard uncertainties.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum MaterialBody {
     /// Transparent below the surface.
@@ -23,7 +23,7 @@ pub enum MaterialBody {
         /// Real part n of the complex index, no unit.
         #[serde(alias = "index_of_refraction")]
         eta: f64,
-        /// Standard uncertainty of n; 0.01 if not given.
+        /// Standard uncertainty of n; 0.01 if omitted.
         #[serde(alias = "index_of_refraction_std", default = "index_std")]
         eta_std: f64,
     },
@@ -33,27 +33,79 @@ pub enum MaterialBody {
         eta: f64,
         /// Imaginary part k of the complex index, no unit.
         k: f64,
-        /// Standard uncertainty of n; 0.01 if not given.
+        /// Standard uncertainty of n; 0.01 if omitted.
         #[serde(default = "index_std")]
         eta_std: f64,
-        /// Standard uncertainty of k; 0.01 if not given.
+        /// Standard uncertainty of k; 0.01 if omitted.
         #[serde(default = "index_std")]
         k_std: f64,
     },
 }
 
-/// The same as in the manifest of a recorded series.
+/// Kind of a material.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum MaterialKind {
+    Dielectric,
+    Conductor,
+}
+
+/// A material as it is read. An enumeration tagged by its kind would lose the path of a wrong value.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MaterialFields {
+    kind: MaterialKind,
+    #[serde(alias = "index_of_refraction")]
+    eta: f64,
+    #[serde(default)]
+    k: Option<f64>,
+    #[serde(default = "index_std", alias = "index_of_refraction_std")]
+    eta_std: f64,
+    #[serde(default)]
+    k_std: Option<f64>,
+}
+
+/// Default of the standard uncertainty of an index, the same as in the manifest of a recorded series.
 fn index_std() -> f64 {
     INDEX_STD
 }
 
-/// What a sample of unknown material is taken for: wide enough for the common plastics, so that the
-/// budget of a fit carries what is not known.
+impl<'de> Deserialize<'de> for MaterialBody {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        const OF_DIELECTRIC: &[&str] = &["kind", "eta", "eta_std"];
+        let MaterialFields {
+            kind,
+            eta,
+            k,
+            eta_std,
+            k_std,
+        } = MaterialFields::deserialize(from)?;
+        match (kind, k, k_std) {
+            (MaterialKind::Dielectric, None, None) => Ok(MaterialBody::Dielectric { eta, eta_std }),
+            (MaterialKind::Dielectric, Some(_), _) => {
+                Err(D::Error::unknown_field("k", OF_DIELECTRIC))
+            }
+            (MaterialKind::Dielectric, None, Some(_)) => {
+                Err(D::Error::unknown_field("k_std", OF_DIELECTRIC))
+            }
+            (MaterialKind::Conductor, Some(k), k_std) => Ok(MaterialBody::Conductor {
+                eta,
+                k,
+                eta_std,
+                k_std: k_std.unwrap_or(INDEX_STD),
+            }),
+            (MaterialKind::Conductor, None, _) => Err(D::Error::missing_field("k")),
+        }
+    }
+}
+
+/// Material of a sample whose material is unknown. Its uncertainty covers the common plastics and enters the budget
+/// of a fit.
 const ORDINARY_PLASTIC: MaterialBody = MaterialBody::Dielectric {
     eta: 1.5,
     eta_std: 0.05,
 };
-/// What the note of such a sample says.
+/// Note of such a sample.
 const ASSUMED: &str = "material not given: index 1.5 ± 0.05 assumed (an ordinary plastic)";
 
 impl From<MaterialBody> for Material {
@@ -94,34 +146,34 @@ impl From<Material> for MaterialBody {
     }
 }
 
-/// A metal by its name.
+/// A metal of the tables, by its name.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MetalBody {
     /// `Ag`, `Al`, `Au`, `Cr`, `Cu` or `W`.
     name: String,
-    /// Wavelength; the rig's lamp's if not given.
+    /// Wavelength, nm; that of the rig's lamp if omitted.
     #[serde(default)]
     wavelength_nm: Option<f64>,
 }
 
-/// A sample to be added.
+/// A sample to add.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SampleRequest {
-    /// What people call it; 1 to 200 characters.
+    /// Name, 1 to 200 characters.
     name: String,
-    /// Nominal material. Without one an ordinary plastic is assumed (index 1.5 ± 0.05), and the
-    /// sample's note says so.
+    /// Nominal material. If omitted, an ordinary plastic is assumed (index 1.5 ± 0.05), and the
+    /// sample's note states so.
     #[serde(default)]
     material: Option<MaterialBody>,
-    /// In place of a material: a metal of the tables, taken at the lamp's wavelength.
+    /// Instead of a material: a metal of the tables, at the lamp's wavelength.
     #[serde(default)]
     metal: Option<MetalBody>,
-    /// Free text for people.
+    /// Free text.
     #[serde(default)]
     note: Option<String>,
-    /// How a simulated rig paints it: `{"surface": "traced"}` or
+    /// How a simulated rig renders it: `{"surface": "traced"}` or
     /// `{"surface": "model", "theta_r_deg", "alpha_u", "alpha_v", "rho_d"}`.
     #[serde(default)]
     #[schema(value_type = Option<Object>)]
@@ -137,9 +189,9 @@ pub struct SampleBody {
     name: String,
     /// Nominal material.
     material: MaterialBody,
-    /// Free text for people.
+    /// Free text.
     note: Option<String>,
-    /// How a simulated rig draws it; null on a real rig.
+    /// How a simulated rig renders it; null on a real rig.
     #[schema(value_type = Option<Object>)]
     simulated: Option<SimulatedSurface>,
     /// When the sample was added, RFC 3339 in UTC.
@@ -159,17 +211,17 @@ impl From<Sample> for SampleBody {
     }
 }
 
-/// Which samples.
+/// Filter of the list.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct SampleParams {
-    /// Of exactly this name.
+    /// Samples of exactly this name.
     name: Option<String>,
-    /// Rows at most, 1 to 1000; 100 if not given.
+    /// Rows at most, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
+    /// `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
@@ -189,17 +241,17 @@ pub(super) async fn list(
 /// Add a sample.
 #[utoipa::path(post, path = "/api/v1/samples", tag = "samples", request_body = SampleRequest, responses(
     (status = 201, description = "The sample", body = SampleBody),
-    (status = 400, description = "The body cannot be understood", body = Problem),
-    (status = 422, description = "A value makes no sense", body = Problem),
+    (status = 400, description = "The body cannot be read", body = Problem),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn add(
     State(app): State<App>,
     Body(body): Body<SampleRequest>,
-) -> Result<impl IntoResponse, ApiError> {
+) -> Result<Response, ApiError> {
     let mut body = body;
     if let Some(metal) = &body.metal {
         if body.material.is_some() {
-            let message = "stands in place of a material: give one of them";
+            let message = "give either a material or a metal, not both";
             return Err(ApiError::invalid("metal", message));
         }
         let wavelength_nm = match metal.wavelength_nm {
@@ -207,7 +259,7 @@ pub(super) async fn add(
             given => given,
         };
         let Some(wavelength_nm) = wavelength_nm else {
-            let message = "is not known of this rig's lamp: give it";
+            let message = "is missing, and the rig's settings do not state that of the lamp";
             return Err(ApiError::invalid("metal.wavelength_nm", message));
         };
         let found = tables::metal(&metal.name, wavelength_nm)
@@ -227,17 +279,13 @@ pub(super) async fn add(
     };
     let sample = app.lab.add_sample(&new).await?;
     let location = format!("/api/v1/samples/{}", sample.id);
-    Ok((
-        StatusCode::CREATED,
-        [(header::LOCATION, location)],
-        Json(SampleBody::from(sample)),
-    ))
+    Ok(status::created(location, SampleBody::from(sample)))
 }
 
 /// One sample.
 #[utoipa::path(get, path = "/api/v1/samples/{id}", tag = "samples", params(("id" = i64, Path, description = "Number of the sample")), responses(
     (status = 200, description = "The sample", body = SampleBody),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 404, description = "Not found", body = Problem),
 ))]
 pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<SampleBody>, ApiError> {
     Ok(Json(app.lab.store().sample(id).await?.into()))

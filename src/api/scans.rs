@@ -1,28 +1,62 @@
-//! `/scans`: plan, begin, command, look.
+//! `/scans`: estimate, start, command and read scans.
 
 use axum::Json;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
-use axum::http::{StatusCode, header};
-use axum::response::IntoResponse;
+use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::asked::ScanAsked;
-use super::error::{ApiError, Problem};
-use super::extract::{Body, Id, NO_ID, Params, from_json, page};
-use super::{App, Begun, List, words};
+use super::extract::{Body, Id, Params, id_of, page};
+use super::status::{self, ApiError, Problem};
+use super::{App, Begun, List};
+use crate::frame::FrameKind;
 use crate::lab::{Lab, LabError, ScanRequest};
 use crate::scan::event::OperatorStep;
 use crate::scan::runner::Order;
 use crate::scan::{OperatorAction, Plan, Progress, ScanState};
 use crate::store::scans::{Origin, Scan, ScanFilter};
+use crate::wording::json;
 
-/// How far a scan is.
+/// Phase of a scan: the kind of the frames being taken, and done at its end.
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Phase {
+    /// Dark frames.
+    Dark,
+    /// Frames of the white reference.
+    Flat,
+    /// Frames of the sample.
+    Sample,
+    /// All frames are stored.
+    Done,
+}
+
+impl From<FrameKind> for Phase {
+    fn from(kind: FrameKind) -> Self {
+        match kind {
+            FrameKind::Dark => Phase::Dark,
+            FrameKind::Flat => Phase::Flat,
+            FrameKind::Sample => Phase::Sample,
+        }
+    }
+}
+
+/// Where a scan comes from.
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum ScanOrigin {
+    /// The rig of this daemon.
+    Rig,
+    /// An imported series.
+    Import,
+}
+
+/// Progress of a scan.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ProgressBody {
-    /// What is being taken: dark, flat or sample; done at the end, null before the start.
-    phase: Option<&'static str>,
+    /// Phase of the scan; null before the start.
+    phase: Option<Phase>,
     /// Points (pose and exposure) whose frames are stored.
     shots_done: u32,
     /// Points (pose and exposure) of the whole plan.
@@ -31,11 +65,11 @@ pub struct ProgressBody {
     frames_done: u32,
     /// Frames of the whole plan.
     frames_total: u32,
-    /// Share of the predicted time that is done, 0 to 1.
+    /// Elapsed share of the predicted time, 0 to 1.
     fraction: f64,
     /// Time spent moving and exposing, s.
     elapsed_s: f64,
-    /// Predicted time left, s; null where it is not known.
+    /// Predicted time left, s; null if unknown.
     time_left_s: Option<f64>,
 }
 
@@ -43,8 +77,8 @@ impl ProgressBody {
     pub(super) fn new(progress: &Progress, state: ScanState) -> Self {
         ProgressBody {
             phase: match state {
-                ScanState::Completed => Some("done"),
-                _ => progress.phase.map(|kind| kind.as_str()),
+                ScanState::Completed => Some(Phase::Done),
+                _ => progress.phase.map(Phase::from),
             },
             shots_done: progress.shots_done,
             shots_total: progress.shots_total,
@@ -57,13 +91,13 @@ impl ProgressBody {
     }
 }
 
-/// What a person has to do.
+/// An operator step.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct OperatorBody {
-    /// What to do.
-    #[schema(value_type = words::OperatorAction)]
+    /// The step.
+    #[schema(value_type = OperatorAction)]
     action: &'static str,
-    /// The same in words.
+    /// What to do, as a sentence.
     message: &'static str,
 }
 
@@ -85,37 +119,35 @@ pub struct ScanBody {
     sample_id: i64,
     /// The sample's name.
     sample_name: String,
-    /// Where it stands.
-    #[schema(value_type = words::ScanState)]
+    /// State of the scan.
     state: ScanState,
-    /// Why it stands there, where it is not the plan's own course.
+    /// Reason for the state, if it is not the normal course.
     reason: Option<String>,
-    /// Where it comes from: rig or import.
-    origin: &'static str,
-    /// What a person has to do, while it waits for one.
+    /// Origin of the scan.
+    origin: ScanOrigin,
+    /// The operator step that it waits for; else null.
     operator: Option<OperatorBody>,
-    /// The whole plan; of an import, the poses it has.
-    #[schema(value_type = Object)]
-    plan: Option<Plan>,
-    /// How far the scan has come.
+    /// The whole plan; of an import, its poses.
+    plan: Plan,
+    /// Progress of the scan.
     progress: ProgressBody,
-    /// Frames that were taken and do not count.
+    /// Number of frames that were taken and rejected.
     frames_rejected: u32,
-    /// Regions of a sample with patches; a fit has to name one of them. Else empty.
+    /// Regions of a sample with patches, one of which a fit must name; else empty.
     regions: Vec<String>,
     /// The camera that took the frames.
     camera: ScanCameraBody,
-    /// Calibrations it uses, its own included.
+    /// Calibrations that it uses, including its own.
     calibration_ids: Vec<i64>,
-    /// When the scan was asked for, RFC 3339 in UTC.
+    /// When the scan was requested, RFC 3339 in UTC.
     created_at: String,
-    /// When it first did something, RFC 3339 in UTC.
+    /// When it started, RFC 3339 in UTC.
     started_at: Option<String>,
     /// When it ended, RFC 3339 in UTC.
     ended_at: Option<String>,
 }
 
-/// What has to be known of a camera to look at its frames.
+/// Properties of the camera that displaying its frames needs.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ScanCameraBody {
     /// Columns of a frame, px.
@@ -131,8 +163,8 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
     let store = app.lab.store();
     let progress = store.last_progress(scan.id).await?;
     let plan = match scan.plan.clone() {
-        Some(plan) => Some(plan),
-        None => Some(app.lab.plan_of_import(scan.id).await?),
+        Some(plan) => plan,
+        None => app.lab.plan_of_import(scan.id).await?,
     };
     let manifest = app.lab.manifest(scan.id).await?;
     Ok(ScanBody {
@@ -147,7 +179,10 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
         calibration_ids: store.calibrations_of_scan(scan.id).await?,
         ended_at: scan.ended_at().map(str::to_owned),
         operator: scan.operator.map(|a| OperatorStep::from(a).into()),
-        origin: scan.origin.as_str(),
+        origin: match scan.origin {
+            Origin::Rig => ScanOrigin::Rig,
+            Origin::Import => ScanOrigin::Import,
+        },
         id: scan.id,
         sample_id: scan.sample_id,
         sample_name: scan.sample_name,
@@ -162,20 +197,19 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
     })
 }
 
-/// Which scans.
+/// Filter of the list.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct ScanParams {
-    /// Of this sample.
+    /// Scans of this sample.
     sample_id: Option<i64>,
     /// Scans in this state.
-    #[param(value_type = Option<words::ScanState>)]
-    state: Option<String>,
-    /// Rows at most, 1 to 1000; 100 if not given.
+    state: Option<ScanState>,
+    /// Rows at most, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
+    /// `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
@@ -187,16 +221,9 @@ pub(super) async fn list(
     State(app): State<App>,
     Params(params): Params<ScanParams>,
 ) -> Result<Json<List<ScanBody>>, ApiError> {
-    let state = match params.state.as_deref() {
-        None => None,
-        Some(word) => Some(ScanState::from_word(word).ok_or_else(|| {
-            let known = ScanState::ALL.map(ScanState::as_str).join(", ");
-            ApiError::invalid("state", format!("`{word}` is none of {known}"))
-        })?),
-    };
     let filter = ScanFilter {
         sample_id: params.sample_id,
-        state,
+        state: params.state,
     };
     let page = page(params.limit, params.cursor.as_deref())?;
     let found = app.lab.store().scans(filter, page).await?;
@@ -207,53 +234,52 @@ pub(super) async fn list(
     Ok(Json(list))
 }
 
-/// Begin a scan.
-#[utoipa::path(post, path = "/api/v1/scans", tag = "scans", request_body = ScanAsked,
+/// Start a scan.
+#[utoipa::path(post, path = "/api/v1/scans", tag = "scans", request_body = ScanRequest,
     responses(
     (status = 202, description = "The scan is planned and about to run", body = Begun, headers(("Location" = String, description = "The scan"))),
-    (status = 400, description = "The body cannot be understood", body = Problem),
+    (status = 400, description = "The body cannot be read", body = Problem),
     (status = 404, description = "There is no such sample", body = Problem),
     (status = 409, description = "The rig is busy", body = Problem),
-    (status = 422, description = "The plan cannot run; `errors` names everything that is wrong", body = Problem),
-    (status = 503, description = "The stages cannot be had", body = Problem),
-    (status = 507, description = "The disk has no room for it", body = Problem),
+    (status = 422, description = "The plan cannot run; `errors` lists everything that is wrong", body = Problem),
+    (status = 503, description = "The stages are not available", body = Problem),
+    (status = 507, description = "The disk has no space for it", body = Problem),
 ))]
 pub(super) async fn begin(
     State(app): State<App>,
     Body(request): Body<ScanRequest>,
-) -> Result<impl IntoResponse, ApiError> {
+) -> Result<Response, ApiError> {
     let scan = app.lab.start_scan(&request).await?;
     Ok(begun(scan.id, scan.state))
 }
 
-/// What a scan will take.
+/// Estimate of a scan.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct EstimateBody {
     /// Number of frames.
     n_frames: u32,
     /// Number of points (pose and exposure).
     n_shots: u32,
-    /// Time for motion, settling and exposure, s; people not counted.
+    /// Time for motion, settling and exposure, s, without waiting for the operator.
     duration_s: f64,
-    /// Most disk space that the frames can take, bytes.
+    /// Largest disk space that the frames can take, bytes.
     disk_bytes: u64,
     /// Free disk space, bytes.
     disk_free_bytes: u64,
-    /// What people have to do, in order.
+    /// Operator steps, in order.
     operator_steps: Vec<OperatorBody>,
     /// Calibrations of earlier scans that it uses.
     calibration_ids: Vec<i64>,
-    /// The whole plan, less what those calibrations save.
-    #[schema(value_type = Object)]
+    /// The whole plan without the frames that those calibrations replace.
     plan: Plan,
 }
 
-/// What a scan will take; nothing moves and nothing is stored.
-#[utoipa::path(post, path = "/api/v1/scans/estimate", tag = "scans", request_body = ScanAsked, responses(
-    (status = 200, description = "Time, room and operator steps", body = EstimateBody),
-    (status = 400, description = "The body cannot be understood", body = Problem),
+/// Estimate a scan. Nothing moves and nothing is stored.
+#[utoipa::path(post, path = "/api/v1/scans/estimate", tag = "scans", request_body = ScanRequest, responses(
+    (status = 200, description = "Time, disk space and operator steps", body = EstimateBody),
+    (status = 400, description = "The body cannot be read", body = Problem),
     (status = 404, description = "There is no such sample", body = Problem),
-    (status = 422, description = "The plan cannot run; `errors` names everything that is wrong", body = Problem),
+    (status = 422, description = "The plan cannot run; `errors` lists everything that is wrong", body = Problem),
 ))]
 pub(super) async fn estimate(
     State(app): State<App>,
@@ -279,46 +305,45 @@ pub(super) async fn estimate(
 /// One scan.
 #[utoipa::path(get, path = "/api/v1/scans/{id}", tag = "scans", params(("id" = i64, Path, description = "Number of the scan")), responses(
     (status = 200, description = "The scan", body = ScanBody),
-    (status = 404, description = "There is none", body = Problem),
+    (status = 404, description = "Not found", body = Problem),
 ))]
 pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<ScanBody>, ApiError> {
     let scan = app.lab.store().scan(id).await?;
     Ok(Json(body(&app, scan).await?))
 }
 
-/// What an order says that needs no more than its name.
+/// Body of a command without parameters.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct NothingBody {}
 
-/// Which of the operator's steps is done.
+/// The operator step that is done.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ContinueBody {
-    /// What was done, as `operator.action` of the scan asked for it; the step waited for if not given.
-    #[schema(value_type = Option<words::OperatorAction>)]
+    /// The step that was done, as in `operator.action` of the scan; the current step if omitted.
     action: Option<OperatorAction>,
 }
 
-/// Pause, resume, abort, or say that the operator's step is done.
+/// Pause, resume or abort a scan, or confirm an operator step.
 #[utoipa::path(post, path = "/api/v1/scans/{id}/{order}", tag = "scans", params(
     ("id" = i64, Path, description = "Number of the scan"),
-    ("order" = String, Path, description = "pause, resume, abort or continue; resume also takes an interrupted scan up again"),
+    ("order" = String, Path, description = "pause, resume, abort or continue; resume also resumes an interrupted scan"),
 ), request_body(content = Option<ContinueBody>, description = "With continue, the step that is done; else empty"), responses(
-    (status = 202, description = "The state that the scan came to", body = Begun),
-    (status = 400, description = "The id is not a whole number, or the body cannot be understood", body = Problem),
+    (status = 202, description = "The new state of the scan", body = Begun),
+    (status = 400, description = "The id is not a whole number, or the body cannot be read", body = Problem),
     (status = 404, description = "There is no such scan or order", body = Problem),
     (status = 409, description = "Not allowed in this state of the scan, or it waits for another step (`other-step`)", body = Problem),
     (status = 422, description = "There is no such step, or the Idempotency-Key was used for another request", body = Problem),
-    (status = 503, description = "The stages cannot be had; of an abort: the scan is aborted, the stop did not reach the stages, and they may be moving", body = Problem),
-    (status = 507, description = "The disk has no room for it", body = Problem),
+    (status = 503, description = "The stages are not available; after an abort: the scan is aborted, but the stop did not reach the stages, which may be moving", body = Problem),
+    (status = 507, description = "The disk has no space for it", body = Problem),
 ))]
 pub(super) async fn command(
     State(app): State<App>,
     Path((id, order)): Path<(String, String)>,
     body: Bytes,
-) -> Result<impl IntoResponse, ApiError> {
-    let id: i64 = id.parse().map_err(|_| ApiError::bad_request(NO_ID))?;
+) -> Result<Response, ApiError> {
+    let id = id_of(id)?;
     let order = match order.as_str() {
         "pause" => Order::Pause,
         "resume" => Order::Resume,
@@ -326,34 +351,30 @@ pub(super) async fn command(
         "continue" => {
             let done: Option<ContinueBody> = match body.is_empty() {
                 true => None,
-                false => from_json(&body)?,
+                false => json::from_slice(&body)?,
             };
             let step = done.and_then(|done| done.action);
             step.map_or(Order::Continue, Order::Done)
         }
         other => {
             return Err(ApiError::not_found(format!(
-                "a scan cannot `{other}`: pause, resume, abort or continue"
+                "there is no command `{other}`; expected pause, resume, abort or continue"
             )));
         }
     };
     let takes_a_step = matches!(order, Order::Continue | Order::Done(_));
     if !takes_a_step && !body.is_empty() {
-        let NothingBody {} = from_json(&body)?;
+        let NothingBody {} = json::from_slice(&body)?;
     }
     let state = app.lab.order(id, order).await?;
     Ok(begun(id, state))
 }
 
-/// The answer that names the scan and where it is.
-pub(super) fn begun(id: i64, state: ScanState) -> impl IntoResponse + use<> {
+/// Returns the answer that names the scan and its state.
+pub(super) fn begun(id: i64, state: ScanState) -> Response {
     let body = Begun {
         id: Some(id),
         state: state.to_string(),
     };
-    (
-        StatusCode::ACCEPTED,
-        [(header::LOCATION, format!("/api/v1/scans/{id}"))],
-        Json(body),
-    )
+    status::accepted(format!("/api/v1/scans/{id}"), body)
 }

@@ -1,4 +1,4 @@
-//! The listener: loopback only, and an end that waits for what is under way.
+//! The listener: accepts connections on loopback only, and waits for requests in hand when it ends.
 
 use std::future::Future;
 use std::io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset};
@@ -9,14 +9,14 @@ use std::time::Duration;
 use axum::Router;
 use tokio::net::TcpListener;
 
-use super::connections::{Limits, Visitors};
+use super::connections::{Connections, Limits};
 
-/// Why the daemon does not listen.
+/// Why the daemon cannot listen.
 #[derive(Debug, thiserror::Error)]
 pub enum ListenError {
-    /// The address makes no sense.
+    /// The address cannot be read.
     #[error(
-        "`{address}` is not an address to listen on; give one like 127.0.0.1:8787 (port 0 takes a free one)"
+        "`{address}` is not a valid address to listen on; expected one like 127.0.0.1:8787 (port 0 takes a free port)"
     )]
     Malformed {
         /// What was given.
@@ -24,26 +24,28 @@ pub enum ListenError {
     },
     /// The address can be reached from other machines.
     #[error(
-        "refusing to listen on {address}: it can be reached from other machines, and there is no access control yet, so anybody there could move the rig; listen on 127.0.0.1 and reach it through an SSH tunnel (ssh -L 8787:127.0.0.1:8787 HOST)"
+        "refusing to listen on {address}: other machines can reach it and could move the rig, since there is no access control; listen on 127.0.0.1 and use an SSH tunnel (ssh -L 8787:127.0.0.1:8787 HOST)"
     )]
     NotLoopback {
         /// What was given.
         address: String,
     },
     /// The port is taken or forbidden.
-    #[error("cannot listen on {address}; is another ridged running? --listen takes another port")]
+    #[error(
+        "cannot listen on {address}; another ridged may be running there: choose another port with --listen"
+    )]
     Bind {
         /// What was given.
         address: SocketAddr,
-        /// What the operating system says.
+        /// Errors of the operating system.
         source: std::io::Error,
     },
 }
 
-/// Reads an address and refuses what is not loopback.
+/// Parses an address and refuses any that is not loopback.
 ///
 /// # Errors
-/// [`ListenError`] says why.
+/// [`ListenError`] with the reason.
 pub fn loopback(address: &str) -> Result<SocketAddr, ListenError> {
     let malformed = || ListenError::Malformed {
         address: address.into(),
@@ -75,7 +77,7 @@ pub fn loopback(address: &str) -> Result<SocketAddr, ListenError> {
 /// Binds a loopback address.
 ///
 /// # Errors
-/// [`ListenError`] says why.
+/// [`ListenError`] with the reason.
 pub async fn bind(address: &str) -> Result<TcpListener, ListenError> {
     let address = loopback(address)?;
     TcpListener::bind(address)
@@ -83,28 +85,18 @@ pub async fn bind(address: &str) -> Result<TcpListener, ListenError> {
         .map_err(|source| ListenError::Bind { address, source })
 }
 
-/// Answers requests until `end` completes, then lets those under way finish.
+/// Answers requests until `end` completes, then waits for those in hand.
 ///
 /// # Errors
-/// What the operating system says.
+/// Errors of the operating system.
 pub async fn serve(
     listener: TcpListener,
     router: Router,
     end: impl Future<Output = ()> + Send + 'static,
 ) -> std::io::Result<()> {
-    let limits = Limits::within(open_files());
-    serve_within(listener, router, limits, end).await
-}
-
-pub(super) async fn serve_within(
-    listener: TcpListener,
-    router: Router,
-    limits: Limits,
-    end: impl Future<Output = ()> + Send + 'static,
-) -> std::io::Result<()> {
-    /// Time for others to close what they have open.
+    /// Time for connections to close when there are no more open files.
     const OUT_OF_FILES: Duration = Duration::from_millis(50);
-    let mut visitors = Visitors::new(limits);
+    let mut connections = Connections::new(Limits::within(open_files()));
     let mut end = pin!(end);
     loop {
         let accepted = tokio::select! {
@@ -113,8 +105,8 @@ pub(super) async fn serve_within(
             accepted = listener.accept() => accepted,
         };
         match accepted {
-            Ok((stream, _)) => visitors.receive(stream, router.clone()),
-            // The client was faster away than it came.
+            Ok((stream, _)) => connections.accept(stream, router.clone()),
+            // The client left before it was accepted.
             Err(e)
                 if matches!(
                     e.kind(),
@@ -122,20 +114,20 @@ pub(super) async fn serve_within(
                 ) => {}
             Err(error) => {
                 tracing::error!(%error, "a connection could not be accepted: {error}");
-                visitors.send_one_away();
+                connections.close_idle();
                 tokio::time::sleep(OUT_OF_FILES).await;
             }
         }
     }
     drop(listener);
-    visitors.end().await;
+    connections.end().await;
     Ok(())
 }
 
-/// Asks for as many open files as the operating system permits, and says how many there are.
+/// Raises the limit of open files as far as the operating system permits, and returns it.
 fn open_files() -> u64 {
     use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-    /// More than anything here takes; some systems permit more than they can keep.
+    /// More than the daemon needs; some systems permit more than they can provide.
     const ENOUGH: u64 = 65_536;
     let limit = getrlimit(Resource::Nofile);
     let most = limit.maximum.unwrap_or(ENOUGH).min(ENOUGH);

@@ -177,7 +177,7 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
         value,
         of: "a radiance, of the brightest".to_owned(),
     });
-    report["error"] = json!(error);
+    report["model_error"] = json!(error);
     let mut left_out = args.variant.left_out(
         &rig.cones,
         surface.alpha_u.min(surface.alpha_v),

@@ -9,8 +9,9 @@ use super::wedge::Across;
 use crate::wording::{counted, significant};
 
 /// A known cause. Scripts compare its code.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
+#[schema(as = FitFindingCode)]
 pub enum Code {
     /// The slope distribution of the facets has longer tails than Beckmann's.
     Tails,
@@ -64,7 +65,8 @@ impl Code {
 }
 
 /// A cause that was found.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitFinding)]
 pub struct Finding {
     /// Which one.
     pub code: Code,

@@ -13,7 +13,8 @@ use super::report::{COVERAGE, COVERAGE_FACTOR, FitReport, Parameter};
 use crate::units::Angle;
 
 /// Ends of an interval at the coverage of the report; null for an open end.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitInterval)]
 pub struct Interval {
     /// Lower end.
     pub lower: Option<f64>,

@@ -12,7 +12,7 @@
 use serde::{Deserialize, Serialize};
 
 /// How residuals count.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Loss {
     /// Least squares.

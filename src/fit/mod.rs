@@ -92,7 +92,7 @@ use traced::{TracingOptions, Watch};
 use trail::Time;
 
 /// Variant that the report is based on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum VariantChoice {
     /// The lobe as printed in the paper.

@@ -16,8 +16,9 @@ use crate::observation::RejectedFrame;
 use crate::trace::ridge_map::RidgeFacts;
 
 /// How a fit ended. Scripts compare the word.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
+#[schema(as = FitStatus)]
 pub enum Status {
     /// At a minimum. All free parameters are determined and none is at a bound.
     Converged,
@@ -49,8 +50,9 @@ impl Status {
 }
 
 /// Names of the variants in the JSON form.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
+#[schema(as = FitVariantName)]
 pub enum VariantName {
     /// The lobe as printed in the paper.
     Paper,
@@ -80,7 +82,8 @@ impl std::fmt::Display for VariantName {
 }
 
 /// A parameter with its uncertainty.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitParameter)]
 pub struct Parameter {
     /// Best value in the unit of the parameter (degrees in keys with `_deg`; roughness as the tangent of a slope).
     pub value: Option<f64>,
@@ -95,6 +98,7 @@ pub struct Parameter {
     /// Whether the data determine it.
     pub identifiable: bool,
     /// Parts of the standard uncertainty.
+    #[schema(value_type = Option<std::collections::BTreeMap<String, f64>>)]
     pub budget: Option<Budget>,
     /// Profile-likelihood interval of the independent errors, on request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -150,7 +154,8 @@ pub const COVERAGE_FACTOR: f64 = 2.0;
 pub const COVERAGE: f64 = 0.9545;
 
 /// All parameters; angles in degrees.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitParameters)]
 pub struct Parameters {
     /// Effective ridge angle.
     pub theta_r_deg: Parameter,
@@ -202,7 +207,8 @@ impl Parameters {
 }
 
 /// Slope distribution of the facets.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitSlopes)]
 pub struct SlopeDistribution {
     /// `beckmann` or `student-t`.
     pub name: String,
@@ -215,7 +221,8 @@ pub struct SlopeDistribution {
 }
 
 /// One variant in the comparison.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitVariant)]
 pub struct VariantSummary {
     /// Which variant.
     pub variant: VariantName,
@@ -238,7 +245,8 @@ pub struct VariantSummary {
 }
 
 /// Durations in seconds; filled in by the caller that has a clock.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitTiming)]
 pub struct Timing {
     /// Reading frames.
     pub read: f64,
@@ -249,7 +257,8 @@ pub struct Timing {
 }
 
 /// What the ray tracer did for a fit.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitTracer)]
 pub struct TracerReport {
     /// Passes of tracing and fitting.
     pub passes: usize,
@@ -273,7 +282,8 @@ pub struct TracerReport {
 }
 
 /// An observation with the value that the fit expects; angles as recorded.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FittedPoint)]
 pub struct FittedObservation {
     /// Camera tilt as recorded.
     pub theta_c_deg: f64,
@@ -288,7 +298,8 @@ pub struct FittedObservation {
 }
 
 /// Outcomes of the starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitStarts)]
 pub struct Starts {
     /// Starts tried.
     pub tried: usize,
@@ -301,7 +312,8 @@ pub struct Starts {
 }
 
 /// Degrees of freedom of a budget's parts. The other parts count as exactly known.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitFreedom)]
 pub struct Freedom {
     /// Of `counting`: residuals minus fitted directions.
     pub counting: f64,
@@ -310,7 +322,7 @@ pub struct Freedom {
 }
 
 /// The complete result.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FitReport {
     /// Variant that the parameters belong to.
     pub variant: VariantName,

@@ -85,8 +85,9 @@ pub struct TracingProgress {
 pub type Watch<'w> = &'w (dyn Fn(TracingProgress) -> bool + Sync);
 
 /// Why a tracing ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
+#[schema(as = FitTracerEnd)]
 pub enum TracingEnd {
     /// The parameters stay, and the requested error is reached.
     Settled,

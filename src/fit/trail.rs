@@ -36,7 +36,8 @@ impl Time<'_> {
 }
 
 /// One evaluation of the model on the way to the minimum.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitIteration)]
 pub struct Iteration {
     /// Time since the first one.
     pub seconds: f64,

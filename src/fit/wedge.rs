@@ -20,8 +20,9 @@ use crate::observation::ObservationSet;
 use crate::units::Angle;
 
 /// The plane that angles refer to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
+#[schema(as = FitReferencePlane)]
 pub enum ReferencePlane {
     /// The turntable. The tilt of the sample on it is unknown and is part of the angles.
     #[default]
@@ -54,7 +55,8 @@ pub struct Stated {
 }
 
 /// Azimuth of the facets from the stage's zero, and its possible causes; degrees.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitAcross)]
 pub struct Across {
     /// Azimuth of the facets relative to the recorded φs and the stated zero.
     pub azimuth_deg: f64,

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::contrast::{CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN};
 use crate::fit::report::ReferencePlane;
+use crate::wording::stated;
 
 /// Quantities that may have limits.
 pub const QUANTITIES: [&str; 10] = [
@@ -217,7 +218,9 @@ impl Limits {
         match given {
             [None, None] => Err("state lower, upper or both".to_owned()),
             [Some(lower), Some(upper)] if lower >= upper => Err(format!(
-                "lower = {lower} does not lie below upper = {upper}"
+                "lower = {} does not lie below upper = {}",
+                stated(lower),
+                stated(upper)
             )),
             _ => Ok(()),
         }

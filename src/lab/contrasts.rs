@@ -17,7 +17,7 @@ use crate::reduction;
 use crate::store::Store;
 
 /// A request for a contrast table.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ContrastRequest {
     /// Scan to read.

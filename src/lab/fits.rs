@@ -33,57 +33,59 @@ use crate::scan::event::ShortValue;
 use crate::store::{Store, StoreError};
 
 /// A request for a fit.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FitRequest {
-    /// Scan to fit.
+    /// Number of the scan to fit.
     pub scan_id: i64,
-    /// Variant; by default the better one.
+    /// Variant of the model; auto if omitted.
     #[serde(default)]
     pub variant: VariantChoice,
-    /// Region of a sample that has several.
+    /// Region of a sample with several regions.
     #[serde(default)]
     pub region: Option<String>,
-    /// Let the ray tracer check the variant (see [`FitOptions::judge`]).
+    /// Takes the difference to the variant traced as the model error of the budget (see [`FitOptions::judge`]).
     #[serde(default)]
     pub judge: bool,
-    /// Record every iteration of a descent to the minimum.
+    /// Adds one descent to the minimum to the report, step by step.
     #[serde(default)]
     pub iterations: bool,
-    /// Time limit of the search, the ray tracer and the bootstrap, s.
+    /// Ends search, ray tracer and bootstrap after this time, s.
     #[serde(default)]
     pub max_seconds: Option<f64>,
-    /// Stop the ray tracer once its standard error, as a share of the largest radiance, is below this.
+    /// Ends the ray tracer once its standard error, as a share of the largest radiance, is below this.
     #[serde(default)]
     pub target_error: Option<f64>,
-    /// Largest share of the peak that the model may neglect (see [`FitOptions::tolerance`]).
+    /// Share of the peak that the model may omit (see [`FitOptions::tolerance`]).
     #[serde(default)]
     pub tolerance: Option<f64>,
-    /// Measured shape for the ray tracer; by default the ideal sawtooth.
+    /// Measured shape of the sample for the ray tracer; the ideal sawtooth if omitted.
     #[serde(default)]
     pub shape: Option<ShapeFile>,
-    /// Loss function of the residuals.
+    /// Loss function of the residuals; linear if omitted.
     #[serde(default)]
     pub loss: Loss,
-    /// Fixed values of parameters, by the names of the report, and eta, k.
+    /// Parameters fixed at a value, by the names of the report, and eta, k: `{"rho_d": 0.3}`.
     #[serde(default)]
     pub fix: BTreeMap<String, f64>,
     /// Priors of parameters, by the same names.
     #[serde(default)]
     pub priors: BTreeMap<String, Prior>,
-    /// Largest number of starts of a search, per variant; by default 8, and more while the result is in doubt.
+    /// Largest number of starts of a search per variant; if omitted 8, and more where their results disagree.
     #[serde(default)]
+    #[schema(minimum = 1, maximum = 1024)]
     pub starts: Option<u32>,
-    /// Add profile-likelihood intervals.
+    /// Adds profile-likelihood intervals.
     #[serde(default)]
     pub profile: bool,
-    /// Number of series drawn for bootstrap intervals; by default none.
+    /// Number of series drawn for bootstrap intervals; none if omitted.
     #[serde(default)]
+    #[schema(minimum = 20, maximum = 100_000)]
     pub bootstrap: Option<u32>,
 }
 
-/// Prior knowledge of a parameter.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// Prior knowledge of a parameter: a value and its standard uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Prior {
     /// Value.

@@ -14,7 +14,8 @@ use crate::forecast::Forecast;
 const QUEUED: &str = "waiting for its turn";
 
 /// A snapshot of a job's progress.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = WorkProgress)]
 pub struct JobProgress {
     /// Current stage.
     pub stage: &'static str,

@@ -17,7 +17,7 @@ use crate::map::{self, MapOptions};
 use crate::store::Store;
 
 /// A request for a map.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MapRequest {
     /// Scan to map.

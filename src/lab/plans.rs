@@ -27,12 +27,12 @@ use crate::wording::differences::{self, Difference};
 const AHEAD: Duration = Duration::from_secs(60);
 
 /// A request for a scan.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScanRequest {
-    /// Sample.
+    /// Number of the sample to scan.
     pub sample_id: i64,
-    /// Plan.
+    /// Poses, exposures and repeats of the scan.
     pub plan: PlanRequest,
 }
 

@@ -29,8 +29,7 @@ use crate::trace::run::{Ending, Follow, Progress, trace_following};
 use crate::trace::scene::{Prepared, Scene, SceneError, Shapes};
 use crate::trace::spread::{Surfaces, over_surfaces};
 use crate::trace::tally::Totals;
-use crate::wording::refusals::plain;
-use crate::wording::significant;
+use crate::wording::{json, significant};
 
 /// Largest number of direction bins per side, 0.5° by 0.5°: more make the files too large for the page.
 const BINS_MAX: usize = 180 * 720;
@@ -39,13 +38,14 @@ const BINS_MAX: usize = 180 * 720;
 const SURFACES: std::ops::RangeInclusive<u32> = 2..=1000;
 
 /// A request for a trace.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TraceRequest {
     /// The scene, as TOML text or as an object with the same keys.
     pub scene: serde_json::Value,
     /// Files that the scene names, by `path`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schema(value_type = BTreeMap<String, String>)]
     pub files: BTreeMap<String, Content>,
     /// Number of photons instead of the scene's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -90,8 +90,9 @@ impl TraceRequest {
             serde_json::Value::String(text) => {
                 Scene::parse(text).map_err(|e| wrong(e.to_string()))?
             }
-            object => serde_path_to_error::deserialize(object)
-                .map_err(|e| at_path(&e.path().to_string(), &e.inner().to_string()))?,
+            object => json::from_value(object).map_err(|refusal| {
+                invalid(refusal.path_below("scene"), refusal.message("field"))
+            })?,
         };
         if let Some(photons) = self.photons {
             scene.run.photons = photons;
@@ -159,15 +160,6 @@ impl TraceRequest {
             )),
         })
     }
-}
-
-/// The error of an invalid value of the scene, by its path.
-fn at_path(path: &str, message: &str) -> LabError {
-    let field = match path {
-        "." => "scene".to_owned(),
-        path => format!("scene.{path}"),
-    };
-    invalid(field, plain(message))
 }
 
 /// Longest file name in a request.

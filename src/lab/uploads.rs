@@ -53,7 +53,7 @@ impl Content {
 }
 
 /// One number for both axes, or one for each.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(untagged, expecting = "one number, or a list of two, is expected")]
 pub enum Pitch {
     /// Along rows and columns.
@@ -63,12 +63,13 @@ pub enum Pitch {
 }
 
 /// The sample's own shape, measured: a profile or a height map (see `docs/height-maps.md`).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ShapeFile {
     /// Name; the extension states the format (csv, png, tif, x3p, sdf).
     pub name: String,
     /// Content, base64.
+    #[schema(value_type = String)]
     pub content: Content,
     /// Spacing of samples, µm, if the file does not state it.
     #[serde(default)]

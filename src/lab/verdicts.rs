@@ -18,16 +18,16 @@ use crate::forecast::Forecast;
 use crate::judge::{Specification, VerdictReport};
 use crate::reduction::FrameSource;
 use crate::store::Store;
-use crate::wording::objects;
-use crate::wording::refusals::plain;
+use crate::wording::json;
 
 /// A request for a verdict.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VerdictRequest {
     /// Scan to judge.
     pub scan_id: i64,
     /// The specification: name, limits by quantity, accepted risks.
+    #[schema(value_type = Object)]
     pub specification: serde_json::Value,
     /// Variant that the verdict rests on; by default the better one.
     #[serde(default)]
@@ -104,24 +104,19 @@ impl Work for VerdictWork {
 
 /// Parses a specification; an error names the part that is wrong.
 fn specified(value: &serde_json::Value) -> Result<Specification, LabError> {
-    let invalid = |field: String, problem: &str| LabError::Invalid {
-        field,
-        problem: plain(problem.trim_start_matches("specification: ")),
-    };
-    let field = |path: String| match path.as_str() {
-        "." => "specification".to_owned(),
-        path => format!("specification.{path}"),
-    };
-    // Parsed once more by itself first: this error has the path of the value.
-    serde_path_to_error::deserialize::<_, Specification>(value)
-        .map_err(|e| invalid(field(e.path().to_string()), &e.inner().to_string()))?;
-    let specification = Specification::from_json(value)
-        .map_err(|e| invalid("specification".into(), &e.to_string()))?;
-    objects::check::<Specification>(value).map_err(|refusal| {
-        let path = refusal.path().to_string();
-        invalid(field(path), &refusal.into_inner().to_string())
+    let invalid = |field: String, problem: String| LabError::Invalid { field, problem };
+    json::from_value::<Specification>(value).map_err(|refusal| {
+        invalid(
+            refusal.path_below("specification"),
+            refusal.message("field"),
+        )
     })?;
-    Ok(specification)
+    // Its errors begin with the name of the file, which is the field here.
+    Specification::from_json(value).map_err(|error| {
+        let error = error.to_string();
+        let problem = error.strip_prefix("specification: ").unwrap_or(&error);
+        invalid("specification".into(), problem.to_owned())
+    })
 }
 
 #[cfg(test)]

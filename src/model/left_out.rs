@@ -9,7 +9,8 @@ use crate::geometry::Cones;
 pub const POLARISATION: &str = "polarisation of light";
 
 /// Something that a computation omits.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = WorkLeftOut)]
 pub struct LeftOut {
     /// The omission.
     pub what: String,

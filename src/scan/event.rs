@@ -12,7 +12,7 @@ use crate::frame::FrameKind;
 use crate::job::{JobId, JobKind, JobState};
 
 /// What a person has to do at the rig before the scan can go on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum OperatorAction {
     /// Dark frames come next.

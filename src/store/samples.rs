@@ -6,6 +6,7 @@ use sqlx::FromRow;
 use super::{Page, PageRequest, Store, StoreError};
 use crate::limits;
 use crate::material::Material;
+use crate::wording::stated;
 
 /// The surface that a simulated rig renders for a sample; a real rig ignores it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -83,7 +84,10 @@ impl NewSample {
         };
         let mut values = material.iter().chain(simulated);
         let (field, value, limit) = values.find(|(_, value, limit)| !limit.holds(*value))?;
-        Some((field, format!("{value} is not within {}", limit.allowed())))
+        Some((
+            field,
+            format!("{} is not within {}", stated(*value), limit.allowed()),
+        ))
     }
 }
 

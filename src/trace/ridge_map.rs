@@ -40,7 +40,7 @@ const SPIKES_MAX: f64 = 0.05;
 const ALIKE: f64 = 0.05;
 
 /// Properties of a height map; lengths in µm.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct RidgeFacts {
     /// Azimuth in the map towards which the facets lean, from its rows of samples (u) towards its
     /// columns (v).

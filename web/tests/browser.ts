@@ -1,4 +1,4 @@
-// Starts headless Chromium for the tests of the page, with a profile of its own that is removed after.
+// Starts headless Chromium for the tests of the page, with its own profile, which is removed afterwards.
 
 import { existsSync } from 'node:fs';
 import { mkdtemp, rm } from 'node:fs/promises';

@@ -1,4 +1,4 @@
-// Starts the real daemon on a simulated rig, in a folder of its own, and ends it.
+// Starts and ends the real daemon on a simulated rig, in its own folder.
 
 import { spawn, type ChildProcess } from 'node:child_process';
 import { existsSync } from 'node:fs';
@@ -8,12 +8,12 @@ import { join, resolve } from 'node:path';
 import { createInterface } from 'node:readline';
 
 const BINARY = resolve(process.env['RIDGED_BIN'] ?? join(import.meta.dirname, '../../target/debug/ridged'));
-/** A debug binary opens its store and homes nothing in this time with much to spare. */
+/** Ample time for a debug binary to open its store. */
 const READY_MS_MAX = 40_000;
 
 export interface RunningDaemon {
   readonly url: string;
-  /** What it said on standard error, for a failing test's message. */
+  /** Its standard error, for the message of a failing test. */
   readonly log: () => string;
   stop(): Promise<void>;
 }

@@ -1,4 +1,4 @@
-// What a person does at the page, for the tests that drive the real daemon.
+// Actions of a user at the page, for the tests with the real daemon.
 
 import type { Page } from 'playwright-core';
 
@@ -12,7 +12,7 @@ export interface GridChoice {
 /** Fills in the form of a new scan. */
 export async function fillScan(page: Page, choice: GridChoice): Promise<void> {
   const samples = page.getByRole('combobox', { name: 'Sample' });
-  // Its index stands behind its name.
+  // The index follows the name.
   const option = samples.locator('option', { hasText: `${choice.sample} (` }).first();
   await option.waitFor({ state: 'attached' });
   await samples.selectOption({ label: await option.innerText() });
@@ -21,7 +21,7 @@ export async function fillScan(page: Page, choice: GridChoice): Promise<void> {
   if (choice.azimuths !== undefined) await page.getByLabel(/Sample azimuths/).fill(choice.azimuths);
 }
 
-/** Does each step that the scan asks for until `until` is so; gives the headings of the steps. */
+/** Confirms each operator step until `until` holds; returns the headings of the steps. */
 export async function doSteps(page: Page, until: () => Promise<boolean>, timeoutMs: number): Promise<string[]> {
   const steps: string[] = [];
   const proceed = page.getByRole('button', { name: 'Continue' });
@@ -39,12 +39,12 @@ export async function doSteps(page: Page, until: () => Promise<boolean>, timeout
   return steps;
 }
 
-/** Whether the shown scan is over. */
+/** Whether the shown scan has ended. */
 export function completed(page: Page): () => Promise<boolean> {
   return async () => (await page.locator('section[aria-labelledby=answer-title] .card-head .chip', { hasText: 'completed' }).count()) > 0;
 }
 
-/** Presses Fit and reads a headline number once it is there. */
+/** Presses Fit and reads a headline number when it is shown. */
 export async function fitted(page: Page, timeoutMs: number): Promise<{ theta_r_deg: number; text: string }> {
   await page.getByRole('button', { name: /^Fit( again)?$/ }).click();
   const place = page.locator('[data-parameter=theta_r_deg]');

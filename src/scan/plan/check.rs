@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{EXPOSURE_S_MAX, EXPOSURE_S_MIN, FRAMES_MAX, LIST_LENGTH_MAX, Plan};
 use crate::units::Angle;
+use crate::wording::stated;
 
 /// Two angles closer than this are the same point.
 const SAME_ANGLE_DEG: f64 = 1e-6;
@@ -12,12 +13,14 @@ const SAME_ANGLE_DEG: f64 = 1e-6;
 const POINT_BYTES_MAX: u64 = 4_000_000_000;
 
 /// One thing that is wrong with a plan.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlanProblem {
     /// Where, e.g. `plan.theta_c_deg[2]`.
     pub field: String,
     /// What, with the allowed values.
     pub message: String,
+    /// The value, the least and the greatest allowed one, where it is out of this range; in the unit of the field.
+    pub out_of_range: Option<[f64; 3]>,
 }
 
 impl PlanProblem {
@@ -25,12 +28,18 @@ impl PlanProblem {
         PlanProblem {
             field: field.into(),
             message: message.into(),
+            out_of_range: None,
         }
+    }
+
+    fn out_of_range(mut self, value: f64, (lower, upper): (f64, f64)) -> Self {
+        self.out_of_range = Some([value, lower, upper]);
+        self
     }
 }
 
 /// Everything that is wrong with a plan.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("the plan cannot run: {}", list(.problems))]
 pub struct PlanError {
     /// All problems found; never empty.
@@ -97,13 +106,16 @@ impl Plan {
         check_tilts("plan.theta_c_deg", &self.theta_c_deg, limits, &mut problems);
         for (i, deg) in self.phi_s_deg.iter().enumerate() {
             if deg.is_finite() && limits.reachable_phi_s(Angle::from_deg(*deg)).is_none() {
-                problems.push(PlanProblem::new(
+                let (lower, upper) = limits.phi_s;
+                let problem = PlanProblem::new(
                     format!("plan.phi_s_deg[{i}]"),
                     format!(
-                        "{deg}° is outside the travel of phi_s, {:.3} to {:.3}, on every turn",
-                        limits.phi_s.0, limits.phi_s.1
+                        "{}° is outside the travel of phi_s, {lower:.3} to {upper:.3}, on every turn",
+                        stated(*deg)
                     ),
-                ));
+                );
+                let range = (lower.deg_for_tables(), upper.deg_for_tables());
+                problems.push(problem.out_of_range(*deg, range));
             }
         }
         check_exposures("plan.exposures_s", &self.exposures_s, &mut problems);
@@ -215,7 +227,10 @@ fn check_list(field: &str, values: &[f64], problems: &mut Vec<PlanProblem>) {
         if (values[first] - values[second]).abs() < SAME_ANGLE_DEG {
             problems.push(PlanProblem::new(
                 format!("{field}[{second}]"),
-                format!("{} is there twice; use repeats instead", values[second]),
+                format!(
+                    "{} is given twice; use repeats instead",
+                    stated(values[second])
+                ),
             ));
         }
     }
@@ -229,13 +244,16 @@ fn check_tilts(
 ) {
     for (i, deg) in values.iter().enumerate().take(LIST_LENGTH_MAX) {
         if deg.is_finite() && !within(Angle::from_deg(*deg), limits.theta_c) {
-            problems.push(PlanProblem::new(
+            let (lower, upper) = limits.theta_c;
+            let problem = PlanProblem::new(
                 format!("{field}[{i}]"),
                 format!(
-                    "{deg}° is outside the travel of theta_c, {:.3} to {:.3}",
-                    limits.theta_c.0, limits.theta_c.1
+                    "{}° is outside the travel of theta_c, {lower:.3} to {upper:.3}",
+                    stated(*deg)
                 ),
-            ));
+            );
+            let range = (lower.deg_for_tables(), upper.deg_for_tables());
+            problems.push(problem.out_of_range(*deg, range));
         }
     }
 }
@@ -253,14 +271,18 @@ fn check_exposures(field: &str, values: &[f64], problems: &mut Vec<PlanProblem>)
     }
     for (i, value) in values.iter().enumerate() {
         if !(EXPOSURE_S_MIN..=EXPOSURE_S_MAX).contains(value) {
-            problems.push(PlanProblem::new(
+            let problem = PlanProblem::new(
                 format!("{field}[{i}]"),
-                format!("{value} s is not between {EXPOSURE_S_MIN} and {EXPOSURE_S_MAX} s"),
-            ));
+                format!(
+                    "{} s is outside {EXPOSURE_S_MIN} to {EXPOSURE_S_MAX} s",
+                    stated(*value)
+                ),
+            );
+            problems.push(problem.out_of_range(*value, (EXPOSURE_S_MIN, EXPOSURE_S_MAX)));
         } else if values[..i].contains(value) {
             problems.push(PlanProblem::new(
                 format!("{field}[{i}]"),
-                format!("{value} s is there twice; use repeats instead"),
+                format!("{value} s is given twice; use repeats instead"),
             ));
         }
     }

@@ -24,7 +24,7 @@ pub const EXPOSURE_S_MAX: f64 = 3600.0;
 pub const EXPOSURE_S_MIN: f64 = 1e-6;
 
 /// A list of numbers, written out or as a grid.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(
     untagged,
     expecting = "a list of numbers, or an object of from, to and step, is expected"
@@ -37,7 +37,7 @@ pub enum Values {
 }
 
 /// Evenly spaced values.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Grid {
     /// First value.
@@ -86,7 +86,7 @@ impl Values {
 }
 
 /// Named plans.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Preset {
     /// The paper's: θc −20…20 by 10, φs 0, 90, 180.
@@ -113,7 +113,7 @@ impl Preset {
 }
 
 /// Dark frames of a request.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DarkRequest {
     /// Frames per exposure; 0 leaves the dark frames out.
@@ -121,7 +121,7 @@ pub struct DarkRequest {
 }
 
 /// White-reference frames of a request.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FlatRequest {
     /// Tilts; those of the sample if not given.
@@ -134,19 +134,18 @@ pub struct FlatRequest {
 
 /// A plan as a file or a request states it: everything may be left out that a preset or the rig's
 /// settings know. Unknown keys are errors.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlanRequest {
-    /// A named plan whose angles count where none are given.
+    /// A named plan, `paper` or `full`, whose angles apply where none are given.
     pub preset: Option<Preset>,
-    /// Camera tilts.
+    /// Camera tilts θc, degrees.
     pub theta_c_deg: Option<Values>,
-    /// Sample azimuths.
+    /// Sample azimuths φs, degrees.
     pub phi_s_deg: Option<Values>,
-    /// Exposures of the sample; the rig's if not given.
+    /// Exposure times of the sample, s; the rig's if omitted.
     pub exposures_s: Option<Vec<f64>>,
-    /// Frames per pose and exposure; 1 if not given. 0 leaves the sample out: dark and white-reference frames alone, new
-    /// ones, for scans to come.
+    /// Frames per pose and exposure; 1 if omitted. 0 takes new dark and white-reference frames only, for later scans.
     pub repeats: Option<u32>,
     /// Dark frames.
     #[serde(default)]
@@ -154,7 +153,7 @@ pub struct PlanRequest {
     /// White-reference frames.
     #[serde(default)]
     pub flat: FlatRequest,
-    /// Whether valid calibration frames save their operator steps; true if not given and there is a sample.
+    /// Whether valid calibration frames replace their operator steps; true if omitted and the plan has a sample.
     pub reuse_calibrations: Option<bool>,
 }
 
@@ -172,7 +171,7 @@ pub struct PlanDefaults {
 }
 
 /// A whole plan, nothing left open.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Plan {
     /// Camera tilts.
     pub theta_c_deg: Vec<f64>,
@@ -191,14 +190,14 @@ pub struct Plan {
 }
 
 /// Dark frames of a plan.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct DarkPlan {
     /// Frames per exposure; 0 for none.
     pub repeats: u32,
 }
 
 /// White-reference frames of a plan.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FlatPlan {
     /// Tilts.
     pub theta_c_deg: Vec<f64>,

@@ -2,7 +2,7 @@
 
 use crate::material::tables::MaterialError;
 use crate::trace::profile::ProfileError;
-use crate::wording::significant;
+use crate::wording::{significant, stated};
 
 /// Why a scene cannot be traced.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -101,9 +101,15 @@ pub(super) fn value(
     value: impl std::fmt::Display,
     expected: &'static str,
 ) -> SceneError {
+    /// Longer numbers are a row of digits without meaning.
+    const DIGITS_MAX: usize = 20;
+    let text = value.to_string();
     SceneError::Value {
         key: key.to_owned(),
-        value: value.to_string(),
+        value: match text.parse() {
+            Ok(number) if text.len() > DIGITS_MAX => stated(number),
+            _ => text,
+        },
         expected,
     }
 }

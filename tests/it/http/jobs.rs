@@ -195,7 +195,7 @@ async fn a_fit_accepts_the_options_of_the_command_and_returns_its_request() {
         ("starts", json!(0), "starts", "1 to 1024"),
         ("starts", json!(-1), "starts", "whole number"),
         ("bootstrap", json!(19), "bootstrap", "20 to 100000"),
-        ("loss", json!("hard"), "loss", "`tukey`"),
+        ("loss", json!("hard"), "loss", "tukey"),
         ("fix", json!({ "theta": 1 }), "fix.theta", "theta_r_deg"),
         ("fix", json!({ "rho_d": 1.5 }), "fix.rho_d", "0 to 1"),
         ("fix", json!({ "rho_d": "a" }), "fix.rho_d", "a number"),

@@ -158,14 +158,47 @@ async fn bad_input_is_refused_by_name_and_nothing_happens() {
         println!("{body} → {}", answer.body);
         is_problem(&answer, status, code);
     }
-    let far = post(
-        &router,
-        "/api/v1/rig/axes/theta_c/move",
-        r#"{"position_deg": 1e300}"#,
-    )
-    .await;
-    is_problem(&far, 422, "outside-limits");
-    assert!(far.detail().len() < 200, "{}", far.detail());
+    // A value of any size is quoted with the digits that it has.
+    for (path, body) in [
+        (
+            "/api/v1/rig/axes/theta_c/move",
+            r#"{"position_deg": 1e300}"#.to_owned(),
+        ),
+        (
+            "/api/v1/scans",
+            plan(r#"{"theta_c_deg": [1e300, -1e300], "phi_s_deg": [1e300], "exposures_s": [1e300, 1e-300]}"#),
+        ),
+        (
+            "/api/v1/scans",
+            plan(r#"{"theta_c_deg": {"from": -1e300, "to": 1e300, "step": 1e-300}, "phi_s_deg": [0]}"#),
+        ),
+        (
+            "/api/v1/samples",
+            r#"{"name": "x", "material": {"kind": "dielectric", "eta": 1e300}}"#.to_owned(),
+        ),
+        (
+            "/api/v1/fits",
+            r#"{"scan_id": 1, "fix": {"theta_r_deg": 1e300}}"#.to_owned(),
+        ),
+        (
+            "/api/v1/fits",
+            r#"{"scan_id": 1, "priors": {"theta_r_deg": {"value": 1, "std": -1e300}}}"#.to_owned(),
+        ),
+        (
+            "/api/v1/traces",
+            r#"{"scene": {"light": {"theta_i_deg": 1e300}, "interface": [{"shape": "flat", "below": {"n": 1.5}}]}}"#.to_owned(),
+        ),
+        (
+            "/api/v1/verdicts",
+            r#"{"scan_id": 1, "specification": {"name": "a", "limits": {"theta_r_deg": {"lower": 1e300, "upper": -1e300}}}}"#.to_owned(),
+        ),
+    ] {
+        let far = post(&router, path, &body).await;
+        assert!(matches!(far.status, 404 | 422), "{body}: {}", far.body);
+        assert!(far.detail().len() < 500, "{}", far.detail());
+        let digits = far.detail().split(|c: char| !c.is_ascii_digit());
+        assert!(digits.map(str::len).max() < Some(12), "{}", far.detail());
+    }
     // Everything wrong with a plan at once, each by its path.
     let answer = post(
         &router,
@@ -310,13 +343,25 @@ async fn values_are_refused_by_their_path_and_in_plain_words() {
             samples,
             r#"{"name": "x", "metal": {"name": 3}}"#,
             "metal.name",
-            "3 stands where a text is expected",
+            "metal.name: expected a text, got 3",
+        ),
+        (
+            samples,
+            r#"{"name": "x", "material": {"kind": "dielectric", "eta": "a"}}"#,
+            "material.eta",
+            "expected a number, got \"a\"",
+        ),
+        (
+            samples,
+            r#"{"name": "x", "material": {"kind": "conductor", "eta": 1}}"#,
+            "material.k",
+            "is missing",
         ),
         (
             "/api/v1/rig/axes/theta_c/move",
             r#"{"position_deg": "a"}"#,
             "position_deg",
-            "\"a\" stands where a number is expected",
+            "position_deg: expected a number, got \"a\"",
         ),
         (
             "/api/v1/scans",
@@ -332,9 +377,15 @@ async fn values_are_refused_by_their_path_and_in_plain_words() {
     }
     let refused = get(&router, "/api/v1/fits?limit=many").await;
     is_problem(&refused, 422, "invalid-value");
-    assert_eq!(refused.detail(), "limit: is not a whole number");
+    assert_eq!(
+        refused.detail(),
+        "limit: expected a whole number from 0 to 4294967295, got \"many\""
+    );
     let refused = get(&router, "/api/v1/fits?theta_r_deg_min=ten").await;
-    assert_eq!(refused.detail(), "theta_r_deg_min: is not a number");
+    assert_eq!(
+        refused.detail(),
+        "theta_r_deg_min: expected a number, got \"ten\""
+    );
     let refused = get(&router, "/api/v1/fits?colour=red").await;
     is_problem(&refused, 400, "bad-request");
     let detail = refused.detail();
@@ -342,4 +393,7 @@ async fn values_are_refused_by_their_path_and_in_plain_words() {
         detail.contains("there is no parameter `colour`"),
         "{detail}"
     );
+    let refused = get(&router, "/api/v1/scans?sampel_id=3").await;
+    let detail = refused.detail();
+    assert!(detail.contains("did you mean `sample_id`?"), "{detail}");
 }

@@ -5,16 +5,16 @@ import type { Accuracy, AccuracyPoint } from './types';
 export interface ErrorLine {
   readonly method: string;
   readonly points: readonly AccuracyPoint[];
-  /** Of log error over log seconds by least squares; null of fewer than three points, a span below a factor of 3, or points on no straight line. */
+  /** Slope of log error over log seconds by least squares. Null for fewer than three points, a span below a factor of 3, or points that are not on a straight line. */
   readonly slope: number | null;
 }
 
-/** Scenes in the order in which they were measured. */
+/** Scenes in the order of their measurement. */
 export function scenesOf(accuracy: Accuracy): string[] {
   return [...new Set(accuracy.points.map((p) => p.scene))];
 }
 
-/** The scene to begin with: the first that has a curve to show, else the first. */
+/** The scene shown at first: the first one that has a curve, else the first one. */
 export function firstScene(accuracy: Accuracy): string {
   const scenes = scenesOf(accuracy);
   return scenes.find((scene) => linesOf(accuracy, scene).some((line) => line.slope !== null)) ?? scenes[0] ?? '';
@@ -33,10 +33,10 @@ export function linesOf(accuracy: Accuracy, scene: string): ErrorLine[] {
   return [...groups].map(([method, points]) => ({ method, points, slope: slopeOf(points) }));
 }
 
-/** A point this far off a line, as a factor, says that there is no power law: a solver that converges quadratically has none. */
+/** A point this far from the line, as a factor, excludes a power law: a solver that converges quadratically has none. */
 const BENT = 4;
 
-/** Slope above which an error does not fall with time: what a method leaves out is all that is left of it. */
+/** Slope above which an error does not fall with time: only what the method omits is left. */
 export const LEVEL = -0.25;
 
 export function slopeOf(points: readonly AccuracyPoint[]): number | null {
@@ -51,13 +51,13 @@ export function slopeOf(points: readonly AccuracyPoint[]): number | null {
   return off > Math.log(BENT) ? null : slope;
 }
 
-/** Values around all of some, on a logarithmic axis, with a little room. */
+/** A range of a logarithmic axis that contains all values, with a margin. */
 export function around(values: readonly number[]): [number, number] {
   const [low, high] = [Math.min(...values), Math.max(...values)];
   return [low / 1.6, high * 1.6];
 }
 
-/** Places of 1, 2 and 5 times the powers of ten within a range; of the powers alone where it spans many. */
+/** Marks at 1, 2 and 5 times the powers of ten within a range, or at the powers only if it spans many. */
 export function ticksOf([low, high]: readonly [number, number]): number[] {
   const steps = high / low > 1e3 ? [1] : [1, 2, 5];
   const ticks: number[] = [];

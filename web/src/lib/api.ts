@@ -1,7 +1,7 @@
-// The page's only way to the daemon: typed requests, and every failure as a sentence.
+// The page's only way to the daemon: typed requests. A failure is thrown as a `Problem`.
 
 import type { FitOptions } from './fitoptions';
-import { pageWords } from './pagewords';
+import { Problem, problemOf } from './problems';
 import type { SampleRequest } from './sample';
 import type { ShapeRequest } from './shape';
 import type {
@@ -27,52 +27,8 @@ import type {
 
 const PREFIX = '/api/v1';
 
-/** A fit has some 20 kB: a store of thousands is read page by page. */
+/** A fit has about 20 kB, so a store of thousands is read page by page. */
 const FITS_PER_PAGE = 100;
-
-/** A refused or failed request; `message` is a sentence for people, `code` is stable for programs. */
-export class Problem extends Error {
-  readonly status: number;
-  readonly code: string;
-
-  constructor(status: number, code: string, message: string) {
-    super(message);
-    this.status = status;
-    this.code = code;
-  }
-}
-
-/** What the command line calls its own way has another name on the page. */
-const ON_THE_PAGE: readonly (readonly [RegExp, string])[] = [
-  [/--pitch-um \(pitch_um\)/g, '“Samples apart” (pitch_um)'],
-  [/--height-unit-um \(height_unit_um\)/g, '“µm per unit of height” (height_unit_um)'],
-  [/--pitch-um and --height-unit-um \(pitch_um, height_unit_um\)/g, '“Samples apart” (pitch_um) and “µm per unit of height” (height_unit_um)'],
-  [/or pass --skip-unreadable to leave it out/g, 'or tick “leave out frames that cannot be read”'],
-];
-
-/** First letter large, a full stop at the end; what to do is said as the page calls it. */
-export function sentence(text: string): string {
-  const trimmed = pageWords(ON_THE_PAGE.reduce((said, [theirs, ours]) => said.replace(theirs, ours), text.trim()));
-  if (trimmed === '') return '';
-  const head = trimmed.charAt(0).toUpperCase() + trimmed.slice(1);
-  return /[.!?…]$/.test(head) ? head : `${head}.`;
-}
-
-/** What a problem+json body (RFC 9457) says, as sentences; `fallback` where it says nothing. */
-export function problemSentence(body: unknown, fallback: string): string {
-  if (typeof body !== 'object' || body === null) return sentence(fallback);
-  const { title, detail, errors } = body as { title?: unknown; detail?: unknown; errors?: unknown };
-  const parts: string[] = [];
-  if (typeof detail === 'string' && detail !== '') parts.push(sentence(detail));
-  else if (typeof title === 'string' && title !== '') parts.push(sentence(title));
-  if (Array.isArray(errors)) {
-    for (const entry of errors as { field?: unknown; message?: unknown }[]) {
-      const message = typeof entry.message === 'string' ? entry.message : '';
-      if (message !== '' && !parts.some((part) => part.includes(pageWords(message)))) parts.push(sentence(message));
-    }
-  }
-  return parts.length > 0 ? parts.join(' ') : sentence(fallback);
-}
 
 async function ask(path: string, init?: RequestInit): Promise<Response> {
   let response: Response;
@@ -84,12 +40,7 @@ async function ask(path: string, init?: RequestInit): Promise<Response> {
   }
   if (response.ok) return response;
   const body: unknown = await response.json().catch(() => null);
-  const code = (body as { code?: unknown } | null)?.code;
-  throw new Problem(
-    response.status,
-    typeof code === 'string' ? code : `http-${response.status}`,
-    problemSentence(body, `the daemon answered ${response.status} ${response.statusText}`),
-  );
+  throw problemOf(response.status, body, `the daemon answered ${response.status} ${response.statusText}`);
 }
 
 async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
@@ -124,31 +75,31 @@ async function getAll<T>(path: string, signal?: AbortSignal): Promise<T[]> {
   return items;
 }
 
-/** What a person chose in the form of a new scan. */
+/** Body of `POST /scans`. */
 export interface ScanRequest {
   readonly sample_id: number;
   readonly plan: Record<string, unknown>;
 }
 
-/** A fit as it is asked for. */
+/** Body of `POST /fits`. */
 export interface FitRequest extends FitOptions {
   readonly scan_id: number;
   readonly variant: string;
   readonly region?: string;
-  /** For the variant `traced`: what it traces on. */
+  /** The measured surface for the variant `traced`. */
   readonly shape?: ShapeRequest;
 }
 
-/** A trace as it is asked for: `scene` is the text of its TOML. */
+/** Body of `POST /traces`; `scene` is the text of its TOML. */
 export interface TraceRequest {
-  /** Files that the scene names by `path`: their content in base64. */
+  /** Content in base64 of the files that the scene names by `path`. */
   readonly files?: Readonly<Record<string, string>>;
   readonly scene: string;
   readonly photons?: number;
   readonly max_seconds?: number;
   readonly target_error?: number;
   readonly compare: boolean;
-  /** Surfaces of the same statistics in all. */
+  /** Number of random surfaces of the same statistics, the scene's own included. */
   readonly surfaces?: number;
 }
 
@@ -156,7 +107,7 @@ export const api = {
   rig: (): Promise<Rig> => get('/rig'),
   move: (axis: AxisName, position_deg: number): Promise<unknown> => post(`/rig/axes/${axis}/move`, { position_deg }),
   home: (axis: AxisName): Promise<unknown> => post(`/rig/axes/${axis}/home`),
-  /** Makes a lost link first; nothing begins to move. */
+  /** Reconnects first if the link is lost; no motion starts. */
   stop: (): Promise<unknown> => post('/rig/stop'),
 
   samples: (): Promise<Sample[]> => getAll('/samples'),
@@ -165,11 +116,11 @@ export const api = {
   scans: (): Promise<Scan[]> => getAll('/scans'),
   scan: (id: number): Promise<Scan> => get(`/scans/${id}`),
   startScan: (request: ScanRequest): Promise<{ id: number }> => post('/scans', request),
-  /** Dark and white-reference frames alone; the scan that takes them. */
+  /** Takes dark and white-reference frames only. Returns the scan that takes them. */
   takeCalibrations: (request: ScanRequest): Promise<{ id: number }> => post('/calibrations', request),
   estimate: (request: ScanRequest): Promise<Estimate> => post('/scans/estimate', request),
   command: (id: number, verb: 'pause' | 'resume' | 'abort'): Promise<unknown> => post(`/scans/${id}/${verb}`),
-  /** Says which step is done: where another page or terminal was faster, the scan waits for another one. */
+  /** Confirms one step by its name, since another page or terminal may have confirmed it already. */
   proceed: (id: number, action: OperatorStep['action']): Promise<unknown> => post(`/scans/${id}/continue`, { action }),
   calibrationsOf: async (scanId: number, signal?: AbortSignal): Promise<readonly Calibration[]> => (await get<Page<Calibration>>(`/calibrations?scan_id=${scanId}`, signal)).items,
   calibration: (id: number, signal?: AbortSignal): Promise<Calibration> => get(`/calibrations/${id}`, signal),
@@ -179,11 +130,11 @@ export const api = {
   certainties: (id: number, signal?: AbortSignal): Promise<Certainty[]> => getAll(`/scans/${id}/uncertainty`, signal),
   observationsCsvUrl: (id: number, region: string | null): string => `${PREFIX}/scans/${id}/observations?format=csv${region === null ? '' : `&region=${encodeURIComponent(region)}`}`,
 
-  /** A recorded series in a folder of the daemon's machine. */
-  importSeries: (folder: string, skip_unreadable: boolean): Promise<{ readonly scan_id: number; readonly n_frames: number; readonly skipped: readonly string[]; /** A scan that holds the very same series already. */ readonly same_as_scan_id?: number | null; /** A scan that holds the same frames, of which the series says something else. */ readonly like_scan_id?: number | null; readonly differences?: readonly string[] }> =>
+  /** Imports a recorded series from a folder of the daemon's machine. */
+  importSeries: (folder: string, skip_unreadable: boolean): Promise<{ readonly scan_id: number; readonly n_frames: number; readonly skipped: readonly string[]; /** A scan that already holds the same series. */ readonly same_as_scan_id?: number | null; /** A scan that holds the same frames under a different description. */ readonly like_scan_id?: number | null; readonly differences?: readonly string[] }> =>
     post('/imports', { folder, skip_unreadable }),
 
-  /** A page of fits, newest first; of one scan, or of all. */
+  /** A page of fits of one scan, or of all scans; newest first. */
   fits: (of: { readonly scan_id?: number; readonly cursor?: string } = {}): Promise<Page<Fit>> =>
     get(`/fits?limit=${FITS_PER_PAGE}${of.scan_id === undefined ? '' : `&scan_id=${of.scan_id}`}${of.cursor === undefined ? '' : `&cursor=${encodeURIComponent(of.cursor)}`}`),
   fit: (id: number): Promise<Fit> => get(`/fits/${id}`),
@@ -197,7 +148,7 @@ export const api = {
   jobUrl: (kind: JobKind, id: number): string => `${PREFIX}/${kind}/${id}`,
   mapFileUrl: (id: number, name: string): string => `${PREFIX}/maps/${id}/files/${name}`,
 
-  /** Newest first; what is not asked for stays where it is. */
+  /** The newest 50 traces, newest first. */
   traces: async (signal?: AbortSignal): Promise<readonly Trace[]> => (await get<Page<Trace>>('/traces?limit=50', signal)).items,
   startTrace: (request: TraceRequest): Promise<{ id: number }> => post('/traces', request),
   traceFileUrl: (id: number, name: string): string => `${PREFIX}/traces/${id}/files/${name}`,
@@ -205,7 +156,7 @@ export const api = {
   traceBytes: async (id: number, name: string, signal?: AbortSignal): Promise<ArrayBuffer> =>
     (await ask(`${PREFIX}/traces/${id}/files/${name}`, signal ? { signal } : undefined)).arrayBuffer(),
 
-  /** Null where nothing was measured. */
+  /** Null if nothing was measured. */
   accuracy: async (signal?: AbortSignal): Promise<Accuracy | null> => {
     const response = await ask(`${PREFIX}/accuracy`, signal ? { signal } : undefined);
     return response.status === 204 ? null : ((await response.json()) as Accuracy);
@@ -218,9 +169,3 @@ export const api = {
     return new Uint8Array(await response.arrayBuffer());
   },
 };
-
-/** The sentence to show for anything that was thrown. */
-export function spoken(error: unknown): string {
-  if (error instanceof Error) return error.message;
-  return sentence(String(error));
-}

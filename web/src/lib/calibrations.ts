@@ -5,10 +5,10 @@ import type { Calibration, Scan } from './types';
 
 export const CALIBRATION_NAMES = { flat: 'white reference', dark: 'dark frames' } as const;
 
-/** A scan that shows no sample: it took dark and white-reference frames alone. */
+/** A scan without a sample: it took dark and white-reference frames only. */
 export const isCalibration = (scan: Scan): boolean => scan.plan.repeats === 0;
 
-/** In the order in which they are taken. */
+/** Kinds in the order of their acquisition. */
 export function inOrder(calibrations: readonly Calibration[]): readonly Calibration[] {
   return [...calibrations].sort((a, b) => a.kind.localeCompare(b.kind) || a.id - b.id);
 }

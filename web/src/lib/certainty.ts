@@ -1,25 +1,25 @@
-// The rows of the fit that runs along with a scan as lines over the rig's minutes.
+// Uncertainties of the live fit of a scan, as lines over the rig's time.
 
 import type { Certainty } from './types';
 
-/** Drawn in this order, in the colours of the same place. */
+/** Parameters in the order of their colours. */
 export const DRAWN = ['theta_r_deg', 'alpha_u', 'alpha_v', 'rho_d'] as const;
 
 export interface FallingLine {
   readonly name: string;
-  /** Standard uncertainty per row; null where the frames could not tell yet. */
+  /** Standard uncertainty per row; null while the frames did not determine it. */
   readonly std: readonly (number | null)[];
-  /** Newest estimate and uncertainty. */
+  /** The newest estimate and its uncertainty. */
   readonly now: { readonly value: number; readonly std: number } | null;
 }
 
-/** Rows of both lists in the order of the rig's time, each once. */
+/** Rows of both lists by the rig's time, without duplicates. */
 export function merged(kept: readonly Certainty[], fresh: readonly Certainty[]): Certainty[] {
   const rows = new Map([...kept, ...fresh].map((row) => [row.id, row]));
   return [...rows.values()].sort((a, b) => a.elapsed_s - b.elapsed_s || a.id - b.id);
 }
 
-/** Lines of the parameters that any row knows. */
+/** One line per parameter that any row determines. */
 export function fallingLines(rows: readonly Certainty[]): FallingLine[] {
   const lines = DRAWN.map((name): FallingLine => {
     const known = rows.map((row) => row.parameters[name] ?? null);
@@ -31,15 +31,15 @@ export function fallingLines(rows: readonly Certainty[]): FallingLine[] {
 export interface LogarithmicScale {
   readonly low: number;
   readonly high: number;
-  /** Where it is labelled: 1, 2 and 5 of each decade, or powers of ten where those are many. */
+  /** Labelled marks: 1, 2 and 5 of each decade, or powers of ten if those are many. */
   readonly marks: readonly number[];
 }
 
 const MARKS_MAX = 7;
 
-/** A logarithmic scale that holds all lines with room above and below, from a round value to a round value.
+/** A logarithmic scale that contains all lines with a margin, from one round value to another.
  *
- * The marks are ours: uPlot's own never come to an end where the lower end is between 9.5 and 10 of its decade. */
+ * The marks are computed here: uPlot's own loop does not end when the lower end is between 9.5 and 10 of its decade. */
 export function logarithmic(lines: readonly FallingLine[]): LogarithmicScale {
   const all = lines.flatMap((line) => line.std.filter((s): s is number => s !== null && s > 1e-300 && s < 1e300));
   const [least, most] = all.length === 0 ? [1e-3, 1] : [Math.min(...all) / 1.1, Math.max(...all) * 1.1];
@@ -58,12 +58,12 @@ export interface TimeScale {
   readonly unit: 's' | 'min';
   /** Of one unit. */
   readonly seconds: number;
-  /** Right end, in units. */
+  /** The right end, in units. */
   readonly high: number;
   readonly marks: readonly number[];
 }
 
-/** Below this the rig's time is told in seconds, s. */
+/** Below this time, in s, the axis is in seconds. */
 const SECONDS_BELOW = 120;
 const TIME_MARKS_MAX = 8;
 

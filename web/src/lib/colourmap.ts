@@ -24,7 +24,7 @@ const VIRIDIS =
 
 export type ColourMapName = 'viridis' | 'grey';
 
-/** Shown for pixels at or above saturation: a colour that neither map contains. */
+/** Colour of pixels at or above saturation; neither map contains it. */
 export const SATURATED_RGB: readonly [number, number, number] = [255, 45, 85];
 
 /** 256 × 3 bytes, red green blue. */

@@ -60,14 +60,14 @@ export function countStatistics(frame: Frame16, saturationDn: number): CountStat
 }
 
 export interface Levels {
-  /** Counts shown as the darkest colour. */
+  /** Count of the darkest colour. */
   readonly low: number;
-  /** Counts shown as the brightest colour. */
+  /** Count of the brightest colour. */
   readonly high: number;
   readonly scale: 'linear' | 'log';
 }
 
-/** Where between the levels a count lies, 0 to 1. Logarithmic: decades above the low level, one count the smallest step. */
+/** Position of a count between the levels, 0 to 1. Logarithmic: decades above the low level, with steps of at least one count. */
 export function levelFraction(dn: number, levels: Levels): number {
   const span = Math.max(levels.high - levels.low, 1);
   const t = levels.scale === 'log' ? Math.log1p(Math.max(dn - levels.low, 0)) / Math.log1p(span) : (dn - levels.low) / span;

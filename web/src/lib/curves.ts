@@ -15,10 +15,10 @@ export interface Panel {
   readonly curves: readonly PanelCurve[];
 }
 
-/** Tilts closer than this are one panel: stages read back within some thousandths of a degree. */
+/** Tilts closer than this share a panel: stages read back within a few thousandths of a degree. */
 const SAME_TILT_DEG = 0.25;
 
-/** Panels by ascending tilt; curves go to the panel whose tilt is nearest. */
+/** Panels by ascending tilt. A curve goes to the panel with the nearest tilt. */
 export function panels(data: Curves): Panel[] {
   const groups: { theta_c_deg: number; points: CurvePoint[]; curves: PanelCurve[] }[] = [];
   for (const point of [...data.observations].sort((a, b) => a.theta_c_deg - b.theta_c_deg)) {
@@ -41,8 +41,8 @@ export function panels(data: Curves): Panel[] {
 }
 
 /**
- * Where along the azimuth the model's own inadequacy is how large, as a share of that at the peak. The
- * fit takes it as proportional to the signal plus a tenth of the peak (`fit::estimate`).
+ * The model discrepancy along the azimuth, as a share of that at the peak. The fit assumes that it is
+ * proportional to the signal plus a tenth of the peak (`fit::estimate`).
  */
 export function inadequacyShape(panel: Panel, variant: string, peak: number): { x: number; share: number }[] {
   const curve = panel.curves.find((c) => c.variant === variant);
@@ -76,7 +76,7 @@ export function aligned(columns: readonly { readonly xs: readonly number[]; read
   };
 }
 
-/** Round azimuths within a range, degrees: quarters of a turn, or smaller steps where few of those would lie in it. */
+/** Round azimuths within a range, degrees: quarter turns, or smaller steps if the range contains few of those. */
 export function azimuthMarks(low: number, high: number): number[] {
   const step = [90, 30, 10, 5, 1].find((s) => (high - low) / s >= 2.1) ?? 0.5;
   const first = Math.ceil(low / step - 1e-9);

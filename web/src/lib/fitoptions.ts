@@ -1,9 +1,8 @@
-// What a fit may be asked beyond its model: how outliers count, what is known beforehand, further intervals.
+// Options of a fit beyond its model: the loss for outliers, known values, further intervals.
 
-import { sentence } from './api';
 import { typed } from './limits';
 import type { FitAsked } from './types';
-import { PARAMETERS, VARIANTS, type ParameterWords } from './words';
+import { KNOWABLE, VARIANTS } from './words';
 import { plain } from './format';
 
 export const LOSSES: Readonly<Record<string, string>> = {
@@ -12,14 +11,7 @@ export const LOSSES: Readonly<Record<string, string>> = {
   tukey: 'do not count (Tukey)',
 };
 
-/** What can be known beforehand: the parameters of the report, and the index of refraction. */
-export const KNOWABLE: Readonly<Record<string, ParameterWords>> = {
-  ...PARAMETERS,
-  eta: { symbol: 'n', name: 'refractive index', unit: '' },
-  k: { symbol: 'κ', name: 'extinction coefficient of a metal', unit: '' },
-};
-
-/** One thing known beforehand, as a person types it; without an uncertainty the parameter is held. */
+/** One known value as typed. Without an uncertainty, the parameter is fixed at it. */
 export interface KnownRow {
   parameter: string;
   value: string;
@@ -33,7 +25,7 @@ export interface FitChoices {
   readonly known: readonly KnownRow[];
 }
 
-/** The part of `POST /fits` that choices make; what stands at its default stays out. */
+/** The part of `POST /fits` that the options make. Defaults are omitted. */
 export interface FitOptions {
   readonly loss?: string;
   readonly judge?: true;
@@ -42,23 +34,14 @@ export interface FitOptions {
   readonly priors?: Readonly<Record<string, { readonly value: number; readonly std: number }>>;
 }
 
-/** What is wrong with a row, or null. A row without anything typed is none. */
+/** What is wrong with a row, or null. An empty row is valid. */
 export function knownProblem(row: KnownRow, rows: readonly KnownRow[]): string | null {
   const [value, std] = [typed(row.value), typed(row.std)];
   if (value === null && std === null) return null;
   if (value === null || Number.isNaN(value)) return 'give its value as a number';
-  if (std !== null && !(std > 0)) return 'its standard uncertainty is a number above 0; without one the value is held';
-  if (rows.filter((r) => r.parameter === row.parameter && typed(r.value) !== null).length > 1) return 'is there twice';
+  if (std !== null && !(std > 0)) return 'its standard uncertainty must be a number above 0; leave it empty to fix the value';
+  if (rows.filter((r) => r.parameter === row.parameter && typed(r.value) !== null).length > 1) return 'is given twice';
   return null;
-}
-
-/** What the daemon has against an option, its parameters by the names that the form has for them. */
-export function refusedWords(said: string): string {
-  const named = said.replace(/^(fix|priors)(\.\w+)?: /i, (_, _list: string, field?: string) => (field === undefined ? '' : `The ${KNOWABLE[field.slice(1)]?.name ?? field.slice(1)}: `));
-  // A single letter may be a word of the sentence.
-  const names = Object.entries(KNOWABLE).filter(([key]) => key.length > 1);
-  const told = names.reduce((text, [key, { name }]) => text.replace(new RegExp(`\\b${key}\\b`, 'g'), key === 'scale' ? key : name), named);
-  return sentence(told.replace(/^The ([^:]+): \1 /, 'The $1 '));
 }
 
 export function optionsOf(choices: FitChoices): FitOptions {
@@ -79,22 +62,22 @@ export function optionsOf(choices: FitChoices): FitOptions {
   };
 }
 
-/** What was asked of a fit, in words: `model best`, `judged by the ray tracer`, `ρ_d held at 0.3`. */
+/** The request of a fit in words: `model best`, `checked with the ray tracer`, `ρ_d fixed at 0.3`. */
 export function askedWords(asked: FitAsked): string[] {
   const words: string[] = [`model ${VARIANTS[asked.variant ?? 'auto']?.name ?? asked.variant}`];
-  // A line of text has no subscripts.
+  // Plain text has no subscripts.
   const what = (name: string): string => (KNOWABLE[name]?.symbol ?? name).replace('_', '');
   const unit = (name: string): string => KNOWABLE[name]?.unit ?? '';
   if (asked.region != null) words.push(`region ${asked.region}`);
   if (asked.judge === true) words.push('checked with the ray tracer');
   if (asked.loss != null && asked.loss !== 'linear') words.push(`outliers ${LOSSES[asked.loss] ?? asked.loss}`);
-  for (const [name, value] of Object.entries(asked.fix ?? {})) words.push(`${what(name)} held at ${plain(value, 6)}${unit(name)}`);
+  for (const [name, value] of Object.entries(asked.fix ?? {})) words.push(`${what(name)} fixed at ${plain(value, 6)}${unit(name)}`);
   for (const [name, p] of Object.entries(asked.priors ?? {})) words.push(`${what(name)} known as ${plain(p.value, 6)} ± ${plain(p.std, 3)}${unit(name)}`);
   if (asked.profile === true) words.push('profile intervals');
   if (asked.bootstrap != null && asked.bootstrap > 0) words.push(`bootstrap of ${asked.bootstrap} series`);
   if (asked.starts != null) words.push(asked.starts === 1 ? 'one start' : `${asked.starts} starts`);
-  if (asked.tolerance != null) words.push(`left out what costs less than ${plain(100 * asked.tolerance)} % of the peak`);
-  if (asked.max_seconds != null) words.push(`at most ${plain(asked.max_seconds)} s`);
+  if (asked.tolerance != null) words.push(`terms below ${plain(100 * asked.tolerance)} % of the peak left out`);
+  if (asked.max_seconds != null) words.push(`time limit ${plain(asked.max_seconds)} s`);
   if (asked.target_error != null) words.push(`tracer’s error below ${plain(100 * asked.target_error)} %`);
   if (asked.shape?.name != null) words.push(`on the shape in ${asked.shape.name}`);
   return words;

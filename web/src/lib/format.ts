@@ -3,7 +3,7 @@
 import type { Forecast } from './types';
 
 const MINUS = '−';
-/** Narrow space that never breaks, between number and unit and in groups of digits. */
+/** Narrow no-break space between number and unit and in groups of digits. */
 const THIN = '\u202f';
 
 /** `x.toFixed(decimals)` with a true minus sign and never a negative zero. */
@@ -16,19 +16,19 @@ export function fixed(x: number, decimals: number): string {
 /** Decimals that show an uncertainty with two significant digits; at least 0, at most 9. */
 export function decimalsFor(uncertainty: number): number {
   if (!Number.isFinite(uncertainty) || uncertainty <= 0) return 4;
-  // 0.0996 rounds to 0.10: one digit less than its own logarithm says.
+  // 0.0996 rounds to 0.10, one digit less than its logarithm suggests.
   const digits = 1 - Math.floor(Math.log10(Number(uncertainty.toPrecision(2))));
   return Math.min(9, Math.max(0, digits));
 }
 
-/** Decimals that write every multiple of a step as it is: 0.025 needs three. */
+/** Decimals that write every multiple of a step exactly: 0.025 needs three. */
 export function decimalsOfStep(step: number): number {
   const whole = (x: number): boolean => Math.abs(x - Math.round(x)) < 1e-6 * Math.max(1, Math.abs(x)) && Math.round(x) !== 0;
   for (let decimals = 0; decimals < 9; decimals++) if (whole(Math.abs(step) * 10 ** decimals)) return decimals;
   return 9;
 }
 
-/** Value and uncertainty rounded alike, the uncertainty to two significant digits. */
+/** Value and uncertainty rounded to the same place, the uncertainty to two significant digits. */
 export function withUncertainty(value: number, uncertainty: number): { value: string; uncertainty: string } {
   const decimals = decimalsFor(uncertainty);
   return { value: fixed(value, decimals), uncertainty: fixed(uncertainty, decimals) };
@@ -43,7 +43,7 @@ export function significant(x: number, digits = 2): string {
   return `${mantissa}${THIN}×${THIN}10${superscript(exponent)}`;
 }
 
-/** Up to so many significant digits and no needless zeros: `12.5`, `550`. */
+/** Up to `digits` significant digits without trailing zeros: `12.5`, `550`. */
 export function plain(x: number, digits = 3): string {
   return String(Number(x.toPrecision(digits))).replace('-', MINUS);
 }
@@ -82,39 +82,39 @@ export function duration(seconds: number): string {
   return `${Math.floor(s / 3600)} h ${String(Math.floor((s % 3600) / 60)).padStart(2, '0')} min`;
 }
 
-/** How long something that runs will take yet: `, 12 s left`; nothing for as long as nobody can tell. */
+/** Time left of running work: `, 12 s left`; empty while it is not known. */
 export function timeLeft(progress: { readonly fraction: number; readonly elapsed_s: number; readonly time_left_s: number | null } | null | undefined): string {
-  // The first moments of a stage tell nothing of its pace, and the last half second is not worth a word.
+  // The pace is not known at the start of a stage, and the last half second is not worth showing.
   if (progress?.time_left_s == null || progress.fraction <= 0 || progress.elapsed_s < 0.5 || progress.time_left_s < 0.5) return '';
   return `, ${duration(progress.time_left_s)} left`;
 }
 
-/** The two ends of a range with as many decimals as tell them apart: `9.976 … 10.020`. */
+/** The two ends of a range with enough decimals to distinguish them: `9.976 … 10.020`. */
 export function between(low: number, high: number): readonly [string, string] {
   const decimals = Math.min(9, decimalsFor(Math.max((high - low) / 3, 1e-3 * Math.max(Math.abs(low), Math.abs(high)))));
   return [fixed(low, decimals), fixed(high, decimals)];
 }
 
-/** Seconds as measured: `0.34 s`, then as `duration` has them. */
+/** Measured seconds: `0.34 s`, and from 10 s on as `duration` formats them. */
 export function seconds(s: number): string {
   return s < 10 ? `${significant(Math.max(s, 0.01))} s` : duration(s);
 }
 
-/** What was told before a start: `about 4.2 s for 108 poses: 1.2 s to read and reduce, 3.0 s to fit`. */
+/** A forecast: `about 4.2 s for 108 poses: 1.2 s to read and reduce, 3.0 s to fit`. */
 export function foretold(forecast: Forecast): string {
   const { count: drawn, error: reached } = forecast.at_limit ?? {};
-  const byThen = drawn === undefined ? '' : ` (about ${count(drawn)} by the limit)`;
-  const amount = forecast.amount ? ` for ${count(forecast.amount.count)} ${forecast.amount.of}${byThen}` : '';
+  const atLimit = drawn == null ? '' : ` (about ${count(drawn)} at the limit)`;
+  const amount = forecast.amount ? ` for ${count(forecast.amount.count)} ${forecast.amount.of}${atLimit}` : '';
   const parts = (forecast.parts ?? []).map((part) => `${seconds(part.seconds)} ${part.what}`).join(', ');
-  const error = forecast.error ? `; error of ${forecast.error.of.replace(/,$/, '')} about ${percent(forecast.error.value)}${reached === undefined ? '' : ` (${percent(reached)} by the limit)`}` : '';
+  const error = forecast.error ? `; error of ${forecast.error.of.replace(/,$/, '')} about ${percent(forecast.error.value)}${reached == null ? '' : ` (${percent(reached)} at the limit)`}` : '';
   const uncut = forecast.uncut_seconds;
-  const short = forecast.cut_short && uncut === undefined ? ' (the time allowed is too short for all of it)' : '';
+  const short = forecast.cut_short && uncut == null ? ' (the time limit is too short for all of it)' : '';
   const about = forecast.at_most ? 'at most' : 'about';
-  const cut = uncut === undefined ? '' : `${seconds(forecast.seconds)}, where the limit ends what takes `;
+  const cut = uncut == null ? '' : `stops at the ${seconds(forecast.seconds)} limit; all of it takes `;
   return `${cut}${about} ${seconds(uncut ?? forecast.seconds)}${amount}${parts ? `: ${parts}` : ''}${error}${short}`;
 }
 
-/** Decimal units, as disks are sold: `2.6 MB`. */
+/** Bytes in decimal units: `2.6 MB`. */
 export function bytes(n: number): string {
   const units = ['B', 'kB', 'MB', 'GB', 'TB'];
   let value = n;
@@ -133,13 +133,13 @@ export function exposure(seconds: number): string {
   return `${Number(seconds.toPrecision(4))} s`;
 }
 
-/** An angle without needless decimals: `−20°`, `12.5°`. */
+/** An angle without trailing zeros: `−20°`, `12.5°`. */
 export function angle(deg: number, decimalsMax = 3): string {
   const text = fixed(deg, decimalsMax);
   return `${text.includes('.') ? text.replace(/\.?0+$/, '') : text}°`;
 }
 
-/** Local date and time to the minute, ISO order; today's without the date. */
+/** Local date and time to the minute in ISO order, without the date if it is today. */
 export function when(iso: string | null | undefined, now = new Date()): string {
   if (!iso) return '';
   const t = new Date(iso);

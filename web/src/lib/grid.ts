@@ -2,10 +2,10 @@
 
 export type ListOutcome = { readonly ok: true; readonly values: number[] } | { readonly ok: false; readonly reason: string };
 
-/** More values than this are surely a slip of the keyboard. */
+/** More values than this are a typing error. */
 const VALUES_MAX = 2000;
 
-/** A comma between two digits is a decimal one for one half of the world and parts two values for the other. */
+/** A comma between two digits is ambiguous: a decimal mark or a separator. */
 const EITHER_COMMA = /\d,\d/;
 
 /**
@@ -17,28 +17,28 @@ export function parseList(text: string): ListOutcome {
   const words = text.replaceAll('−', '-').split(/[\s,;]+/).filter((word) => word !== '');
   if (words.length === 0) return { ok: false, reason: 'Give at least one value.' };
   const either = text.split(/[\s;]+/).find((part) => EITHER_COMMA.test(part));
-  if (either !== undefined) return { ok: false, reason: `“${either}” can be read in two ways: write a decimal point, and a blank after a comma between values.` };
+  if (either !== undefined) return { ok: false, reason: `“${either}” is ambiguous. Write a decimal point, and a blank after a comma between values.` };
   for (const word of words) {
     const numbers = word.split(':').map((part) => (part === '' ? Number.NaN : Number(part)));
     const [first = Number.NaN, step = Number.NaN, last = Number.NaN] = numbers;
     if (numbers.some((n) => !Number.isFinite(n)) || (numbers.length !== 1 && numbers.length !== 3)) {
-      return { ok: false, reason: `“${word}” is neither a number nor a range first:step:last.` };
+      return { ok: false, reason: `Expected a number or a range first:step:last, got “${word}”.` };
     }
     if (numbers.length === 1) {
       values.push(first);
       continue;
     }
-    if (step === 0 && last !== first) return { ok: false, reason: `The range ${word} has steps of 0.` };
+    if (step === 0 && last !== first) return { ok: false, reason: `The range ${word} has a step of 0.` };
     const steps = last === first ? 0 : (last - first) / step;
-    if (!(steps >= 0)) return { ok: false, reason: `The range ${word} never gets from ${first} to ${last}.` };
+    if (!(steps >= 0)) return { ok: false, reason: `The range ${word} does not reach ${last} from ${first}.` };
     if (steps > VALUES_MAX) return { ok: false, reason: `The range ${word} has more than ${VALUES_MAX} values.` };
-    // A count, not a running sum: 0.1 added ten times is not 1. The small excess forgives rounding of the last step.
+    // A count, not a running sum: 0.1 added ten times is not 1. The small excess allows for rounding of the last step.
     for (let i = 0; i <= Math.floor(steps + 1e-9); i++) values.push(Number((first + i * step).toPrecision(12)));
   }
   return { ok: true, values: [...new Set(values)] };
 }
 
-/** The shortest text that `parseList` reads back: ranges where steps are even. */
+/** The shortest text that `parseList` reads back; a range if the steps are even. */
 export function printList(values: readonly number[]): string {
   const [first = 0, second = 0] = values;
   const step = Number((second - first).toPrecision(12));
@@ -46,11 +46,11 @@ export function printList(values: readonly number[]): string {
   return even ? `${first}:${step}:${values[values.length - 1]}` : values.join(', ');
 }
 
-/** What was read, as `2 exposures: 2 ms, 5 ms`; of many values the first ones and the last. */
+/** The values as text: `2 exposures: 2 ms, 5 ms`; for many values the first ones and the last. */
 export function readWords(values: readonly number[], noun: string, print: (x: number) => string): string {
   const named = values.length <= LISTED ? values.map(print).join(', ') : `${values.slice(0, LISTED - 2).map(print).join(', ')} … ${print(values.at(-1) ?? 0)}`;
   return `${values.length} ${noun}${values.length === 1 ? '' : 's'}: ${named}`;
 }
 
-/** As many values stand on one line. */
+/** Values that fit on one line. */
 const LISTED = 6;

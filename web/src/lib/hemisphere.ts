@@ -1,7 +1,7 @@
-// Direction bins of a trace: what is in them, what follows from them, and where they lie on a disc.
+// Direction bins of a trace: their numbers, quantities derived from them, and their places on a disc.
 //
 // A disc shows the directions of exit from above: the polar angle grows linearly from the centre to the rim, +u is to the
-// right, +v upwards. Stokes vectors count from s to p of the beam, as the daemon's do.
+// right, +v upwards. Stokes vectors are referred to s and p of the beam, as in the daemon.
 
 import type { Palette } from './perceptual';
 import type { TraceResult } from './types';
@@ -9,7 +9,7 @@ import type { TraceResult } from './types';
 export type Side = 'reflected' | 'transmitted';
 export type Stokes = readonly [number, number, number, number];
 
-/** Values over the bins of one side, with their standard errors; NaN where there is none. */
+/** Values over the bins of one side with their standard errors; NaN where there is no value. */
 export interface Field {
   readonly values: Float32Array;
   readonly stds: Float32Array;
@@ -23,7 +23,7 @@ export class Bins {
   readonly names: readonly string[];
   readonly #block: Float32Array;
 
-  /** Fails where the block is not as long as the trace says. */
+  /** Throws if the block does not have the length that the trace states. */
   constructor(of: TraceResult['bins'], bytes: ArrayBuffer) {
     this.nTheta = of.n_theta;
     this.nPhi = of.n_phi;
@@ -57,7 +57,7 @@ export class Bins {
 
 export const MUELLER: readonly string[] = Array.from({ length: 16 }, (_, i) => `m${Math.floor(i / 4)}${i % 4}`);
 
-/** A Stokes component (0 to 3) of the light that leaves, for the lamp's state; errors of the elements are taken as independent. */
+/** A Stokes component (0 to 3) of the outgoing light for the lamp's state. Errors of the elements are assumed independent. */
 export function stokesField(bins: Bins, side: Side, component: number, lamp: Stokes): Field {
   const row = [0, 1, 2, 3].map((j) => bins.field(side, `m${component}${j}`));
   const first = row[0];
@@ -75,10 +75,10 @@ export function stokesField(bins: Bins, side: Side, component: number, lamp: Sto
   return { values, stds };
 }
 
-/** Ratios are shown where their denominator is known to this share of itself. */
+/** Ratios are shown where the relative error of the denominator is below this. */
 const SETTLED = 0.3;
 
-/** One field over another; its error is that of the numerator, and none is shown where the denominator is noise. */
+/** One field divided by another, with the error of the numerator. NaN where the denominator is noise. */
 export function ratioField(above: Field, below: Field): Field {
   const values = above.values.map((x, bin) => (settled(below, bin) ? x / (below.values[bin] ?? Number.NaN) : Number.NaN));
   const stds = above.stds.map((x, bin) => x / (below.values[bin] ?? Number.NaN));
@@ -97,7 +97,7 @@ export function dolpField(i: Field, q: Field, u: Field): Field {
   return { values, stds: noise };
 }
 
-/** Angle of polarisation, degrees from s to p; none where hardly anything is polarised. */
+/** Angle of polarisation, degrees from s to p; NaN where the light is nearly unpolarised. */
 export function aopField(i: Field, q: Field, u: Field): Field {
   const dolp = dolpField(i, q, u);
   const means = (bin: number): boolean => (dolp.values[bin] ?? 0) > Math.max(0.01, 2 * (dolp.stds[bin] ?? 0));
@@ -106,7 +106,7 @@ export function aopField(i: Field, q: Field, u: Field): Field {
   return { values, stds };
 }
 
-/** The four numbers of `difference.f32`; the errors of the second pair are not known. */
+/** The four numbers of `difference.f32`; the second pair has no errors. */
 export function differenceFields(bytes: ArrayBuffer): Record<'mean' | 'adm' | 'mdm', Field> {
   const block = new Float32Array(bytes);
   const column = (i: number): Float32Array => Float32Array.from({ length: block.length / 4 }, (_, bin) => block[4 * bin + i] ?? Number.NaN);
@@ -114,20 +114,20 @@ export function differenceFields(bytes: ArrayBuffer): Record<'mean' | 'adm' | 'm
   return { mean: { values: column(0), stds: std }, adm: { values: column(2), stds: std }, mdm: { values: column(3), stds: std } };
 }
 
-/** How values become colours. */
+/** Maps values to colours. */
 export interface Scale {
   readonly kind: 'log' | 'linear';
-  /** Values are shown from −top to top, from 0 (logarithmic: bottom) to top, or round from −top to top. */
+  /** Values run from −top to top, from 0 (logarithmic: bottom) to top, or cyclically from −top to top. */
   readonly palette: Palette;
   readonly top: number;
-  /** Of a logarithmic scale without a sign. */
+  /** Lower end of an unsigned logarithmic scale. */
   readonly bottom?: number;
 }
 
-/** Powers of ten on either side of zero that a logarithmic scale tells apart. */
+/** Decades on either side of zero that a signed logarithmic scale resolves. */
 const DECADES = 3;
 
-/** Place of a value on a scale, 0 to 1 and beyond where it is too large. */
+/** Position of a value on a scale, 0 to 1; beyond 1 if it is too large. */
 export function placeOn(scale: Scale, x: number): number {
   const share = x / scale.top;
   if (scale.palette === 'sequential') {
@@ -140,7 +140,7 @@ export function placeOn(scale: Scale, x: number): number {
   return 0.5 + 0.5 * Math.sign(share) * grown;
 }
 
-/** Values that get a mark on the colour bar. */
+/** Values of the marks on the colour bar. */
 export function marksOf(scale: Scale): number[] {
   const { top } = scale;
   if (scale.palette === 'sequential' && scale.kind === 'log' && scale.bottom !== undefined) {
@@ -165,7 +165,7 @@ export function roundAbove(x: number): number {
   return power * ([1, 2, 3, 5, 10].find((step) => step * power >= x * (1 - 1e-9)) ?? 10);
 }
 
-/** Greatest absolute value of those that are more than noise; 0 where there is none. */
+/** Greatest absolute value above noise; 0 if there is none. */
 export function greatest(field: Field): number {
   let most = 0;
   field.values.forEach((x, bin) => {
@@ -174,7 +174,7 @@ export function greatest(field: Field): number {
   return most;
 }
 
-/** A scale for what is never negative, from the lowest decade that is lit to the greatest value; at most as many as a bar has room for. */
+/** A scale for non-negative values, from the lowest decade with light to the greatest value, with at most as many decades as the bar has room for. */
 export function brightnessScale(fields: readonly Field[], kind: Scale['kind']): Scale {
   const most = Math.max(...fields.map(greatest));
   if (kind === 'linear') return { kind, palette: 'sequential', top: roundAbove(most) };
@@ -189,7 +189,7 @@ export function brightnessScale(fields: readonly Field[], kind: Scale['kind']): 
   return { kind, palette: 'sequential', top, bottom: Math.min(bottom, top / 10) };
 }
 
-/** Decades of brightness that are told apart. */
+/** Decades of brightness that the scale resolves. */
 const BRIGHTNESS_DECADES = 6;
 
 /** The bin at a place of the unit disc, y upwards; null beyond its rim. */
@@ -206,7 +206,7 @@ export function middleOf(bin: number, nTheta: number, nPhi: number): { theta_deg
   return { theta_deg: (90 * (Math.floor(bin / nPhi) + 0.5)) / nTheta, phi_deg: (360 * ((bin % nPhi) + 0.5)) / nPhi };
 }
 
-/** Where a direction is on the unit disc, y upwards. */
+/** Position of a direction on the unit disc, y upwards. */
 export function placeOf(thetaDeg: number, phiDeg: number): { x: number; y: number } {
   const phi = (phiDeg * Math.PI) / 180;
   return { x: (thetaDeg / 90) * Math.cos(phi), y: (thetaDeg / 90) * Math.sin(phi) };

@@ -8,14 +8,14 @@ export interface LimitRow {
   upper: string;
 }
 
-/** Quantities that a verdict can be about, in the order of the form. */
+/** Quantities that can have limits, in the order of the form. */
 export const QUANTITIES = ['theta_r_deg', 'alpha_u', 'alpha_v', 'rho_d', 'contrast_mean', 'contrast_michelson_mean'] as const;
 
 export function emptyRows(): LimitRow[] {
   return QUANTITIES.map((quantity) => ({ quantity, lower: '', upper: '' }));
 }
 
-/** A number as people type it, a decimal comma included; null where nothing is written, NaN where it is none. */
+/** A typed number; a decimal comma is accepted. Null if empty, NaN if it is not a number. */
 export function typed(text: string): number | null {
   const trimmed = text.trim().replace('−', '-').replace(',', '.');
   if (trimmed === '') return null;
@@ -25,12 +25,12 @@ export function typed(text: string): number | null {
 /** What is wrong with a row, or null. */
 export function rowProblem(row: LimitRow): string | null {
   const [lower, upper] = [typed(row.lower), typed(row.upper)];
-  if (Number.isNaN(lower) || Number.isNaN(upper)) return 'give a number, or nothing';
+  if (Number.isNaN(lower) || Number.isNaN(upper)) return 'give a number or leave it empty';
   if (lower !== null && upper !== null && lower >= upper) return 'the lower limit is not below the upper';
   return null;
 }
 
-/** The specification that the rows spell; null where there is no limit or a row is wrong. */
+/** The specification of the rows; null without a limit or with an invalid row. */
 export function specificationOf(name: string, rows: readonly LimitRow[]): Specification | null {
   if (rows.some((row) => rowProblem(row) !== null)) return null;
   const limits: Record<string, LimitPair> = {};
@@ -42,7 +42,7 @@ export function specificationOf(name: string, rows: readonly LimitRow[]): Specif
   return Object.keys(limits).length === 0 ? null : { name: name.trim() === '' ? 'limits of the page' : name.trim(), limits };
 }
 
-/** Rows that spell a specification, so that the last one can be changed and judged again. */
+/** The rows of a specification, so that the last one can be edited and used again. */
 export function rowsOf(specification: Specification): LimitRow[] {
   const text = (x: number | null | undefined): string => (x == null ? '' : String(x));
   const known = emptyRows().map((row) => {

@@ -1,7 +1,8 @@
-// What the daemon knows, kept current: first by asking, then by its events. One object for the
-// whole page; parts read it and call its verbs.
+// The daemon's state, kept current: read once, then updated by its events. One object for the
+// whole page; components read it and call its methods.
 
-import { api, Problem, spoken } from './api';
+import { api } from './api';
+import { Problem, spoken } from './problems';
 import type { Alarm, Certainty, Fit, FrameRow, OperatorStep, Progress, Rig, Sample, Scan, ScanState } from './types';
 import { isActive } from './words';
 
@@ -20,21 +21,21 @@ interface FrameEvent extends Omit<FrameRow, 'id'> {
   readonly progress?: Progress | null;
 }
 
-/** Positions are asked for this often while something moves or is fitted, and this often at rest. */
+/** Interval of position polls while something moves or is fitted, and at rest. */
 const RIG_BUSY_MS = 300;
 const RIG_IDLE_MS = 3000;
-/** Between two answers about the rig where its events come faster than that. */
+/** Shortest time between two reads of the rig while its events come faster. */
 const RIG_EVENT_MS = 200;
-/** Frames that come faster than this are shown together: a fast rig is not to hold up the buttons. */
+/** Frames that come faster than this are shown together, so that a fast rig does not block the buttons. */
 const FRAMES_MS = 250;
 const RECONNECT_MS_MAX = 8000;
-/** Largest number of running fits whose progress is polled; events report the ends of the others. */
+/** Most running fits that are polled for their progress; the others are updated by their events. */
 const POLLED_MAX = 6;
 
 export interface Notice {
   readonly id: number;
   readonly text: string;
-  /** Something may be moving that should not. */
+  /** A motion may be going on that should not. */
   readonly severe: boolean;
 }
 
@@ -45,18 +46,18 @@ class Live {
   samples = $state.raw<readonly Sample[]>([]);
   scans = $state.raw<readonly Scan[]>([]);
   fits = $state.raw<readonly Fit[]>([]);
-  /** Whether the store has older fits than those that were read. */
+  /** Whether the store has fits older than those that were read. */
   moreFits = $state(false);
-  /** The scan whose fits were read beyond the newest of all. */
+  /** The scan whose fits were read in addition to the newest of all. */
   fitsOfScan = $state<number | null>(null);
   alarms = $state.raw<readonly Alarm[]>([]);
-  /** Frames that came by event since the page was opened, by scan. */
+  /** Frames of events since the page was opened, by scan. */
   freshFrames = $state.raw<readonly FrameRow[]>([]);
-  /** What fits that run along with scans said since the page was opened, by scan. */
+  /** Reports of live fits since the page was opened, by scan. */
   freshCertainties = $state.raw<readonly (Certainty & { readonly scan_id: number })[]>([]);
-  /** Grows whenever a job other than a fit starts, has a forecast or ends. */
+  /** Increases when a job other than a fit starts, has a forecast or ends. */
   jobsChanged = $state(0);
-  /** Failures of what the person asked for. */
+  /** Failures of the user's actions. */
   notices = $state.raw<readonly Notice[]>([]);
   /** True once scans and fits have been read at least once. */
   loaded = $state(false);
@@ -65,7 +66,7 @@ class Live {
   #reconnectMs = 500;
   #rigTimer: ReturnType<typeof setTimeout> | undefined;
   #noticeId = 0;
-  /** How many events of each scan have come. */
+  /** Number of events of each scan so far. */
   readonly #scanEvents = new Map<number, number>();
   #lastEvent = '';
   #rigAsked = false;
@@ -76,7 +77,7 @@ class Live {
   #framesShown = 0;
   #stopped = false;
   #fitsCursor: string | null = null;
-  /** What is looked at: its fits are there whatever their age. */
+  /** The shown scan and fit; the fits of this scan are read whatever their age. */
   #looked: { readonly scan: number | null; readonly fit: number | null } = { scan: null, fit: null };
 
   /** The scan that holds the rig, if any. */
@@ -96,7 +97,7 @@ class Live {
     };
   }
 
-  /** Runs what a person asked for; a failure becomes a notice. True if it went well. */
+  /** Runs an action of the user; a failure becomes a notice. Returns whether it succeeded. */
   async attempt(work: () => Promise<unknown>): Promise<boolean> {
     try {
       await work();
@@ -123,12 +124,12 @@ class Live {
     this.alarms = this.alarms.filter((a) => a.id !== id);
   }
 
-  /** Never waits for anything else. */
+  /** Does not wait for any other request. */
   async stop(): Promise<void> {
     try {
       await api.stop();
     } catch (error) {
-      this.notify(`The stop did not get through: use the rig’s own switch. ${spoken(error)}`, true);
+      this.notify(`The stop did not reach the stages. Use the rig’s emergency switch. ${spoken(error)}`, true);
     } finally {
       void this.#pollRig();
     }
@@ -145,7 +146,7 @@ class Live {
     this.moreFits = fits.next_cursor !== null;
     this.fitsOfScan = this.#looked.scan;
     this.loaded = true;
-    // An event that came while the answer was on its way may be newer than the answer.
+    // An event that arrived during the request may be newer than its answer.
     for (const [id, n] of this.#scanEvents) if (before.get(id) !== n) await this.reloadScan(id);
   }
 
@@ -165,13 +166,13 @@ class Live {
   async reloadFit(id: number): Promise<void> {
     const fit = await api.fit(id);
     const known = this.fits.find((f) => f.id === id);
-    // Answers may overtake each other: what has ended does not run again.
+    // Answers may arrive out of order: ended work does not run again.
     if (known && known.state !== 'running' && fit.state === 'running') return;
     const merged = { ...known, ...fit };
     this.fits = known ? this.fits.map((f) => (f.id === id ? merged : f)) : [merged, ...this.fits];
   }
 
-  /** Says which scan and fit are looked at: where the store has more fits than were read, theirs are read too. */
+  /** Sets the shown scan and fit. If the store has more fits than were read, those of this scan are read too. */
   async look(scan: number | null, fit: number | null): Promise<void> {
     if (this.#looked.scan === scan && this.#looked.fit === fit) return;
     this.#looked = { scan, fit };
@@ -181,7 +182,7 @@ class Live {
       if (this.#looked.scan !== scan || this.#looked.fit !== fit) return;
       this.#takeFits(this.fits, asked);
     } catch {
-      // Those that are there stay.
+      // The fits read so far stay.
     }
     this.fitsOfScan = scan;
   }
@@ -204,7 +205,7 @@ class Live {
     return one === null ? items : [...items, one];
   }
 
-  /** Each once, newest first; of two the second is the newer. */
+  /** Rows without duplicates, newest first; of two with the same id the second one counts. */
   #takeFits(some: readonly Fit[], others: readonly Fit[]): void {
     const all = new Map([...some, ...others].map((f) => [f.id, f]));
     this.fits = [...all.values()].sort((a, b) => b.id - a.id);
@@ -216,19 +217,19 @@ class Live {
 
   #connect(): void {
     if (this.#stopped) return;
-    // A new EventSource knows nothing of the one before: what was missed is asked for by number.
+    // A new EventSource does not continue the old one: missed events are requested by their number.
     const source = new EventSource(`/api/v1/events${this.#lastEvent === '' ? '' : `?since=${this.#lastEvent}`}`);
     this.#source = source;
     source.onopen = () => {
       this.link = 'live';
       this.#reconnectMs = 500;
-      // The replay brings alarms; scans and fits are read again, whatever it holds.
+      // The replay brings alarms; scans and fits are read again in any case.
       this.refresh().catch((error: unknown) => this.notify(spoken(error)));
       void this.#pollRig();
     };
     source.onerror = () => {
       this.link = 'lost';
-      // EventSource gives up for good on some answers; a new one is made either way, ever more slowly.
+      // EventSource gives up for good after some answers; a new one is made in any case, with growing delays.
       source.close();
       const wait = this.#reconnectMs;
       this.#reconnectMs = Math.min(RECONNECT_MS_MAX, 2 * wait);
@@ -249,8 +250,8 @@ class Live {
       if (!this.freshCertainties.some((c) => c.id === row.id)) this.freshCertainties = [...this.freshCertainties, row].slice(-2000);
     });
     on('calculation', () => (this.jobsChanged += 1));
-    on<{ of: string; number: number }>('forecast', (forecast) => {
-      if (forecast.of === 'fit') void this.reloadFit(forecast.number).catch(() => undefined);
+    on<{ of: string; number: number }>('forecast', (job) => {
+      if (job.of === 'fit') void this.reloadFit(job.number).catch(() => undefined);
       else this.jobsChanged += 1;
     });
     on<Alarm>('alarm', (alarm) => {
@@ -260,7 +261,7 @@ class Live {
   }
 
   #takeScan(event: ScanEvent): void {
-    // Frames before it are older than what it says.
+    // Frames before it are older than its state.
     this.#showFrames();
     this.#scanEvents.set(event.scan_id, (this.#scanEvents.get(event.scan_id) ?? 0) + 1);
     const known = this.scans.find((s) => s.id === event.scan_id);
@@ -313,7 +314,7 @@ class Live {
       return;
     }
     this.#rigAsked = true;
-    // An event may be lost on the way; a fit that is over must not look as if it ran.
+    // An event may be lost; a fit that has ended must not be shown as running.
     for (const fit of this.fits.filter((f) => f.state === 'running').slice(0, POLLED_MAX)) void this.reloadFit(fit.id).catch(() => undefined);
     this.#rigAgain = false;
     try {

@@ -1,4 +1,4 @@
-// Colours that the eye reads as numbers, built as the daemon's own pictures are (src/map/colour.rs): in the OKLCh space
+// Perceptually uniform colours, built as in the daemon's pictures (src/map/colour.rs): in the OKLCh space
 // (B. Ottosson 2020), equal steps in value are equal steps in lightness.
 
 export type Rgb = readonly [number, number, number];
@@ -7,7 +7,7 @@ export type Palette = 'diverging' | 'sequential' | 'cyclic';
 /** Steps of a table; odd, so that zero has a colour of its own. */
 export const STEPS = 257;
 
-/** STEPS × 3 bytes from the lowest value to the highest. On a dark page a diverging map is dark at zero, as its ground is. */
+/** STEPS × 3 bytes from the lowest value to the highest. In the dark theme a diverging map is dark at zero, like the background. */
 export function perceptual(palette: Palette, dark: boolean): Uint8Array {
   const table = new Uint8Array(STEPS * 3);
   for (let i = 0; i < STEPS; i++) table.set(colourAt(palette, i / (STEPS - 1), dark), 3 * i);
@@ -23,7 +23,7 @@ function colourAt(palette: Palette, fraction: number, dark: boolean): Rgb {
   return inGamut(lightness, (dark ? 0.17 : 0.19) * strength, signed < 0 ? 255 : 28);
 }
 
-/** The colour of a lightness and hue with a chroma up to the given one that a screen can show. */
+/** The colour of a lightness and hue with the largest chroma up to the given one that a screen can show. */
 function inGamut(lightness: number, chroma: number, hueDeg: number): Rgb {
   const fits = (c: number): boolean => linearRgb(lightness, c, hueDeg).every((x) => x >= -1e-4 && x <= 1.0001);
   let [low, high] = [0, chroma];

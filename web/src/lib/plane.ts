@@ -19,13 +19,13 @@ export interface PlanePanel {
   readonly lines: readonly { readonly name: string; readonly points: readonly LinePoint[] }[];
 }
 
-/** Degrees of polarisation, angles and differences are shown where they are known this well. */
+/** Degrees of polarisation, angles and differences are shown where their standard error is below this. */
 const DOLP_STD_MAX = 0.25;
 const AOP_STD_MAX_DEG = 15;
 const DIFFERENCE_STD_MAX = 0.03;
 const DECADES = 4;
 
-/** DOLP, AOP and brightness of a state of the lamp; polarised against scalar where both were traced. */
+/** DOLP, AOP and brightness for a state of the lamp; polarised and scalar if both were traced. */
 export function panelsOf(plane: TracePlane, state: number): PlanePanel[] {
   const panels: PlanePanel[] = [];
   const rows = (plane.points ?? []).flatMap((p) => {
@@ -37,10 +37,10 @@ export function panelsOf(plane: TracePlane, state: number): PlanePanel[] {
     for (const { x, reading } of rows) {
       const [i, noise] = [reading.stokes[0] ?? 0, Math.hypot(reading.stokes_std[1] ?? Number.NaN, reading.stokes_std[2] ?? Number.NaN)];
       if (reading.dolp === null || reading.aop_deg === null || !(i > 0)) continue;
-      // Traces of older versions state no errors of ratios.
+      // Traces of older versions have no errors of ratios.
       const std = reading.dolp_std ?? noise / i;
       if (!(std >= DOLP_STD_MAX)) dolp.push({ x, y: reading.dolp, half: std });
-      // Half a turn is a full one for an axis: the error of an angle is half that of twice the angle.
+      // An axis repeats after half a turn, so the error of the angle is half that of twice the angle.
       const turned = reading.aop_std_deg ?? ((0.5 * std) / reading.dolp) * (180 / Math.PI);
       if (reading.dolp > 0.01 && !(turned >= AOP_STD_MAX_DEG)) aop.push({ x, y: reading.aop_deg, half: turned });
     }
@@ -76,7 +76,7 @@ function brightness(lines: readonly LinePoint[][], names: readonly string[]): Om
   };
 }
 
-/** Lines of a path, a new one where points are further apart than `gap` or a value jumps by half of `turn`. */
+/** Lines through the points; a new line starts at a gap wider than `gap` or at a jump of more than half of `turn`. */
 export function strokes(points: readonly LinePoint[], gap: number, turn: number | null): LinePoint[][] {
   const out: LinePoint[][] = [];
   let last: LinePoint | undefined;

@@ -1,8 +1,8 @@
 // Reads the 16-bit grey PNG frames that the daemon keeps. A browser's own decoder hands a canvas
-// 8 bits per channel, so frames are read here, count for count.
+// 8 bits per channel, so frames are decoded here without loss.
 //
 // Source: PNG specification, third edition (W3C 2025): chunk layout and CRC (clause 5), filters (9),
-// zlib stream (10). Only what a frame is: grey, 16 or 8 bits, not interlaced.
+// zlib stream (10). Reads frames only: grey, 16 or 8 bits, not interlaced.
 
 /** Counts (DN), row by row from the top left. */
 export interface Frame16 {
@@ -11,11 +11,11 @@ export interface Frame16 {
   readonly pixels: Uint16Array;
 }
 
-/** Says in a sentence why bytes are not a frame. */
+/** Why bytes are not a frame, as a sentence. */
 export class NotAFrame extends Error {}
 
 const SIGNATURE = [0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a];
-/** Larger frames are refused before memory is taken for them. */
+/** Larger frames are refused before memory is allocated. */
 const PIXELS_MAX = 1 << 26;
 
 let crcTable: Uint32Array | undefined;
@@ -113,7 +113,7 @@ export async function decodePng16(bytes: Uint8Array<ArrayBuffer>): Promise<Frame
       const colour = view.getUint8(at + 17);
       const interlaced = view.getUint8(at + 20);
       if (colour !== 0 || (depth !== 16 && depth !== 8)) throw new NotAFrame('The PNG is not 16-bit grey.');
-      if (interlaced !== 0) throw new NotAFrame('The PNG is interlaced, which frames are not.');
+      if (interlaced !== 0) throw new NotAFrame('The PNG is interlaced; frames are not.');
       if (width === 0 || height === 0 || width * height > PIXELS_MAX) {
         throw new NotAFrame(`A frame of ${width} × ${height} pixels is not supported.`);
       }

@@ -1,12 +1,12 @@
-// What the daemon works on, asked for until none of it runs.
+// Polls running work of the daemon until none of it runs.
 
-/** While one runs it is asked how far it is, this often. */
+/** Interval of the polls while work is running. */
 const POLL_MS = 500;
 
 /**
- * Asks for rows and hands each answer on; asks again while one of them runs. The function it returns ends that:
- * no answer is handed on after it. A question that fails is the last: whoever calls asks anew at the next event,
- * and a daemon that does not answer is told of elsewhere.
+ * Reads rows and passes each answer on, repeatedly while one of them runs. The returned function ends the polling;
+ * no answer is passed on after it. A failed request ends the polling too: the caller starts it again at the next
+ * event, and a daemon that does not answer is reported elsewhere.
  */
 export function whileRunning<Row extends { readonly state: string }>(ask: (signal: AbortSignal) => Promise<readonly Row[]>, take: (rows: readonly Row[]) => void): () => void {
   const abort = new AbortController();
@@ -18,7 +18,7 @@ export function whileRunning<Row extends { readonly state: string }>(ask: (signa
       take(rows);
       if (rows.some((row) => row.state === 'running')) timer = setTimeout(() => void once(), POLL_MS);
     } catch {
-      // The next event asks again.
+      // The next event starts the polling again.
     }
   };
   void once();

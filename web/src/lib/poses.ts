@@ -10,7 +10,7 @@ export interface PoseGrid {
   readonly cells: readonly (readonly FrameRow[])[][];
 }
 
-/** Stages read back within some thousandths of a degree; poses of a grid are farther apart than this. */
+/** Stages read back within a few thousandths of a degree; poses of a grid are farther apart than this. */
 const SAME_DEG = 0.25;
 
 function levels(values: readonly number[]): number[] {
@@ -33,7 +33,7 @@ function nearest(list: readonly number[], value: number): number {
   return best;
 }
 
-/** Grid of `frames`; `plannedTilts` and `plannedAzimuths` add places that have no frame yet. */
+/** Grid of `frames`; `plannedTilts` and `plannedAzimuths` add poses without frames. */
 export function poseGrid(frames: readonly FrameRow[], plannedTilts: readonly number[] = [], plannedAzimuths: readonly number[] = []): PoseGrid {
   const tilts = levels([...plannedTilts, ...frames.map((f) => f.theta_c_deg)]);
   const azimuths = levels([...plannedAzimuths, ...frames.map((f) => f.phi_s_deg)]);
@@ -47,24 +47,24 @@ export function poseGrid(frames: readonly FrameRow[], plannedTilts: readonly num
   return { tilts_deg: tilts, azimuths_deg: azimuths, cells };
 }
 
-/** Every sensor has a few hot pixels: below this share of full pixels a frame is not called saturated. */
+/** Share of full pixels above which a frame counts as saturated; every sensor has a few hot pixels. */
 const SATURATED_SHARE_MIN = 0.002;
-/** Where the frame's size is not known: of a frame of 128 × 128. */
+/** Pixels of a frame of unknown size: 128 × 128. */
 const PIXELS_ASSUMED = 128 * 128;
 
-/** Whether so many pixels are full that it is the light and not the sensor's hot pixels. */
+/** Whether more pixels are full than hot pixels explain. */
 export function isSaturated(frame: FrameRow): boolean {
   const pixels = frame.width_px !== undefined && frame.height_px !== undefined ? frame.width_px * frame.height_px : PIXELS_ASSUMED;
   return (frame.saturated_px ?? 0) > SATURATED_SHARE_MIN * pixels;
 }
 
-/** The frame of a pose that shows most: the longest exposure that is not saturated, else the shortest. */
+/** The best frame of a pose: the longest exposure that is not saturated, else the shortest. */
 export function bestExposure(frames: readonly FrameRow[]): FrameRow | null {
   const fine = frames.filter((f) => f.accepted && !isSaturated(f));
   return fine.at(-1) ?? frames[0] ?? null;
 }
 
-/** Mean counts per second of a frame, DN/s; 0 without one. */
+/** Mean counts per second of a frame, DN/s; 0 without a mean. */
 export function rateOf(frame: FrameRow | null): number {
   return frame ? (frame.mean_dn ?? 0) / frame.exposure_s : 0;
 }
@@ -76,7 +76,7 @@ export function poseColour(frames: readonly FrameRow[], name: ColourMapName, top
   return `rgb(${table[at] ?? 0} ${table[at + 1] ?? 0} ${table[at + 2] ?? 0})`;
 }
 
-/** The next pose with frames that an arrow key leads to from another; null where there is none. */
+/** The next pose with frames in the direction of an arrow key; null if there is none. */
 export function stepTo(grid: PoseGrid, key: string, row: number, column: number): { readonly row: number; readonly column: number } | null {
   const move = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] }[key];
   if (!move) return null;

@@ -1,4 +1,4 @@
-// A sample as a person describes it: name and material, what is wrong with either, and the words of its index.
+// A sample as typed: name and material, what is wrong with either, and its index as text.
 
 import { plain } from './format';
 import { typed } from './limits';
@@ -11,10 +11,10 @@ export const MATERIALS = {
 } as const;
 export type MaterialChoice = keyof typeof MATERIALS;
 
-/** Metals that the daemon has tables of. */
+/** Metals in the daemon's tables. */
 export const METALS: Readonly<Record<string, string>> = { Ag: 'silver', Al: 'aluminium', Au: 'gold', Cr: 'chromium', Cu: 'copper', W: 'tungsten' };
 
-/** Fields as they are typed; those that the chosen material lacks count for nothing. */
+/** Fields as typed; those that the chosen material does not have are ignored. */
 export interface SampleFields {
   readonly name: string;
   readonly material: MaterialChoice;
@@ -35,7 +35,7 @@ export interface SampleRequest {
 }
 
 const NAME_MAX = 200;
-/** The daemon's own bounds of an index (n of a plastic, n and k of a metal) and of a wavelength, nm. */
+/** The daemon's bounds of an index (n of a plastic, n and k of a metal) and of a wavelength, nm. */
 const BOUNDS = { dielectric: [1.0001, 10], conductor: [0.01, 100], k: [0, 50], wavelength: [100, 1e5] } as const;
 
 /** What is wrong with a value and its standard uncertainty, or null. */
@@ -43,13 +43,13 @@ function pairProblem(value: string, std: string, [low, high]: readonly [number, 
   const [x, u] = [typed(value), typed(std)];
   if (x === null) return 'give a number';
   if (Number.isNaN(x)) return `“${value.trim()}” is not a number`;
-  if (x < low || x > high) return `from ${low} to ${high}`;
+  if (x < low || x > high) return `must be from ${low} to ${high}`;
   if (u === null) return 'give its standard uncertainty, 0 if it is exact';
   if (Number.isNaN(u)) return `“${std.trim()}” is not a number`;
-  return u < 0 || u > BOUNDS.k[1] ? `its standard uncertainty is from 0 to ${BOUNDS.k[1]}` : null;
+  return u < 0 || u > BOUNDS.k[1] ? `its standard uncertainty must be from 0 to ${BOUNDS.k[1]}` : null;
 }
 
-/** What stands in the way of adding the sample, by field; empty where nothing does. */
+/** What is wrong with the sample, by field; empty if it can be added. */
 export function sampleProblems(fields: SampleFields): Partial<Record<FieldName, string>> {
   const found: Partial<Record<FieldName, string>> = {};
   const name = fields.name.trim();
@@ -58,7 +58,7 @@ export function sampleProblems(fields: SampleFields): Partial<Record<FieldName, 
   if (fields.material === 'metal') {
     const nm = typed(fields.wavelength);
     const [low, high] = BOUNDS.wavelength;
-    if (nm !== null && !(nm >= low && nm <= high)) found.wavelength = `from ${low} to ${high} nm, or nothing for the lamp’s own`;
+    if (nm !== null && !(nm >= low && nm <= high)) found.wavelength = `must be from ${low} to ${high} nm, or empty for the lamp’s wavelength`;
     return found;
   }
   const eta = pairProblem(fields.eta, fields.etaStd, BOUNDS[fields.material]);
@@ -68,7 +68,7 @@ export function sampleProblems(fields: SampleFields): Partial<Record<FieldName, 
   return found;
 }
 
-/** The sample that the fields describe; to be asked for where they have no problem. */
+/** The request for the sample of the fields, which must have no problem. */
 export function sampleRequest(fields: SampleFields): SampleRequest {
   const number = (text: string): number => typed(text) ?? Number.NaN;
   const name = fields.name.trim();
@@ -84,7 +84,7 @@ export function indexWords(material: Material): string {
   return `n ${plain(material.eta, 4)}${material.kind === 'conductor' ? `, k ${plain(material.k, 4)}` : ''}`;
 }
 
-/** A sample in a list of them; two of one name and index are told apart by their numbers. */
+/** A sample in a list. Samples with the same name and index are distinguished by their numbers. */
 export function sampleWords(sample: Sample, all: readonly Sample[]): string {
   const words = `${sample.name} (${indexWords(sample.material)})`;
   const alike = all.some((s) => s.id !== sample.id && s.name === sample.name && indexWords(s.material) === indexWords(sample.material));

@@ -1,4 +1,4 @@
-// Scenes to begin a trace with, and what to call one that was traced.
+// Example scenes, and names of traced scenes.
 
 import crystals from '../../../scenes/sandpaper.toml?raw';
 import diamond from '../../../scenes/glass-over-diamond.toml?raw';
@@ -11,7 +11,7 @@ export interface Example {
   readonly text: string;
 }
 
-/** The first one stands in an empty form. */
+/** The first one fills an empty form. */
 export const EXAMPLES: readonly Example[] = [
   { name: 'rough glass over gold', text: withoutCommands(gold) },
   { name: 'rough glass over diamond', text: withoutCommands(diamond) },
@@ -19,7 +19,7 @@ export const EXAMPLES: readonly Example[] = [
   { name: 'gold-coated sandpaper', text: withoutCommands(crystals) },
 ];
 
-/** A scene without the comments that say how the command line traces it. */
+/** A scene without the comments about the command line. */
 export function withoutCommands(scene: string): string {
   return scene.replace(/^#\s+ridged .*\n/gm, '');
 }
@@ -36,7 +36,7 @@ export function titleOf(scene: unknown): string {
   return Array.isArray(interfaces) && interfaces.length > 0 ? interfaces.map((i) => String(i.shape)).join(' over ') : 'scene';
 }
 
-/** A whole number as people type it: `1e6`, `1 000 000`, `1_000_000`; null where nothing is written, NaN where it is none. */
+/** A typed whole number: `1e6`, `1 000 000`, `1_000_000`. Null if empty, NaN if it is not one. */
 export function typedCount(text: string): number | null {
   const plain = text.replace(/[\s_\u202f]/g, '');
   if (plain === '') return null;
@@ -44,36 +44,36 @@ export function typedCount(text: string): number | null {
   return Number.isInteger(x) && x > 0 ? x : Number.NaN;
 }
 
-/** Numbers of the form of a trace as they were read: null where nothing is written, NaN where it is none. */
+/** Numbers of the trace form: null if empty, NaN if not a number. */
 export type TraceField = 'count' | 'limit' | 'target' | 'others';
 
 /** What is wrong with them, field by field. */
 export function traceFaults(read: Readonly<Record<TraceField, number | null>>): Partial<Record<TraceField, string>> {
   const found: Partial<Record<TraceField, string>> = {};
-  if (read.count !== null && !(read.count > 0)) found.count = 'A whole number above 0, such as 200000 or 2e5.';
-  if (read.limit !== null && !(read.limit > 0)) found.limit = 'A number of seconds above 0, or nothing for no limit.';
-  if (read.target !== null && !(read.target > 0)) found.target = 'A number of per cent above 0, or nothing for no target.';
-  if (read.others !== null && !(read.others >= 2 && read.others <= 1000)) found.others = 'A whole number from 2 to 1000, or nothing.';
+  if (read.count !== null && !(read.count > 0)) found.count = 'Give a whole number above 0, e.g. 200000 or 2e5.';
+  if (read.limit !== null && !(read.limit > 0)) found.limit = 'Give a number of seconds above 0, or leave it empty for no limit.';
+  if (read.target !== null && !(read.target > 0)) found.target = 'Give a percentage above 0, or leave it empty for no target.';
+  if (read.others !== null && !(read.others >= 2 && read.others <= 1000)) found.others = 'Give a whole number from 2 to 1000, or leave it empty.';
   return found;
 }
 
-/** Whether a scene has ridges, whose effective angle means something. */
+/** Whether a scene has ridges, so that an effective angle is defined. */
 export function hasRidges(scene: unknown): boolean {
   return /shape"?\s*[=:]\s*["'](ridges|profile|file)["']/.test(typeof scene === 'string' ? scene : JSON.stringify(scene ?? null));
 }
 
 export interface Order {
-  /** R or T, and how often the light met a surface: `3`, `16+`; without letter for all that are too few to be told apart. */
+  /** R or T and the number of interactions: `3`, `16+`; no letter for the sum of the small ones. */
   readonly letter: string;
   readonly order: string;
   readonly value: number;
   readonly std: number | null;
 }
 
-/** Shares below this are told together. */
+/** Shares below this are summed. */
 const TOLD_APART = 1e-3;
 
-/** Energies by interactions in their order, the small ones of both sides in one (as if independent). */
+/** Energies by number of interactions; the small ones of both sides are summed as if independent. */
 export function ordersOf(byInteractions: Readonly<Record<string, Estimated>>): Order[] {
   const all = Object.entries(byInteractions)
     .map(([name, e]) => ({ letter: name.slice(0, 1), order: name.slice(1).replace('plus', '+'), ...e }))

@@ -1,4 +1,4 @@
-// Which scan and which of its fits are shown; kept in the address, so that reload and links hold.
+// The shown scan and fit, kept in the address so that reloads and links work.
 
 import { live } from './live.svelte';
 import type { Fit, Scan } from './types';
@@ -6,7 +6,7 @@ import type { Fit, Scan } from './types';
 class Selection {
   scanId = $state<number | null>(null);
   fitId = $state<number | null>(null);
-  /** Region of the shown scan's sample, where that has several: one choice for curves, fits and what follows from them. */
+  /** Region of the shown scan's sample, if it has several: one choice for curves, fits and calculations. */
   region = $state<string | null>(null);
 
   start(): () => void {
@@ -24,7 +24,7 @@ class Selection {
     location.hash = `#/scan/${scanId}${fitId === null ? '' : `/fit/${fitId}`}`;
   }
 
-  /** The chosen scan, else the one that runs, else the newest. A chosen one that is not there is none: no other stands in for it. */
+  /** The chosen scan, else the running one, else the newest. If the chosen scan does not exist, no other one replaces it. */
   get scan(): Scan | null {
     if (this.scanId !== null) return live.scans.find((s) => s.id === this.scanId) ?? null;
     return live.activeScan ?? live.scans[0] ?? null;
@@ -42,7 +42,7 @@ class Selection {
     return this.fits[0] ?? null;
   }
 
-  /** What the address names and the store has not. */
+  /** What the address names but the store does not have. */
   get missing(): 'scan' | 'fit' | null {
     if (!live.loaded) return null;
     if (this.scanId !== null && this.scan === null) return 'scan';

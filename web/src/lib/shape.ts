@@ -1,9 +1,9 @@
-// The sample's own shape, measured, as a fit takes it: a file of heights and the units that it may lack.
+// The measured shape of the sample for a fit: a height file and the units that it may lack.
 
 import { sizeProblem } from './files';
 import { typed } from './limits';
 
-/** Endings of the files of heights that the daemon reads. */
+/** Extensions of the height files that the daemon reads. */
 export const HEIGHT_ENDINGS = ['.csv', '.txt', '.png', '.tif', '.tiff', '.x3p', '.sdf', '.tsv', '.dat', '.asc', '.prn', '.xyz'] as const;
 
 /** `shape` of `POST /fits`. */
@@ -15,17 +15,17 @@ export interface ShapeRequest {
   readonly height_unit_um?: number;
 }
 
-/** Units as a person typed them, where the file does not say them. */
+/** Units as typed, for files that do not state them. */
 export interface ShapeUnits {
   readonly pitch: string;
   readonly unit: string;
 }
 
-/** How far samples are apart, µm: one number, or two for rows and columns (`0,5 0,6`, `0.5,0.6`, `0.5 × 0.6`). Null where nothing is written, NaN where it is none. */
+/** Sample spacing, µm: one number, or two for rows and columns (`0,5 0,6`, `0.5,0.6`, `0.5 × 0.6`). Null if empty, NaN if invalid. */
 export function pitchOf(text: string): number | readonly [number, number] | null {
   const trimmed = text.trim();
   if (trimmed === '') return null;
-  // A comma parts two numbers only where points are in them.
+  // A comma separates two numbers only if they contain points.
   const parts = trimmed.split(trimmed.includes('.') ? /\s*[,;×x]\s*|\s+/ : /\s*[;×x]\s*|\s+/);
   const [first, second, ...more] = parts.map((part) => positive(typed(part)));
   if (first === undefined || more.length > 0) return Number.NaN;
@@ -33,24 +33,24 @@ export function pitchOf(text: string): number | readonly [number, number] | null
   return Number.isNaN(first + second) ? Number.NaN : [first, second];
 }
 
-/** Micrometres per unit of height; null where nothing is written, NaN where it is none. */
+/** Micrometres per unit of height; null if empty, NaN if invalid. */
 export function heightUnitOf(text: string): number | null {
   return text.trim() === '' ? null : positive(typed(text));
 }
 
-/** A field that is begun and left is no length either. */
+/** A partly typed number is not a length. */
 function positive(x: number | null): number {
   return x !== null && x > 0 && Number.isFinite(x) ? x : Number.NaN;
 }
 
-/** Why a file cannot be sent as a shape, or null; what is wrong inside it the daemon says. */
+/** Why a file cannot be sent as a shape, or null. The daemon checks its content. */
 export function shapeProblem(file: { readonly name: string; readonly size: number }): string | null {
   const name = file.name.toLowerCase();
-  if (!HEIGHT_ENDINGS.some((ending) => name.endsWith(ending))) return `${file.name}: heights are read from ${HEIGHT_ENDINGS.join(', ')}.`;
+  if (!HEIGHT_ENDINGS.some((ending) => name.endsWith(ending))) return `${file.name} is not a height file. Supported extensions: ${HEIGHT_ENDINGS.join(', ')}.`;
   return sizeProblem([file]);
 }
 
-/** The request's part; units that are not written stay out of it. */
+/** `shape` of the request; empty units are omitted. */
 export function shapeRequest(name: string, content: string, units: ShapeUnits): ShapeRequest {
   const [pitch, unit] = [pitchOf(units.pitch), heightUnitOf(units.unit)];
   return { name, content, ...(pitch === null ? {} : { pitch_um: pitch }), ...(unit === null ? {} : { height_unit_um: unit }) };

@@ -7,7 +7,7 @@ const KEY = 'ridged-theme';
 class Theme {
   choice = $state<Choice>('system');
   dark = $state(false);
-  /** Canvases draw text with whatever font is there at that moment: they draw again once it is. */
+  /** Canvases draw with the fonts loaded at that moment, so they draw again after the page's font is loaded. */
   fontReady = $state(false);
 
   start(): void {

@@ -1,16 +1,16 @@
-// What codes, flags and names mean, in words.
+// Codes and names of the daemon as text.
 
-import { plain, significant } from './format';
-import type { Fit, JobKind, JobProgress, JobState, Parameter, Scan, ScanState } from './types';
+import { significant } from './format';
+import type { Fit, JobKind, JobProgress, JobState, Parameter, Sample, Scan, ScanState } from './types';
 
 export interface ParameterWords {
-  /** Symbol as written in text; the part after `_` is set as a subscript. */
+  /** Symbol in plain text; the part after `_` becomes a subscript. */
   readonly symbol: string;
   readonly name: string;
   readonly unit: string;
 }
 
-/** In the order of the table; a parameter that is not listed here is shown under its own name. */
+/** Parameters in the order of the table. One that is not listed is shown by its key. */
 export const PARAMETERS: Readonly<Record<string, ParameterWords>> = {
   theta_r_deg: { symbol: 'θ_r', name: 'ridge angle', unit: '°' },
   alpha_u: { symbol: 'α_u', name: 'roughness along the ridges', unit: '' },
@@ -24,7 +24,14 @@ export const PARAMETERS: Readonly<Record<string, ParameterWords>> = {
   crest_radius: { symbol: 'R/p', name: 'radius of the crests over the facets’ length', unit: '' },
 };
 
-/** Codes of findings as people read them. */
+/** Parameters that a request may hold or give a prior for: those of the report, and the index of refraction. */
+export const KNOWABLE: Readonly<Record<string, ParameterWords>> = {
+  ...PARAMETERS,
+  eta: { symbol: 'n', name: 'refractive index', unit: '' },
+  k: { symbol: 'κ', name: 'extinction coefficient of a metal', unit: '' },
+};
+
+/** Codes of findings in words. */
 export const FINDINGS: Readonly<Record<string, string>> = {
   tails: 'Tails of the lobe',
   'rounded-crests': 'Rounded crests',
@@ -33,11 +40,11 @@ export const FINDINGS: Readonly<Record<string, string>> = {
   'non-linear': 'Camera not linear',
   'lamp-drift': 'Lamp drift',
   index: 'Refractive index',
-  'bad-block': 'A run of poses is off',
-  'bad-pose': 'A pose is off',
+  'bad-block': 'A run of poses deviates',
+  'bad-pose': 'A pose deviates',
 };
 
-/** What a map and a verdict know beside the parameters. */
+/** Quantities of maps and verdicts in addition to the parameters. */
 export const QUANTITIES: Readonly<Record<string, ParameterWords>> = {
   ...PARAMETERS,
   lean_azimuth_deg: { symbol: 'φ_lean', name: 'azimuth of the lean', unit: '°' },
@@ -46,10 +53,10 @@ export const QUANTITIES: Readonly<Record<string, ParameterWords>> = {
   contrast_michelson_mean: { symbol: 'C_M', name: 'mean Michelson contrast', unit: '' },
 };
 
-/** The plane that angles refer to. */
+/** The planes that angles can refer to. */
 export const PLANES: Readonly<Record<string, string>> = {
-  turntable: 'the ridge angle counts to the turntable: the rig’s settings do not state how well samples lie on it',
-  sample: 'the ridge angle counts to the sample’s mean plane: how well it lies on the turntable is in the uncertainty',
+  turntable: 'The ridge angle is relative to the turntable. The rig’s settings do not state how level samples are on it.',
+  sample: 'The ridge angle is relative to the sample’s mean plane. The uncertainty includes the sample’s tilt on the turntable.',
 };
 
 export interface BudgetWords {
@@ -62,21 +69,21 @@ export const BUDGET: Readonly<Record<string, BudgetWords>> = {
   counting: { name: 'counting', meaning: 'shot noise, read noise and the scatter of repeats, in frames of the sample and of the white reference' },
   reference: { name: 'reference', meaning: 'the white reference’s certificate' },
   angles: { name: 'angles', meaning: 'zeros, scale and eccentricity of the stages' },
-  material: { name: 'material', meaning: 'the refractive index, as uncertain as stated for the sample' },
-  wedge: { name: 'wedge', meaning: 'inclination of the sample’s mean plane to the turntable, as stated for the rig' },
+  material: { name: 'material', meaning: 'the stated uncertainty of the refractive index' },
+  wedge: { name: 'wedge', meaning: 'tilt of the sample’s mean plane on the turntable, as stated for the rig' },
   drift: { name: 'drift', meaning: 'change of the lamp between white reference and sample' },
-  detector: { name: 'detector', meaning: 'the camera’s curve and its exposure times, as exposures of one pose tell them or as stated' },
-  background: { name: 'stray light', meaning: 'light that does not come from the sample, as far as it is not known' },
-  model: { name: 'model', meaning: 'the model’s own inadequacy: from its residuals, from leaving out whole tilts and azimuths, and from double reflections' },
+  detector: { name: 'detector', meaning: 'the camera’s response curve and exposure times, as determined from exposures of one pose or as stated' },
+  background: { name: 'stray light', meaning: 'uncertainty of the light that does not come from the sample' },
+  model: { name: 'model', meaning: 'the model error, estimated from the residuals, from leaving out whole tilts and azimuths, and from double reflections' },
   tracer: { name: 'ray tracer', meaning: 'standard errors of the traced radiances' },
   shape: { name: 'shape', meaning: 'curvature of the likelihood, and other minima that the data do not exclude' },
-  prior: { name: 'known beforehand', meaning: 'the standard uncertainties of what was stated of parameters beforehand' },
+  prior: { name: 'priors', meaning: 'the standard uncertainties of the given priors' },
 };
 
-/** Parts below this are rounding or nothing to anybody. */
+/** Smaller shares are not shown. */
 const SHARE_MIN = 1e-6;
 
-/** Parts of a variance as shares of it, in the order of `BUDGET`, unknown ones last. */
+/** Parts of a variance as shares of it, in the order of `BUDGET`, others last. */
 export function varianceShares(budget: Readonly<Record<string, number>>): { key: string; std: number; share: number }[] {
   const order = Object.keys(BUDGET);
   const rank = (key: string): number => (order.includes(key) ? order.indexOf(key) : order.length);
@@ -94,41 +101,35 @@ export function budgetSentence(budget: Readonly<Record<string, number>>, unit: s
     .join(', ');
 }
 
-/** What the daemon has against a plan, as the form calls it: no keys, exposures in its milliseconds. */
-export function planWords(said: string): string {
-  const named: Readonly<Record<string, string>> = { theta_c_deg: 'Camera tilt', phi_s_deg: 'Sample azimuth', exposures_s: 'Exposure', repeats: 'Repeats' };
-  const [first = '', ...rest] = said.replace(/^The plan cannot run: (?=plan\.)/i, '').split(/; (?=plan\.)/);
-  // Many values may share one fault: it is said once.
-  const faults: string[] = [];
-  for (const fault of [first, ...rest]) {
-    const [, field, value, tail] = /^(plan\.[\w.]+)\[\d+\]: (-?[\d.e-]+\S*)( is outside .*?)\.?$/.exec(fault) ?? [];
-    const same = faults.findIndex((f) => field !== undefined && f.startsWith(`${field}: `) && f.endsWith(tail ?? ''));
-    if (same >= 0) faults[same] = (faults[same] ?? '').replace(/ is outside /, `, ${value} is outside `);
-    else faults.push(field === undefined ? fault : `${field}: ${value}${tail}`);
-  }
-  const all = faults.join('. ');
-  return (/[.!?]$/.test(all) ? all : `${all}.`)
-    .replace(/plan\.(?:(dark|flat)\.)?(\w+)(?:\[\d+\])?: /g, (_, of: string | undefined, field: string) => `${{ dark: 'Dark frames, ', flat: 'White reference, ' }[of ?? ''] ?? ''}${named[field] ?? field}: `)
-    .replace(/(-?[\d.e-]+) s is not between ([\d.e-]+) and ([\d.e-]+) s/g, (_, ...s: string[]) => `${ms(s[0])} ms is not between ${ms(s[1])} and ${ms(s[2])} ms`)
-    .replace(/(\d\.\d*?)0+(?=°)/g, (_, digits: string) => digits.replace(/\.$/, ''))
-    .replace(/(^|[\s:])-(?=\d)/g, '$1−');
+/** What is known of a parameter beside the report. */
+export interface KnownOfParameter {
+  /** The request held it at a value. */
+  readonly held?: boolean;
+  /** The sample is a metal, which has no such parameter. */
+  readonly metal?: boolean;
 }
 
-const ms = (s: string | undefined): string => plain(1000 * Number(s), 6);
-
 /** Whether the data determine a parameter, in words. */
-export function identifiability(parameter: Parameter): { word: string; tone: 'good' | 'plain' | 'bad'; detail: string } {
-  const detail = parameter.note ?? parameter.reason ?? '';
-  if (parameter.value === null && /^a metal\b/i.test(detail)) return { word: 'none: a metal', tone: 'plain', detail };
-  // A held parameter has a value, but no uncertainty: the data did not determine it.
-  const held = parameter.value !== null && parameter.std === null && !parameter.identifiable;
+export function identifiability(parameter: Parameter, known: KnownOfParameter = {}): { word: string; tone: 'good' | 'plain' | 'bad'; detail: string } {
+  const detail = parameter.note ?? '';
+  if (parameter.value === null && known.metal === true) return { word: 'not applicable (metal)', tone: 'plain', detail };
+  const held = parameter.value !== null && known.held === true;
   if (!held && (!parameter.identifiable || parameter.value === null)) {
     return { word: 'not determined by these data', tone: 'bad', detail };
   }
-  // A note beside a value says by what the parameter is held.
-  if (parameter.std === 0 || detail !== '') return { word: 'held fixed', tone: 'plain', detail };
+  // A note beside a value states what fixes it.
+  if (held || parameter.std === 0 || detail !== '') return { word: 'fixed', tone: 'plain', detail };
   if (parameter.std === null) return { word: 'determined, without an uncertainty', tone: 'bad', detail };
   return { word: 'determined by the data', tone: 'good', detail };
+}
+
+/** What the request and the sample say of a parameter of a fit. */
+export function knownOf(key: string, fit: Fit, samples: readonly Sample[]): KnownOfParameter {
+  const sample = samples.find((s) => s.id === fit.sample_id);
+  return {
+    held: key in (fit.request?.fix ?? {}),
+    metal: sample?.material.kind === 'conductor' && (key === 'rho_d' || key === 'translucency'),
+  };
 }
 
 export const SCAN_STATES: Readonly<Record<ScanState, { word: string; tone: 'busy' | 'good' | 'warn' | 'bad' | 'plain' }>> = {
@@ -162,12 +163,12 @@ export function stageWords(progress: JobProgress | undefined): string {
   return progress?.stage ?? 'starting';
 }
 
-/** A scan that holds the rig. */
+/** Whether a scan holds the rig. */
 export function isActive(scan: Scan): boolean {
   return ['planned', 'waiting-for-operator', 'running', 'pausing', 'paused'].includes(scan.state);
 }
 
-/** Frames of the sample that a scan has so far: the calibration frames come first, and the plan knows the rest. */
+/** Number of frames of the sample so far; the calibration frames come first. */
 export function sampleFrames(scan: Scan): number {
   const { plan, progress } = scan;
   if (!progress) return scan.origin === 'import' ? 1 : 0;
@@ -186,7 +187,7 @@ export const FIT_STATUS: Readonly<Record<string, { word: string; tone: 'good' | 
   cancelled: { word: 'cancelled', tone: 'warn' },
 };
 
-/** State of a fit and status of its result in one word. */
+/** State of a fit, or the status of its result, as text. */
 export function fitWord(fit: Fit): { word: string; tone: 'good' | 'warn' | 'bad' | 'busy' | 'plain' } {
   if (fit.state === 'running') return { word: 'running', tone: 'busy' };
   if (fit.state === 'failed') return { word: 'failed', tone: 'bad' };
@@ -194,15 +195,15 @@ export function fitWord(fit: Fit): { word: string; tone: 'good' | 'warn' | 'bad'
   return FIT_STATUS[fit.status ?? ''] ?? { word: fit.status ?? 'done', tone: 'plain' };
 }
 
-/** An axis's warning as the daemon words it, `WR: no reference position; home the axis`, taken apart. */
+/** An axis's warning, `WR: no reference position; home the axis`, split into its code and text. */
 export function warningWords(warning: string): { code: string; text: string; serious: boolean } {
   const [, code = '', text = ''] = /^\s*([A-Z]{2})\b:?\s*(.*)$/.exec(warning) ?? [];
   return { code, text: code === '' ? warning : text, serious: code.startsWith('F') || code === 'WL' };
 }
 
 export const VARIANTS: Readonly<Record<string, { name: string; meaning: string }>> = {
-  auto: { name: 'best', meaning: 'paper and sawtooth are fitted and compared by QAIC; paper is taken only where it is clearly better' },
+  auto: { name: 'best', meaning: 'fits paper and sawtooth and compares them by QAIC; takes paper only if it is clearly better' },
   sawtooth: { name: 'sawtooth', meaning: 'exact visibility of the sawtooth, diffuse light from below the surface, double reflections' },
   paper: { name: 'paper', meaning: 'the closed form of Luongo et al. 2017 as printed' },
-  traced: { name: 'traced', meaning: 'the sawtooth corrected by tracing rays on the ideal or measured shape; takes seconds to minutes' },
+  traced: { name: 'traced', meaning: 'the sawtooth corrected by ray tracing on the ideal or measured shape; takes seconds to minutes' },
 };

@@ -8,7 +8,7 @@ import { startDaemon, type RunningDaemon } from '../daemon';
 import { completed, doSteps, fillScan, fitted } from '../operate';
 
 const TIME_SCALE = 50;
-/** So many poses that a test which is held up for seconds still finds its scan running. */
+/** Enough poses that a test that is delayed by seconds still finds its scan running. */
 const LONG_GRID = { grid: 'custom', tilts: '-20:5:20', azimuths: '0:5:355' } as const;
 /** One paper scan at this time scale with a debug binary on a busy machine. */
 const SCAN_MS_MAX = 120_000;
@@ -44,19 +44,19 @@ async function get(path: string): Promise<Record<string, unknown>> {
   return (await response.json()) as Record<string, unknown>;
 }
 
-/** The scan of the traced polymer; until its heading is there the page shows the newest one. */
+/** Opens the scan of the traced polymer; until its heading appears, the page shows the newest one. */
 async function openFirstScan(): Promise<void> {
   await page.goto(`${daemon.url}/#/scan/1`);
   await page.getByRole('heading', { level: 1, name: 'traced polymer' }).waitFor();
 }
 
-/** Starts the scan that the form describes, and waits until the daemon has it. */
+/** Starts the scan of the form, and waits until the daemon has accepted it. */
 async function startScan(): Promise<void> {
   await page.getByRole('button', { name: 'Start scan' }).click();
   await expect.poll(async () => (await get('/rig'))['scan_id'], { timeout: 20_000 }).not.toBeNull();
 }
 
-/** The scan that runs or is paused; how far it is comes from the daemon, as the page may be behind. */
+/** The running or paused scan. Its progress is read from the daemon, since the page may lag. */
 async function scanNow(): Promise<{ id: number; state: string; fraction: number }> {
   const { scan_id: id } = (await get('/rig')) as { scan_id: number | null };
   if (id === null) throw new Error('the scan has ended: it was too short for this test');
@@ -64,7 +64,7 @@ async function scanNow(): Promise<{ id: number; state: string; fraction: number 
   return { id, state, fraction: progress.fraction };
 }
 
-/** Pauses the scan once it is so far; whether it is paused. Not by the page: a click may come too late. */
+/** Pauses the scan at this progress; returns whether it is paused. Not through the page, since a click may come too late. */
 async function pausedAt(fraction: number): Promise<boolean> {
   const scan = await scanNow();
   if (scan.fraction >= fraction && scan.state === 'running') await fetch(`${daemon.url}/api/v1/scans/${scan.id}/pause`, { method: 'POST' });
@@ -80,7 +80,7 @@ describe('a lab’s day', () => {
     expect(steps).toEqual(['Cap the lens', 'Place the white reference', 'Place the sample traced polymer']);
 
     const polymer = await fitted(page, 60_000);
-    // The traced sample's true angle is 10°; its own uncertainty is a matter of the fit's tests.
+    // The true angle of the traced sample is 10°; its uncertainty is covered by the tests of the fit.
     expect(Math.abs(polymer.theta_r_deg - 10)).toBeLessThan(0.5);
     expect(polymer.text).toMatch(/^\d+\.\d+ ± \d+\.\d+°$/);
     await page.getByRole('button', { name: 'sawtooth', exact: true }).waitFor();
@@ -97,11 +97,11 @@ describe('a lab’s day', () => {
     expect(await page.getByTestId('fits').locator('tbody tr').count()).toBe(2);
   });
 
-  it('shows the count that the camera gave, pixel for pixel', async () => {
+  it('shows the counts of the camera, pixel by pixel', async () => {
     await openFirstScan();
     const canvas = page.getByTestId('frame');
     const frames = (await get('/scans/1/frames?limit=1000'))['items'] as { id: number }[];
-    // The newest scan's frame may be there for a moment yet.
+    // The frame of the newest scan may still be shown for a moment.
     const shown = async (): Promise<number> => Number(await canvas.getAttribute('data-frame-id'));
     await expect.poll(shown, { timeout: 20_000 }).toSatisfy((id: unknown) => frames.some((f) => f.id === id));
     const id = await shown();
@@ -113,28 +113,28 @@ describe('a lab’s day', () => {
     const readout = (await page.getByTestId('pixel').innerText()).replace(/\u202f/g, '');
     const [, column, row, dn] = /column (\d+), row (\d+): (\d+) DN/.exec(readout) ?? [];
     expect(Number(dn)).toBe(counts[Number(row) * width + Number(column)]);
-    // Counts beyond 8 bits, or the test shows nothing.
+    // Without counts beyond 8 bits the test would prove nothing.
     expect(new Set(counts).size).toBeGreaterThan(256);
   });
 
-  it('hears from the daemon what a measured shape lacks, and says it beside the file', async () => {
+  it('shows beside the file what a measured shape lacks', async () => {
     await openFirstScan();
     const form = page.getByTestId('fit-form');
     await form.getByLabel('Model').selectOption('traced');
-    await form.getByLabel('File of heights').setInputFiles({ name: 'map.csv', mimeType: 'text/csv', buffer: Buffer.from('0,1,2\n0,1,2\n0,1,2\n') });
+    await form.getByLabel('Height file').setInputFiles({ name: 'map.csv', mimeType: 'text/csv', buffer: Buffer.from('0,1,2\n0,1,2\n0,1,2\n') });
     await form.getByRole('button', { name: /^Fit/ }).click();
     await form.getByRole('alert').filter({ hasText: 'map.csv: the file does not state the spacing of its samples' }).waitFor();
-    await form.getByLabel('Samples apart, µm').fill('1');
-    await form.getByLabel('µm per unit of height').fill('1');
+    await form.getByLabel('Sample spacing, µm').fill('1');
+    await form.getByLabel('Height unit, µm').fill('1');
     await form.getByRole('button', { name: /^Fit/ }).click();
-    // Both units came through: what is wrong now is the map itself.
+    // Both units were accepted; the remaining fault is in the map itself.
     await form.getByRole('alert').filter({ hasText: /map\.csv: (?!the file does not state)/ }).waitFor();
   });
 
-  it('stops at once by the big button, in the middle of a scan, and goes on', async () => {
+  it('stops at once by the STOP button during a scan, and resumes', async () => {
     await fillScan(page, { sample: 'model 15°', ...LONG_GRID });
     await startScan();
-    // All of the operator's steps are done by then.
+    // All operator steps are done at this point.
     await doSteps(page, async () => (await scanNow()).fraction > 0.05, SCAN_MS_MAX);
     await page.getByRole('button', { name: /STOP/ }).click();
     await page.getByRole('button', { name: 'Resume' }).waitFor();
@@ -151,9 +151,9 @@ describe('a lab’s day', () => {
     await fillScan(page, { sample: 'traced polymer', ...LONG_GRID });
     await startScan();
     const line = page.getByTestId('certainty').locator('[data-line=theta_r_deg]');
-    /** Its standard uncertainty as the page shows it; NaN before there is one. */
+    /** The displayed standard uncertainty; NaN before there is one. */
     const std = async (): Promise<number> => ((await line.count()) === 0 ? Number.NaN : Number.parseFloat((await line.innerText()).split('u =')[1] ?? ''));
-    // A pause gives the fit that runs along the time that a debug binary needs.
+    // A pause gives the live fit the time that a debug binary needs.
     await doSteps(page, () => pausedAt(0.1), SCAN_MS_MAX);
     await expect.poll(std, { timeout: 90_000 }).toBeGreaterThan(0);
     const early = await std();
@@ -161,7 +161,7 @@ describe('a lab’s day', () => {
     await doSteps(page, () => pausedAt(0.25), SCAN_MS_MAX);
     await expect.poll(std, { timeout: 90_000 }).toBeLessThan(early);
     expect(await page.getByTestId('certainty').locator('canvas').count()).toBe(1);
-    // The past is there for who opens the page now.
+    // A page that is opened now shows the earlier rows.
     await page.reload();
     await expect.poll(async () => Number(await page.getByTestId('certainty').getAttribute('data-rows'))).toBeGreaterThanOrEqual(2);
     await page.getByRole('button', { name: 'Abort …' }).click();
@@ -200,13 +200,13 @@ describe('a lab’s day', () => {
     await verdict.filter({ hasText: 'fail' }).waitFor({ timeout: CALCULATION_MS_MAX });
   }, 2 * CALCULATION_MS_MAX);
 
-  it('traces a scene, and the page shows what physics says of it', async () => {
+  it('traces a scene, and the page shows the expected physics', async () => {
     const card = page.getByTestId('traces');
     const form = card.getByTestId('trace-form');
     await form.getByLabel('Scene, TOML').fill('[[interface]]\nshape = "flat"\nbelow = { n = 0 }\n');
     await form.getByRole('button', { name: 'Trace' }).click();
     await form.getByRole('alert').filter({ hasText: 'below.n' }).waitFor();
-    // Brewster's angle of glass: what is reflected is s light alone.
+    // At Brewster's angle of glass only s light is reflected.
     await form.getByLabel('Scene, TOML').fill('# Brewster\n[light]\ntheta_i_deg = 56.31\nphi_i_deg = 195.0\n[[interface]]\nshape = "flat"\nbelow = { n = 1.5 }\n[run]\ntheta_bins = 9\nphi_bins = 12\n');
     await form.getByLabel('Photons').fill('2000');
     await form.getByRole('button', { name: 'Trace' }).click();
@@ -238,24 +238,24 @@ describe('a lab’s day', () => {
     await expect.poll(async () => Number.parseFloat((await axis.locator('output').innerText()).replace('−', '-')), { timeout: 20_000 }).toBeCloseTo(7.5, 1);
   });
 
-  it('adds a metal by its name, and names the calibrations of earlier scans until new ones are wanted', async () => {
+  it('adds a metal by its name, and names the calibrations of earlier scans unless new ones are chosen', async () => {
     const samples = page.getByRole('combobox', { name: 'Sample' });
     await samples.selectOption({ label: 'New sample …' });
     const form = page.getByTestId('sample-form');
     await form.getByLabel('Name', { exact: true }).fill('die 4');
     await form.getByLabel('Material').selectOption('metal');
     await form.getByRole('button', { name: 'Add sample' }).click();
-    // Chromium at the lamp's wavelength, by the daemon's own tables.
+    // Chromium at the lamp's wavelength, from the daemon's tables.
     await expect.poll(() => samples.locator('option:checked').innerText()).toMatch(/^die 4 \(n [23]\.\d+, k [2345]\.\d+\)$/);
     const calibrations = page.getByTestId('calibrations');
-    await calibrations.getByText(/^Used again: white reference of scan \d+ \(.*\), dark frames of scan \d+ \(.*\)\.$/).waitFor();
+    await calibrations.getByText(/^Reused: white reference of scan \d+ \(.*\), dark frames of scan \d+ \(.*\)\.$/).waitFor();
     await calibrations.getByLabel('take new dark frames').check();
-    await page.getByText('Waits for your hands: lens cap, white reference, sample.').waitFor();
+    await page.getByText('You will be asked to: cap the lens, place the white reference, place the sample.').waitFor();
   });
 
-  it('takes calibrations alone, says how long they serve, and leaves the next scan the sample only', async () => {
+  it('takes calibrations only, shows their validity, and leaves only the sample to the next scan', async () => {
     await fillScan(page, { sample: 'model 15°', grid: 'custom', tilts: '1, 2', azimuths: '0, 90' });
-    await page.getByText('Waits for your hands: white reference, sample.').waitFor();
+    await page.getByText('You will be asked to: place the white reference, place the sample.').waitFor();
     await page.getByRole('button', { name: 'Calibrate only' }).click();
     await page.getByRole('heading', { level: 1, name: 'Calibration' }).waitFor();
     const { scan_id: id } = (await get('/rig')) as { scan_id: number };
@@ -263,23 +263,23 @@ describe('a lab’s day', () => {
     expect(steps).toEqual(['Cap the lens', 'Place the white reference']);
     const taken = page.getByTestId('taken').locator('li');
     await expect.poll(() => taken.allInnerTexts()).toEqual([
-      expect.stringMatching(/^dark frames, \d+ frames at .* ms: scans of this rig use them until /),
-      expect.stringMatching(/^white reference, \d+ frames at .* ms, camera tilts 1°, 2°: scans of this rig use them until /),
+      expect.stringMatching(/^dark frames, \d+ frames at .* ms: scans of this rig use it until /),
+      expect.stringMatching(/^white reference, \d+ frames at .* ms, camera tilts 1°, 2°: scans of this rig use it until /),
     ]);
-    await page.getByText('Waits for your hands: sample.').waitFor();
+    await page.getByText('You will be asked to: place the sample.').waitFor();
     await expect.poll(() => page.getByTestId('calibrations').innerText(), { timeout: 20_000 }).toContain(`white reference of scan ${id} (`);
     expect(await page.locator(`a[href="#/scan/${id}"]`).innerText()).toContain('Calibration');
-    // Nothing of a fit is offered for it.
+    // It has no form of a fit.
     expect(await page.getByRole('button', { name: 'Fit', exact: true }).count()).toBe(0);
   });
 
-  it('shows nothing in place of a scan that is not there', async () => {
+  it('shows nothing in place of a missing scan', async () => {
     await page.goto(`${daemon.url}/#/scan/999`);
     await page.getByText('Scan 999 is not in this store.').waitFor();
     expect(await page.locator('#answer-title').count()).toBe(0);
   });
 
-  it('says as a sentence why a plan cannot run', async () => {
+  it('shows as a sentence why a plan cannot run', async () => {
     await fillScan(page, { sample: 'model 15°', grid: 'custom', tilts: '0, 88', azimuths: '0' });
     const fault = page.locator('.estimate .fault');
     await fault.waitFor();

@@ -1,5 +1,5 @@
-// The little optics that the mock daemon needs: enough for pictures and curves that look like a
-// ridged sample's. Not a reference for anything.
+// Minimal optics of the mock daemon, so that pictures and curves look like those of a ridged
+// sample. Not a reference.
 
 export interface MockSurface {
   readonly theta_r_deg: number;

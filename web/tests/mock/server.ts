@@ -1,5 +1,5 @@
-// A stand-in for the daemon in tests of the page alone: the bodies of /api/v1, invented optics,
-// loopback, a port of its own. What the real daemon does is tested by tests/e2e.
+// A mock daemon for tests of the page: the bodies of /api/v1 with invented optics, on its own
+// loopback port. The real daemon is tested by tests/e2e.
 
 import { readFile } from 'node:fs/promises';
 import { createServer, type IncomingMessage, type Server, type ServerResponse } from 'node:http';
@@ -44,19 +44,19 @@ export interface MockSettings {
 }
 
 export class MockDaemon {
-  /** Every path that was read, with its query. */
+  /** All paths that were read, with their queries. */
   readonly reads: string[] = [];
   readonly requests: { method: string; path: string; body: unknown }[] = [];
   /** Paths that answer with a problem, e.g. `POST /fits`. */
   readonly refusals = new Map<string, { status: number; body: Json }>();
   connected = true;
-  /** Whether the stages are there to be connected to. */
+  /** Whether the stages can be connected. */
   plugged = true;
-  /** What the fit that runs along said, of any scan. */
+  /** Rows of the live fit, for every scan. */
   readonly certainties: Json[] = [];
-  /** Calibrations of earlier scans that a new one may use. */
+  /** Calibrations of earlier scans that a new scan can use. */
   readonly calibrations: Json[] = [];
-  /** Of the sample of every scan. */
+  /** Regions of the sample of every scan. */
   regions: string[] = [];
   frameMs: number;
   readonly axes = {
@@ -67,11 +67,11 @@ export class MockDaemon {
   readonly samples: Json[] = [];
   readonly scans: MockScan[] = [];
   readonly fits: Json[] = [];
-  /** What a fit takes; null: it runs until it is cancelled. */
+  /** Duration of a fit; null: it runs until it is cancelled. */
   fitMs: number | null = 150;
-  /** What `ridged accuracy` left in the folder, if anything. */
+  /** Results of `ridged accuracy` in the folder, if any. */
   accuracy: Json | null = null;
-  /** Newest first; one that is asked for runs until `finishTrace`. */
+  /** Newest first; a new one runs until `finishTrace`. */
   readonly traces: Json[] = [];
 
   #server: Server;
@@ -358,7 +358,7 @@ export class MockDaemon {
     }
     const list = (items: unknown[]): void => send(200, { items, next_cursor: null });
     if (path === '/rig') return send(200, this.#rig());
-    // Stop and home make a lost link anew, where the stages are there.
+    // Stop and home reconnect a lost link if the stages can be connected.
     if (method === 'POST' && path.startsWith('/rig/') && !this.connected) {
       if (!this.plugged) return problem(503, 'port-missing', 'the serial port /dev/ttyUSB0 does not exist: plug the stage in or correct [bench] port');
       this.connected = true;

@@ -1,4 +1,4 @@
-// A trace as the daemon answers it, small enough to know every number of: 9 by 12 bins of polarised light off glass-like nothing.
+// A trace as the daemon sends it, small enough to know each number: 9 × 12 bins of polarised light with made-up values.
 
 const [N_THETA, N_PHI, NUMBERS] = [9, 12, 18];
 

@@ -1,4 +1,4 @@
-// The page alone: the virtual ellipsometer.
+// The page with a mock daemon: the virtual ellipsometer.
 
 import { describe, expect, it } from 'vitest';
 
@@ -8,26 +8,26 @@ describe('the virtual ellipsometer', () => {
   it('does not send files that a request cannot carry', async () => {
     await page.goto(url);
     const form = page.getByTestId('trace-form');
-    await form.getByLabel('Files of heights').setInputFiles({ name: 'hills.tif', mimeType: 'image/tiff', buffer: Buffer.alloc(7_000_000) });
+    await form.getByLabel('Height files').setInputFiles({ name: 'hills.tif', mimeType: 'image/tiff', buffer: Buffer.alloc(7_000_000) });
     await form.getByRole('button', { name: 'Trace' }).click();
     await form.getByRole('alert').filter({ hasText: 'hills.tif has 7.0 MB' }).waitFor();
     expect(posts()).toEqual([]);
   });
 
-  it('says under each field why nothing can be traced', async () => {
+  it('shows under each field why nothing can be traced', async () => {
     await page.goto(url);
     const form = page.getByTestId('trace-form');
     await form.getByLabel('Photons').fill('1,5e5');
-    await form.getByText('A whole number above 0, such as 200000 or 2e5.').waitFor();
-    await form.getByLabel('Seconds at most').fill('0');
-    await form.getByText('A number of seconds above 0').waitFor();
-    await form.getByLabel('Surfaces, drawn anew').fill('5000');
-    await form.getByText('A whole number from 2 to 1000').waitFor();
+    await form.getByText('Give a whole number above 0, e.g. 200000 or 2e5.').waitFor();
+    await form.getByLabel('Time limit, s').fill('0');
+    await form.getByText('Give a number of seconds above 0').waitFor();
+    await form.getByLabel('Number of random surfaces').fill('5000');
+    await form.getByText('Give a whole number from 2 to 1000').waitFor();
     expect(await form.getByRole('button', { name: 'Trace' }).isDisabled()).toBe(true);
   });
 
-  it('says what is wrong with a scene beside it and selects its line', async () => {
-    daemon.refusals.set('POST /traces', { status: 422, body: { code: 'invalid-value', title: 'a value makes no sense', detail: 'scene: the scene cannot be read: TOML parse error at line 2, column 9' } });
+  it('reports a fault of a scene beside it and selects its line', async () => {
+    daemon.refusals.set('POST /traces', { status: 422, body: { code: 'invalid-value', title: 'a value is not valid', detail: 'scene: the scene cannot be read: TOML parse error at line 2, column 9' } });
     await page.goto(url);
     const form = page.getByTestId('trace-form');
     await form.getByLabel('Scene, TOML').fill('[light]\ntheta = x\n');
@@ -37,12 +37,12 @@ describe('the virtual ellipsometer', () => {
     expect(selected).toBe('theta = x');
   });
 
-  it('sends the files that a scene names, and takes a line of theirs for none of its own', async () => {
-    daemon.refusals.set('POST /traces', { status: 422, body: { code: 'invalid-value', title: 'a value makes no sense', detail: 'scene: interface 1: hills.csv: line 2 has 1 heights, the lines before it 2' } });
+  it('sends the files that a scene names, and does not select a line for a fault in one of them', async () => {
+    daemon.refusals.set('POST /traces', { status: 422, body: { code: 'invalid-value', title: 'a value is not valid', detail: 'scene: interface 1: hills.csv: line 2 has 1 heights, the lines before it 2' } });
     await page.goto(url);
     const form = page.getByTestId('trace-form');
     await form.getByLabel('Scene, TOML').fill('[[interface]]\nshape = "file"\npath = "hills.csv"\n');
-    await form.getByLabel('Files of heights').setInputFiles({ name: 'hills.csv', mimeType: 'text/csv', buffer: Buffer.from('0,1\n2\n') });
+    await form.getByLabel('Height files').setInputFiles({ name: 'hills.csv', mimeType: 'text/csv', buffer: Buffer.from('0,1\n2\n') });
     await form.getByRole('button', { name: 'Trace' }).click();
     await form.getByRole('alert').filter({ hasText: 'hills.csv: line 2 has 1 heights' }).waitFor();
     const selected = await form.getByLabel('Scene, TOML').evaluate((e: HTMLTextAreaElement) => e.value.slice(e.selectionStart, e.selectionEnd));
@@ -50,12 +50,12 @@ describe('the virtual ellipsometer', () => {
     expect(daemon.requests.find((r) => r.path === '/traces')?.body).toMatchObject({ files: { 'hills.csv': Buffer.from('0,1\n2\n').toString('base64') } });
   });
 
-  it('starts the example within its limits, tells the time left, and can be cancelled', async () => {
+  it('starts the example within its limits, shows the time left, and can be cancelled', async () => {
     await page.goto(url);
     const form = page.getByTestId('trace-form');
     expect(await form.getByLabel('Scene, TOML').inputValue()).toContain('[[interface]]');
     await form.getByLabel('Photons').fill('2e5');
-    await form.getByLabel('Until the error').fill('1,5');
+    await form.getByLabel('Target error').fill('1,5');
     await form.getByRole('button', { name: 'Trace' }).click();
     const card = page.getByTestId('traces');
     await card.getByText('tracing photons, 42 s left').waitFor();
@@ -64,7 +64,7 @@ describe('the virtual ellipsometer', () => {
     await card.getByText('was cancelled').waitFor();
   });
 
-  it('shows where the light went, every component by its number, the plane and what was left out', async () => {
+  it('shows the energies, every component, the plane of incidence and the omissions', async () => {
     await page.goto(url);
     const card = page.getByTestId('traces');
     await card.getByRole('button', { name: 'Trace', exact: true }).click();

@@ -1,11 +1,11 @@
-// The page alone: fits, their options, and what stands beside them.
+// The page with a mock daemon: fits, their options and their details.
 
 import { beforeEach, describe, expect, it } from 'vitest';
 
 import { daemon, page, posts, text, url } from './stage';
 
 describe('a fit', () => {
-  it('is asked for with the model of its own scan, not of the one before', async () => {
+  it('is requested with the model chosen for its own scan', async () => {
     daemon.addScan(1, 'paper');
     const other = daemon.addScan(2, 'paper');
     await page.goto(`${url}/#/scan/1`);
@@ -15,7 +15,7 @@ describe('a fit', () => {
     await expect.poll(() => model.inputValue()).toBe('auto');
   });
 
-  it('says which parameter the data cannot tell, and what an uncertainty is made of', async () => {
+  it('shows which parameter the data do not determine, and the budget of an uncertainty', async () => {
     const scan = daemon.addScan(1, 'full');
     daemon.addFit(scan, 'paper');
     await page.goto(url);
@@ -27,17 +27,17 @@ describe('a fit', () => {
     expect(await text('#budget-theta_r_deg')).toContain('angles 0.021° · 0.99 % of the variance');
   });
 
-  it('says what explains its residual, by how much, and what to do', async () => {
+  it('lists findings with their share, their effect and what to do', async () => {
     const scan = daemon.addScan(1, 'full');
     daemon.addFit(scan, 'paper');
     daemon.addFit(scan);
     await page.goto(`${url}/#/scan/1/fit/2`);
     const findings = page.getByTestId('findings');
     await findings.waitFor();
-    const told = await findings.innerText();
-    expect(told).toContain('Translucent body');
-    expect(told).toContain('of χ², moves θr by 0.457°');
-    expect(told).toContain('State sample.translucency');
+    const shown = await findings.innerText();
+    expect(shown).toContain('Translucent body');
+    expect(shown).toContain('of χ², moves θr by 0.457°');
+    expect(shown).toContain('State sample.translucency');
     await page.goto(`${url}/#/scan/1/fit/1`);
     await expect.poll(() => page.getByTestId('findings').count()).toBe(0);
   });
@@ -73,20 +73,21 @@ describe('a store of many fits', () => {
     }
     expect(await older.count()).toBe(0);
     expect(await page.getByTestId('fits-count').innerText()).toBe('231 fits');
-    // Three pages of all, and one of the scan that is looked at.
+    // Three pages of all fits, and one of the shown scan.
     expect(daemon.reads.filter((path) => path.startsWith('/fits?'))).toHaveLength(4);
   });
 });
 
 describe('the fit of a metal', () => {
-  it('has no diffuse reflectance, and nothing is wrong with that', async () => {
+  it('has no diffuse reflectance, which is not a fault', async () => {
     daemon.addFit(daemon.addScan(1, 'paper'));
     const parameters = daemon.fits[0]?.['parameters'] as Record<string, unknown>;
+    Object.assign(daemon.samples.find((s) => s['id'] === 1) ?? {}, { material: { kind: 'conductor', eta: 0.35, eta_std: 0.01, k: 2.7, k_std: 0.01 } });
     parameters['rho_d'] = { value: null, std: null, expanded: null, coverage_factor: null, identifiable: false, budget: null, note: 'a metal returns no light from below its surface, so it has no ρd' };
     await page.goto(url);
     const place = page.locator('[data-parameter=rho_d] span');
     await place.waitFor();
-    expect(await place.innerText()).toBe('none: a metal');
+    expect(await place.innerText()).toBe('not applicable (metal)');
     expect(await place.getAttribute('class')).not.toContain('bad');
   });
 });
@@ -111,7 +112,7 @@ describe('error against run time', () => {
     scene, method, seconds, error, quantity: 'relative error of the reflected energy', reference: 'exact (flat layers)',
   });
 
-  it('is shown where it was measured: a line per method, its slope, the reference and what plans leave out', async () => {
+  it('shows a line per method, its slope, the reference and what plans leave out', async () => {
     daemon.accuracy = {
       machine: 'ridged, two threads', written_at: '2026-01-02T03:04:05Z',
       points: [point('split', 0.01, 1e-2), point('split', 0.1, 3.16e-3), point('split', 1, 1e-3), point('analog', 0.1, 2e-2), point('scalar', 0.01, 1.5e-2), point('scalar', 0.1, 1.6e-2), point('scalar', 1, 1.7e-2), point('quadrature', 0.2, 1e-4, 'series')],
@@ -132,7 +133,7 @@ describe('error against run time', () => {
     await expect.poll(() => view.locator('g[data-method]').count()).toBe(1);
   });
 
-  it('is not shown where nothing was measured', async () => {
+  it('is not shown without a measurement', async () => {
     await page.goto(url);
     await page.getByRole('button', { name: 'Start scan' }).waitFor();
     expect(await page.getByTestId('accuracy').count()).toBe(0);
@@ -142,7 +143,7 @@ describe('error against run time', () => {
 describe('the options of a fit', () => {
   const sent = (): unknown => daemon.requests.findLast((r) => r.path === '/fits' && r.method === 'POST')?.body;
 
-  it('are sent as they are chosen, and the result says what was asked', async () => {
+  it('are sent as chosen, and the result lists them', async () => {
     daemon.addScan(1, 'paper');
     await page.goto(url);
     const form = page.getByTestId('fit-form');
@@ -150,58 +151,58 @@ describe('the options of a fit', () => {
     await form.getByRole('button', { name: 'Options' }).click();
     await form.getByLabel('Profile intervals').check();
     await form.getByLabel('Outliers').selectOption('huber');
-    const known = form.getByRole('button', { name: 'Something is known beforehand' });
+    const known = form.getByRole('button', { name: 'Add a known value' });
     await known.click();
     await known.click();
-    await form.getByLabel('Known beforehand: parameter').first().selectOption('rho_d');
-    await form.getByLabel('Known beforehand: parameter').nth(1).selectOption('theta_r_deg');
-    await form.getByLabel('Known beforehand: value').first().fill('0,3');
-    await form.getByLabel('Known beforehand: value').nth(1).fill('ten');
+    await form.getByLabel('Known value: parameter').first().selectOption('rho_d');
+    await form.getByLabel('Known value: parameter').nth(1).selectOption('theta_r_deg');
+    await form.getByLabel('Known value: value').first().fill('0,3');
+    await form.getByLabel('Known value: value').nth(1).fill('ten');
     await form.getByRole('alert').filter({ hasText: 'The ridge angle: give its value as a number.' }).waitFor();
     expect(await fit.isDisabled()).toBe(true);
-    await form.getByLabel('Known beforehand: value').nth(1).fill('10');
-    await form.getByLabel('Known beforehand: standard uncertainty').nth(1).fill('0.5');
+    await form.getByLabel('Known value: value').nth(1).fill('10');
+    await form.getByLabel('Known value: standard uncertainty').nth(1).fill('0.5');
     await fit.click();
     await expect.poll(sent).toEqual({ scan_id: 1, variant: 'auto', loss: 'huber', profile: true, fix: { rho_d: 0.3 }, priors: { theta_r_deg: { value: 10, std: 0.5 } } });
-    await expect.poll(() => text('[data-testid=asked]')).toBe('model best, outliers count less (Huber), ρd held at 0.3, θr known as 10 ± 0.5°, profile intervals');
+    await expect.poll(() => text('[data-testid=asked]')).toBe('model best, outliers count less (Huber), ρd fixed at 0.3, θr known as 10 ± 0.5°, profile intervals');
   });
 
-  it('are refused beside themselves', async () => {
+  it('are refused beside the options', async () => {
     daemon.addScan(1, 'paper');
-    daemon.refusals.set('POST /fits', { status: 422, body: { code: 'invalid-value', title: 'a value makes no sense', detail: 'fix.rho_d: lies between 0 and 1' } });
+    daemon.refusals.set('POST /fits', { status: 422, body: { code: 'invalid-value', title: 'a value is not valid', detail: 'fix.rho_d: lies between 0 and 1', errors: [{ field: 'fix.rho_d', message: 'lies between 0 and 1' }] } });
     await page.goto(url);
     const form = page.getByTestId('fit-form');
     await form.getByRole('button', { name: 'Options' }).click();
-    await form.getByRole('button', { name: 'Something is known beforehand' }).click();
-    await form.getByLabel('Known beforehand: parameter').selectOption('rho_d');
-    await form.getByLabel('Known beforehand: value').fill('3');
+    await form.getByRole('button', { name: 'Add a known value' }).click();
+    await form.getByLabel('Known value: parameter').selectOption('rho_d');
+    await form.getByLabel('Known value: value').fill('3');
     await form.getByRole('button', { name: 'Fit', exact: true }).click();
-    await form.getByRole('alert').filter({ hasText: 'The diffuse reflectance: lies between 0 and 1.' }).waitFor();
+    await form.getByRole('alert').filter({ hasText: 'Diffuse reflectance: lies between 0 and 1.' }).waitFor();
   });
 });
 
-describe('a series recorded elsewhere', () => {
+describe('a recorded series', () => {
   it('is imported from its folder and shown', async () => {
     await page.goto(url);
-    await page.getByText('Bring in a recorded series').click();
-    await page.getByLabel('Its folder on the daemon’s machine').fill('/data/seven');
+    await page.getByText('Import a series').click();
+    await page.getByLabel('Folder on the measuring PC').fill('/data/seven');
     await page.getByRole('button', { name: 'Import' }).click();
     await page.getByText('Scan 1 with 48 frames; left out: frames/7.png.').waitFor();
     expect(daemon.requests.find((r) => r.path === '/imports')?.body).toEqual({ folder: '/data/seven', skip_unreadable: false });
     await page.locator('#answer-title').waitFor();
   });
 
-  it('says beside the folder what is wrong with it, and what to tick', async () => {
-    daemon.refusals.set('POST /imports', { status: 422, body: { code: 'unreadable', title: 'unreadable', detail: 'frames/7.png is torn; nothing was imported: restore the file, or pass --skip-unreadable to leave it out' } });
+  it('reports beside the folder what is wrong and what to do', async () => {
+    daemon.refusals.set('POST /imports', { status: 422, body: { code: 'frame-unreadable', title: 'a value is not valid', detail: 'frames/7.png is torn; nothing was imported' } });
     await page.goto(url);
-    await page.getByText('Bring in a recorded series').click();
-    await page.getByLabel('Its folder on the daemon’s machine').fill('/data/seven');
+    await page.getByText('Import a series').click();
+    await page.getByLabel('Folder on the measuring PC').fill('/data/seven');
     await page.getByRole('button', { name: 'Import' }).click();
-    await page.getByRole('alert').filter({ hasText: 'or tick “leave out frames that cannot be read”.' }).waitFor();
+    await page.getByRole('alert').filter({ hasText: 'tick “leave out frames that cannot be read”.' }).waitFor();
   });
 });
 
-describe('a fit on the sample’s own shape', () => {
+describe('a fit on a measured shape', () => {
   const heights = Buffer.from('0,1,2\n0,1,2\n');
   const map = { name: 'map.csv', mimeType: 'text/csv', buffer: heights };
   const sent = (): unknown => daemon.requests.findLast((r) => r.path === '/fits' && r.method === 'POST')?.body;
@@ -212,42 +213,42 @@ describe('a fit on the sample’s own shape', () => {
     await page.getByTestId('fit-form').getByLabel('Model').selectOption('traced');
   });
 
-  it('sends the file with its units, and the result says what it was traced on', async () => {
+  it('sends the file with its units, and the result states the traced shape', async () => {
     const form = page.getByTestId('fit-form');
-    await form.getByLabel('File of heights').setInputFiles(map);
-    await form.getByLabel('Samples apart, µm').fill('0,5');
-    await form.getByLabel('µm per unit of height').fill('0,001');
+    await form.getByLabel('Height file').setInputFiles(map);
+    await form.getByLabel('Sample spacing, µm').fill('0,5');
+    await form.getByLabel('Height unit, µm').fill('0,001');
     await form.getByRole('button', { name: 'Fit', exact: true }).click();
     await expect.poll(sent).toEqual({ scan_id: 1, variant: 'traced', shape: { name: 'map.csv', content: heights.toString('base64'), pitch_um: 0.5, height_unit_um: 0.001 } });
     await expect.poll(() => text('[data-testid=traced-on]')).toBe('a height map of 6 ridges, 102 µm apart, θr 9.998° by its heights');
   });
 
-  it('says beside the file what the daemon has against it, and fits without it', async () => {
-    daemon.refusals.set('POST /fits', { status: 422, body: { code: 'invalid-value', title: 'a value makes no sense', detail: 'shape: map.csv: the file does not state the spacing of its samples: add --pitch-um (pitch_um)' } });
+  it('reports beside the file why the daemon refused it, and fits without it', async () => {
+    daemon.refusals.set('POST /fits', { status: 422, body: { code: 'invalid-value', title: 'a value is not valid', detail: 'shape: map.csv: the file does not state the spacing of its samples: add --pitch-um (pitch_um)', errors: [{ field: 'shape', message: 'map.csv: the file does not state the spacing of its samples: add --pitch-um (pitch_um)' }] } });
     const form = page.getByTestId('fit-form');
-    await form.getByLabel('File of heights').setInputFiles(map);
+    await form.getByLabel('Height file').setInputFiles(map);
     await form.getByRole('button', { name: 'Fit', exact: true }).click();
-    await form.getByRole('alert').filter({ hasText: 'map.csv: the file does not state the spacing of its samples' }).waitFor();
+    await form.getByRole('alert').filter({ hasText: 'Shape: map.csv: the file does not state the spacing of its samples' }).waitFor();
     daemon.refusals.clear();
-    await form.getByRole('button', { name: 'Without' }).click();
+    await form.getByRole('button', { name: 'Remove' }).click();
     expect(await form.getByRole('alert').count()).toBe(0);
     await form.getByRole('button', { name: 'Fit', exact: true }).click();
     await expect.poll(sent).toEqual({ scan_id: 1, variant: 'traced' });
     await expect.poll(() => text('[data-testid=traced-on]')).toBe('an ideal sawtooth');
   });
 
-  it('does not send what is too large, of another kind or without sense, nor a shape with another model', async () => {
+  it('does not send a file that is too large or of another kind, invalid units, or a shape with another model', async () => {
     const form = page.getByTestId('fit-form');
     const fit = form.getByRole('button', { name: 'Fit', exact: true });
-    const file = form.getByLabel('File of heights');
+    const file = form.getByLabel('Height file');
     await file.setInputFiles({ ...map, name: 'map.tif', buffer: Buffer.alloc(7_000_000) });
-    await form.getByRole('alert').filter({ hasText: 'map.tif has 7.0 MB, and a request takes 6.2 MB' }).waitFor();
+    await form.getByRole('alert').filter({ hasText: 'map.tif has 7.0 MB; a request may have 6.2 MB' }).waitFor();
     expect(await fit.isDisabled()).toBe(true);
     await file.setInputFiles({ ...map, name: 'map.docx' });
-    await form.getByRole('alert').filter({ hasText: 'heights are read from .csv' }).waitFor();
+    await form.getByRole('alert').filter({ hasText: 'Supported extensions: .csv' }).waitFor();
     await file.setInputFiles(map);
-    await form.getByLabel('Samples apart, µm').fill('0');
-    await form.getByText('a length above 0').waitFor();
+    await form.getByLabel('Sample spacing, µm').fill('0');
+    await form.getByText('give one length above 0').waitFor();
     expect(await fit.isDisabled()).toBe(true);
     expect(posts()).toEqual([]);
     await form.getByLabel('Model').selectOption('auto');
@@ -262,17 +263,17 @@ describe('a fit on the sample’s own shape', () => {
     await page.reload();
     const form = page.getByTestId('fit-form');
     await form.getByLabel('Model').selectOption('traced');
-    await form.getByLabel('File of heights').setInputFiles(map);
-    await form.getByLabel('Samples apart, µm').waitFor();
+    await form.getByLabel('Height file').setInputFiles(map);
+    await form.getByLabel('Sample spacing, µm').waitFor();
     await page.goto(`${url}/#/scan/${other}`);
-    await form.getByLabel('Samples apart, µm').waitFor({ state: 'detached' });
+    await form.getByLabel('Sample spacing, µm').waitFor({ state: 'detached' });
     await form.getByLabel('Model').selectOption('traced');
-    expect(await form.getByLabel('File of heights').inputValue()).toBe('');
+    expect(await form.getByLabel('Height file').inputValue()).toBe('');
   });
 });
 
 describe('a fit that runs', () => {
-  it('tells its stage and the time left, and can be cancelled', async () => {
+  it('shows its stage and the time left, and can be cancelled', async () => {
     daemon.addScan(1, 'paper');
     daemon.fitMs = null;
     await page.goto(url);
@@ -280,7 +281,7 @@ describe('a fit that runs', () => {
     await page.getByText('Fit 1: tracing, 42 s left').waitFor();
     await page.getByText('Forecast: about 50 s for 108 poses').waitFor();
     await page.getByRole('button', { name: 'Cancel' }).click();
-    await page.getByText('Fit 1 was cancelled: it has no result.').waitFor();
+    await page.getByText('Fit 1 was cancelled and has no result.').waitFor();
     expect(daemon.requests.map((r) => r.path)).toContain('/fits/1/cancel');
     expect(await page.getByTestId('fit-form').getByRole('button', { name: 'Fit again' }).isEnabled()).toBe(true);
   });

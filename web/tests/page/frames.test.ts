@@ -1,4 +1,4 @@
-// The page alone: frames, poses, curves and maps of a scan.
+// The page with a mock daemon: frames, poses, curves and maps of a scan.
 
 import { describe, expect, it } from 'vitest';
 
@@ -7,7 +7,7 @@ import { daemon, page, text, url } from './stage';
 describe('observations', () => {
   const asked = (): string[] => daemon.reads.filter((path) => path.includes('/observations'));
 
-  it('are not asked for before a frame of the sample is in, and again when the scan ends before its time', async () => {
+  it('are not read before the first frame of the sample, and read again when the scan ends early', async () => {
     daemon.frameMs = 40;
     await page.goto(url);
     await page.getByRole('button', { name: 'Start scan' }).click();
@@ -22,7 +22,7 @@ describe('observations', () => {
     await page.getByTestId('curves').waitFor();
   });
 
-  it('are shown where a fit kept none, and of a sample of several regions those of the chosen one', async () => {
+  it('are shown if a fit kept none, for the chosen region of the sample', async () => {
     daemon.regions = ['left', 'right half'];
     daemon.addFit(daemon.addScan(1, 'paper'));
     daemon.refusals.set('GET /fits/1/curve', { status: 200, body: { peak: 0, observations: [], curves: [] } });
@@ -35,14 +35,14 @@ describe('observations', () => {
 });
 
 describe('a map', () => {
-  it('is not begun with a time that is none', async () => {
+  it('is not started with an invalid time limit', async () => {
     daemon.addScan(1, 'paper');
     await page.goto(url);
-    const limit = page.getByLabel('Seconds that the map may take');
+    const limit = page.getByLabel('Time limit of the map, s');
     const begin = page.getByRole('button', { name: 'Map every pixel' });
     for (const wrong of ['-5', 'abc', '0']) {
       await limit.fill(wrong);
-      await page.getByText('At most: a number of seconds above 0').waitFor();
+      await page.getByText('Time limit: give a number of seconds above 0').waitFor();
       expect(await begin.isDisabled()).toBe(true);
     }
     await limit.fill('0,5');
@@ -52,7 +52,7 @@ describe('a map', () => {
 });
 
 describe('a frame', () => {
-  it('tells the full 16-bit count of the pixel under the cursor, by pointer and by keys', async () => {
+  it('shows the full 16-bit count of the pixel under the cursor, by pointer and by keys', async () => {
     daemon.addScan(1, 'paper');
     await page.goto(url);
     const canvas = page.getByTestId('frame');
@@ -68,7 +68,7 @@ describe('a frame', () => {
     await expect.poll(() => text('[data-testid=pixel]')).toMatch(/^column 6, row 3: /);
   });
 
-  it('paints saturated pixels in a colour of their own, and only when asked to', async () => {
+  it('marks saturated pixels only if the option is set', async () => {
     daemon.addScan(1, 'full');
     await page.goto(url);
     await page.getByRole('button', { name: 'θc −15°, φs 180°', exact: false }).click();
@@ -88,7 +88,7 @@ describe('a frame', () => {
 });
 
 describe('the map of poses', () => {
-  it('is one stop of the Tab key, is crossed by arrow keys, and says what its colours are', async () => {
+  it('is one stop of the Tab key, follows the arrow keys, and has a colour scale', async () => {
     daemon.addScan(1, 'full');
     await page.goto(url);
     const poses = page.getByTestId('poses');

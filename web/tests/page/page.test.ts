@@ -1,11 +1,11 @@
-// The page alone: rig, scans, faults, and what holds for every card.
+// The page with a mock daemon: rig, scans, faults, and rules for every card.
 
 import { describe, expect, it } from 'vitest';
 
 import { anotherDaemon, daemon, page, posts, text, url } from './stage';
 
 describe('stop', () => {
-  it('goes out by click and by Escape, from inside a field too', async () => {
+  it('is sent by click and by Escape, also from inside a field', async () => {
     await page.goto(url);
     await page.getByRole('button', { name: /STOP/ }).click();
     await expect.poll(posts).toEqual(['/rig/stop']);
@@ -14,14 +14,14 @@ describe('stop', () => {
     await expect.poll(posts).toEqual(['/rig/stop', '/rig/stop']);
   });
 
-  it('says so loudly when it did not get through', async () => {
+  it('raises an alert if it did not reach the stages', async () => {
     daemon.refusals.set('POST /rig/stop', { status: 503, body: { code: 'stage-no-reply', title: 'no reply', detail: 'the controller does not answer' } });
     await page.goto(url);
     await page.keyboard.press('Escape');
-    await page.getByRole('alert').filter({ hasText: 'use the rig’s own switch. The controller does not answer.' }).waitFor();
+    await page.getByRole('alert').filter({ hasText: 'Use the rig’s emergency switch. The controller does not answer.' }).waitFor();
   });
 
-  it('is in view on a narrow screen however far one scrolls', async () => {
+  it('stays visible on a narrow screen while scrolling', async () => {
     daemon.addFit(daemon.addScan(1, 'full'));
     await page.setViewportSize({ width: 390, height: 700 });
     await page.goto(url);
@@ -37,7 +37,7 @@ describe('stop', () => {
 });
 
 describe('moving by hand', () => {
-  it('refuses an angle beyond the travel before asking', async () => {
+  it('refuses an angle beyond the travel without a request', async () => {
     await page.goto(url);
     await page.getByLabel('camera tilt: move to, degrees').fill('75');
     expect(await page.getByText('Between −60° and 60°.').isVisible()).toBe(true);
@@ -55,7 +55,7 @@ describe('moving by hand', () => {
 });
 
 describe('faults', () => {
-  it('shows a refusal as a sentence and lets it be closed', async () => {
+  it('shows a refusal as a sentence that can be closed', async () => {
     daemon.addScan(1, 'paper');
     daemon.refusals.set('POST /fits', { status: 507, body: { code: 'disk-full', title: 'no room', detail: 'the disk of /data has 3 MB left: remove something or move the store' } });
     await page.goto(url);
@@ -66,7 +66,7 @@ describe('faults', () => {
     await alert.waitFor({ state: 'detached' });
   });
 
-  it('asks for an estimate once, not whenever the rig reports', async () => {
+  it('requests an estimate once, not at every event of the rig', async () => {
     await page.goto(url);
     await page.getByText('53 frames').waitFor();
     for (let i = 0; i < 5; i++) {
@@ -76,7 +76,7 @@ describe('faults', () => {
     expect(daemon.requests.filter((r) => r.path === '/scans/estimate')).toHaveLength(1);
   });
 
-  it('says why a plan cannot run before it is started', async () => {
+  it('shows why a plan cannot run before it is started', async () => {
     await page.goto(url);
     await page.getByText('custom', { exact: true }).click();
     await page.getByLabel(/Camera tilts/).fill('0, 75');
@@ -84,23 +84,23 @@ describe('faults', () => {
     expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
   });
 
-  it('gives an axis’s warnings as the daemon words them, once', async () => {
+  it('shows each warning of an axis once', async () => {
     daemon.axes.theta_c.warnings = ['WR: no reference position; home the axis'];
     await page.goto(url);
     await expect.poll(() => text('[data-axis=theta_c] .warning')).toBe('WR no reference position; home the axis');
   });
 
-  it('names the port that is missing, and is on again by its own button, by homing or by a start', async () => {
+  it('names a missing port, and reconnects by its button, by homing or by a start', async () => {
     daemon.connected = false;
     daemon.plugged = false;
     await page.goto(url);
     await page.getByText('The serial port /dev/ttyUSB0 does not exist').waitFor();
     expect(await page.getByRole('button', { name: /STOP/ }).isEnabled()).toBe(true);
-    // What nobody hears may be moving, and is nowhere to be moved from.
-    expect(await page.locator('[data-axis] .chip').allInnerTexts()).toEqual(['not known', 'not known']);
+    // Without a connection, motion and position are unknown.
+    expect(await page.locator('[data-axis] .chip').allInnerTexts()).toEqual(['unknown', 'unknown']);
     const tilt = page.locator('[data-axis=theta_c]');
     expect(await tilt.getByLabel('camera tilt: move to, degrees').isDisabled()).toBe(true);
-    const again = page.getByRole('button', { name: 'Connect again' });
+    const again = page.getByRole('button', { name: 'Reconnect' });
     await again.click();
     await page.getByText('Still not connected.').waitFor();
     daemon.plugged = true;
@@ -119,7 +119,7 @@ describe('faults', () => {
     expect(posts().slice(2)).toEqual(['/rig/axes/theta_c/home', '/scans']);
   });
 
-  it('shows an alarm until it is seen', async () => {
+  it('shows an alarm until it is dismissed', async () => {
     await page.goto(url);
     await page.getByText('at rest').waitFor();
     await expect.poll(async () => {
@@ -130,7 +130,7 @@ describe('faults', () => {
     expect(await page.getByText('The tilt axis stalled at 12.3°.').count()).toBe(0);
   });
 
-  it('finds the daemon again after it was away, and what happened meanwhile', async () => {
+  it('reconnects to a restarted daemon and shows what happened meanwhile', async () => {
     await page.goto(url);
     await page.getByText('at rest').waitFor();
     const port = Number(new URL(url).port);
@@ -145,7 +145,7 @@ describe('faults', () => {
 });
 
 describe('a scan', () => {
-  it('asks for its steps, counts its frames and is fitted', async () => {
+  it('shows its operator steps, counts its frames and is fitted', async () => {
     await page.goto(url);
     await page.getByRole('combobox', { name: 'Sample' }).selectOption({ label: 'model 15° (n 1.54)' });
     await page.getByRole('button', { name: 'Start scan' }).click();
@@ -156,17 +156,17 @@ describe('a scan', () => {
     await page.getByRole('button', { name: 'Fit', exact: true }).click();
     await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
     expect(posts()).toEqual(['/scans', ...Array(3).fill('/scans/1/continue'), '/fits']);
-    // Each says which step it is of: the scan may wait for another one by then.
+    // Each confirmation names its step, since the scan may already wait for another one.
     const said = daemon.requests.filter((r) => r.path === '/scans/1/continue').map((r) => r.body);
     expect(said).toEqual([{ action: 'cap-lens' }, { action: 'place-white-reference' }, { action: 'place-sample' }]);
   });
 
-  it('shows frames of a fast rig together, some times a second, and misses none', async () => {
+  it('shows frames of a fast rig in groups, a few times a second, and misses none', async () => {
     await page.goto(url);
     await page.getByText('full', { exact: true }).click();
     await page.getByRole('button', { name: 'Start scan' }).click();
     for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
-    // How often the number of sample frames changes beside their poses, up to the last.
+    // Number of changes of the sample frame count, up to the last.
     const { changes, seconds } = await page.evaluate(
       () =>
         new Promise<{ changes: number; seconds: number }>((done) => {
@@ -182,7 +182,7 @@ describe('a scan', () => {
         }),
     );
     expect(changes).toBeGreaterThan(1);
-    // Four a second, and where the scan's state changes.
+    // Four a second, and one at each change of the scan's state.
     expect(changes).toBeLessThanOrEqual(4 * seconds + 10);
     const { n } = await page.evaluate(async () => ({ n: ((await (await fetch('/api/v1/scans/1/frames?limit=1000')).json()) as { items: unknown[] }).items.length }));
     const shown = (await text('.kinds')).match(/\d+/g)?.reduce((sum, k) => sum + Number(k), 0);
@@ -190,7 +190,7 @@ describe('a scan', () => {
   });
 
   it('pauses, resumes and is aborted only when confirmed', async () => {
-    // 336 frames: the scan must not be over before the test is.
+    // 336 frames, so that the scan does not end before the test.
     daemon.frameMs = 100;
     await page.goto(url);
     await page.getByText('full', { exact: true }).click();
@@ -199,7 +199,7 @@ describe('a scan', () => {
     await page.getByRole('button', { name: 'Pause' }).click();
     await page.getByRole('button', { name: 'Resume' }).click();
     await page.getByRole('button', { name: 'Abort …' }).click();
-    await page.getByRole('button', { name: 'Keep' }).click();
+    await page.getByRole('button', { name: 'Do not abort' }).click();
     await page.getByRole('button', { name: 'Pause' }).click();
     await page.locator('header').getByText('scan paused').waitFor();
     await page.getByRole('button', { name: 'Abort …' }).click();
@@ -213,7 +213,7 @@ describe('the form of a new scan', () => {
   const plan = (): unknown => (daemon.requests.findLast((r) => r.path === '/scans')?.body as { plan?: unknown } | undefined)?.plan;
   const start = () => page.getByRole('button', { name: 'Start scan' });
 
-  it('can be started once the daemon has judged it: its answer would move the button away from under a press', async () => {
+  it('can be started only with an estimate, whose text moves the button', async () => {
     let answer = (): void => undefined;
     const held = new Promise<void>((go) => (answer = () => go()));
     await page.route('**/scans/estimate', async (route) => {
@@ -224,20 +224,20 @@ describe('the form of a new scan', () => {
     await start().waitFor();
     expect(await start().isDisabled()).toBe(true);
     answer();
-    // As slow as a person's.
+    // As slow as a user.
     await start().click({ delay: 150 });
     await expect.poll(plan).toEqual({ preset: 'paper', repeats: 1 });
   });
 
-  it('takes no decimal comma for something else, and says what it read', async () => {
+  it('does not misread a decimal comma, and shows what it read', async () => {
     await page.goto(url);
     await page.getByText('53 frames').waitFor();
     await page.getByLabel('Repeats').fill('1,5');
-    await page.getByText('Repeats: a whole number from 1 to 100.').waitFor();
+    await page.getByText('Repeats: give a whole number from 1 to 100.').waitFor();
     expect(await start().isDisabled()).toBe(true);
     await page.getByLabel('Repeats').fill('2');
     await page.getByLabel('Exposures, ms').fill('2,5');
-    await page.getByText('“2,5” can be read in two ways').waitFor();
+    await page.getByText('“2,5” is ambiguous').waitFor();
     expect(await start().isDisabled()).toBe(true);
     await page.getByLabel('Exposures, ms').fill('2, 5');
     await expect.poll(() => text('[data-testid=readings]')).toBe('2 exposures: 2 ms, 5 ms');
@@ -245,30 +245,30 @@ describe('the form of a new scan', () => {
     await expect.poll(plan).toEqual({ preset: 'paper', repeats: 2, exposures_s: [0.002, 0.005] });
   });
 
-  it('names what it would use again, and takes it anew where that is wished', async () => {
+  it('names the calibrations that it would reuse, and takes new ones if chosen', async () => {
     daemon.calibrations.push({ id: 8, kind: 'flat', scan_id: 1, created_at: new Date(2026, 0, 2, 17, 34).toISOString() }, { id: 7, kind: 'dark', scan_id: 1, created_at: new Date(2026, 0, 2, 17, 31).toISOString() });
     await page.goto(url);
     const card = page.getByTestId('calibrations');
-    await card.getByText('Used again: white reference of scan 1 (2026-01-02 17:34), dark frames of scan 1 (2026-01-02 17:31).').waitFor();
+    await card.getByText('Reused: white reference of scan 1 (2026-01-02 17:34), dark frames of scan 1 (2026-01-02 17:31).').waitFor();
     await card.getByLabel('take new dark frames').check();
     await card.getByText('Used again').waitFor({ state: 'detached' });
     await start().click();
     await expect.poll(plan).toEqual({ preset: 'paper', repeats: 1, reuse_calibrations: false });
   });
 
-  it('says of calibrations that were cut off why, and takes them up again', async () => {
+  it('shows why calibrations were interrupted, and resumes them', async () => {
     const id = daemon.addScan(1, 'paper');
     const scan = daemon.scans.find((s) => s.body.id === id);
     Object.assign(scan?.body ?? {}, { state: 'interrupted', reason: 'the daemon was stopped; resume it to go on', plan: { ...scan?.body.plan, repeats: 0 } });
     await page.goto(url);
     await page.getByRole('heading', { level: 1, name: 'Calibration' }).waitFor();
     await page.getByText('the daemon was stopped; resume it to go on').first().waitFor();
-    await page.getByText('Neither dark frames nor white reference are complete: no scan uses them.').waitFor();
+    await page.getByText('Neither the dark frames nor the white reference are complete, so scans do not use them.').waitFor();
     await page.getByRole('button', { name: 'Resume scan' }).click();
     await expect.poll(posts).toContain(`/scans/${id}/resume`);
   });
 
-  it('adds a plastic with its uncertainty and a metal by its name, and says beside a field what is wrong', async () => {
+  it('adds a plastic with its uncertainty and a metal by its name, and reports faults beside their fields', async () => {
     const sent = (): unknown => daemon.requests.findLast((r) => r.path === '/samples')?.body;
     await page.goto(url);
     const sample = page.getByRole('combobox', { name: 'Sample' });
@@ -295,8 +295,8 @@ describe('the form of a new scan', () => {
   });
 });
 
-describe('an address of something that is not there', () => {
-  it('shows nothing else in its place, and the way to what is there', async () => {
+describe('an address of a missing scan or fit', () => {
+  it('shows nothing in its place, and links to existing ones', async () => {
     const scan = daemon.addScan(1, 'paper');
     daemon.addFit(scan);
     await page.goto(`${url}/#/scan/999`);
@@ -336,7 +336,7 @@ describe('a long name without a blank', () => {
     await page.goto(url);
     await page.getByTestId('fits').waitFor();
     expect(await page.evaluate(() => document.documentElement.scrollWidth - innerWidth)).toBeLessThanOrEqual(0);
-    // How a fit ended is in view: the last of its columns.
+    // The status of a fit, the last column, is visible.
     const [chip, list] = await page.getByTestId('fits').evaluate((table) => [table.querySelector('td .chip')?.getBoundingClientRect().right, table.parentElement?.getBoundingClientRect().right]);
     expect(chip ?? 1e9).toBeLessThanOrEqual(list ?? 0);
     const hidden = await page.getByTestId('fits').evaluate((table) => (table.parentElement?.scrollWidth ?? 1e9) - (table.parentElement?.clientWidth ?? 0));
@@ -345,7 +345,7 @@ describe('a long name without a blank', () => {
 });
 
 describe('the contents of the page', () => {
-  it('name the cards that are there and go to them, without touching the address of the scan', async () => {
+  it('list the visible cards and scroll to them without changing the address', async () => {
     daemon.addFit(daemon.addScan(1, 'paper'));
     await page.goto(`${url}/#/scan/1/fit/1`);
     const contents = page.getByTestId('contents');
@@ -367,7 +367,7 @@ describe('the theme', () => {
   });
 });
 
-describe('names for everybody', () => {
+describe('accessible names', () => {
   it('every control has a name, and no element repeats an id', async () => {
     daemon.addFit(daemon.addScan(1, 'full'));
     await page.goto(url);

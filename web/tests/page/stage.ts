@@ -1,5 +1,5 @@
-// The page alone, in a real browser, against the mock daemon: what is hard to bring about on a real one. Each file of tests
-// that names this one has a browser of its own, and each test its own page and daemon.
+// The page in a real browser against the mock daemon, for situations that are hard to produce with a real one. Each test file
+// that imports this one has its own browser, and each test its own page and daemon.
 
 import { existsSync } from 'node:fs';
 import { join } from 'node:path';
@@ -36,13 +36,13 @@ afterEach(async () => {
   expect(faults).toEqual([]);
 });
 
-/** Takes the place of the daemon there was. */
+/** Replaces the daemon. */
 export function anotherDaemon(): MockDaemon {
   daemon = new MockDaemon({ dist: DIST, frameMs: 5 });
   return daemon;
 }
 
-/** What was asked of the daemon, estimates aside. */
+/** Requests to the daemon, without estimates. */
 export const posts = (): string[] => daemon.requests.map((r) => r.path).filter((p) => p !== '/scans/estimate');
 
 export async function text(selector: string): Promise<string> {

@@ -10,7 +10,7 @@ import { openBrowser, type OpenBrowser } from '../browser';
 import { startDaemon, type RunningDaemon } from '../daemon';
 import { completed, doSteps, fillScan, fitted } from '../operate';
 
-/** Picture points per CSS pixel: sharp where the README shows them, and few bytes. */
+/** Device pixels per CSS pixel: sharp in the README, with few bytes. */
 const SCALE = 1;
 
 const DOCS = join(import.meta.dirname, '../../../docs');
@@ -19,7 +19,7 @@ let daemon: RunningDaemon;
 const browsers: OpenBrowser[] = [];
 
 beforeAll(async () => {
-  // Slow enough for the fit that runs along to be seen getting surer.
+  // Slow enough to show the uncertainty of the live fit falling.
   daemon = await startDaemon(10);
 });
 afterAll(async () => {
@@ -67,7 +67,7 @@ it('makes the picture of the virtual ellipsometer', async () => {
   await card.getByTestId('plane-curves').waitFor({ timeout: 200_000 });
   await card.getByRole('button', { name: 'Mueller' }).click();
   await card.locator('[data-component=m12]').click();
-  await card.getByRole('heading', { name: 'Where the light leaves' }).evaluate((e) => scrollTo(0, e.getBoundingClientRect().top + scrollY - 90));
+  await card.getByRole('heading', { name: 'Directions of the outgoing light' }).evaluate((e) => scrollTo(0, e.getBoundingClientRect().top + scrollY - 90));
   const disc = await card.getByTestId('hemisphere').boundingBox();
   await page.mouse.move((disc?.x ?? 0) + 0.8 * (disc?.width ?? 0), (disc?.y ?? 0) + 0.38 * (disc?.height ?? 0));
   await page.waitForTimeout(300);

@@ -7,27 +7,27 @@ const point = (method: string, seconds: number, error: number, quantity = 'rms')
 const of = (points: AccuracyPoint[]): Accuracy => ({ machine: '', written_at: null, points, forecasts: [], proofs: [] });
 
 describe('error against run time', () => {
-  it('has a line per method and leaves out what no logarithm has', () => {
+  it('has a line per method, without points that have no logarithm', () => {
     const found = of([point('a', 1, 0.1), point('b', 1, 0.2), point('a', 2, 0), { ...point('a', 1, 1), scene: 't' }]);
     expect(scenesOf(found)).toEqual(['s', 't']);
     expect(linesOf(found, 's').map((line) => [line.method, line.points.length])).toEqual([['a', 1], ['b', 1]]);
   });
 
-  it('tells quantities apart where a scene has several', () => {
+  it('distinguishes the quantities of a scene', () => {
     const lines = linesOf(of([point('a', 1, 0.1, 'error, rms'), point('a', 1, 0.2, 'error, largest')]), 's');
     expect(lines.map((line) => line.method)).toEqual(['a (rms)', 'a (largest)']);
   });
 
-  it('knows the slope of a root, and none of too few points or too short a span', () => {
+  it('finds the slope of a square root, and none for too few points or too short a span', () => {
     const root = [0.1, 1, 7].map((s) => point('a', s, 0.3 / Math.sqrt(s)));
     expect(slopeOf(root)).toBeCloseTo(-0.5, 12);
     expect(slopeOf(root.slice(1))).toBeNull();
-    // Errors that are squared from step to step.
+    // Errors that are squared at each step.
     expect(slopeOf([1, 2, 3, 4].map((s) => point('a', s, 0.1 ** (2 ** s))))).toBeNull();
     expect(slopeOf([1, 1.5, 2].map((s) => point('a', s, 1 / s)))).toBeNull();
   });
 
-  it('begins with a scene that has a curve', () => {
+  it('starts with a scene that has a curve', () => {
     const curve = [0.1, 1, 7].map((s) => ({ ...point('a', s, 1 / s), scene: 'curve' }));
     expect(firstScene(of([point('a', 1, 0.1), ...curve]))).toBe('curve');
     expect(firstScene(of([point('a', 1, 0.1), { ...point('b', 1, 1), scene: 't' }]))).toBe('s');

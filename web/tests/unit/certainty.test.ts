@@ -7,13 +7,13 @@ const row = (id: number, elapsed_s: number, parameters: Certainty['parameters'])
   id, elapsed_s, n_observations: id, n_frames_used: id, variant: 'sawtooth', status: 'converged', parameters,
 });
 
-describe('the fit that runs along', () => {
-  it('has each row once, in the order of the rig’s time, whichever way it came', () => {
+describe('the live fit', () => {
+  it('has each row once, in the order of the rig’s time', () => {
     const [a, b, c] = [row(3, 60, {}), row(7, 90, {}), row(9, 120, {})];
     expect(merged([b, a], [c, b]).map((r) => r.id)).toEqual([3, 7, 9]);
   });
 
-  it('draws what any row knows, with gaps where the frames could not tell, on a scale that holds it', () => {
+  it('draws each determined parameter, with gaps where it was not determined, on a scale that contains it', () => {
     const lines = fallingLines([row(1, 10, {}), row(2, 20, { theta_r_deg: { value: 10, std: 0.3 } }), row(3, 30, { theta_r_deg: { value: 10.1, std: 0.1 } })]);
     expect(lines).toHaveLength(1);
     expect(lines[0]?.std).toEqual([null, 0.3, 0.1]);
@@ -21,7 +21,7 @@ describe('the fit that runs along', () => {
     expect(logarithmic(lines)).toEqual({ low: 0.05, high: 0.5, marks: [0.05, 0.1, 0.2, 0.5] });
   });
 
-  it('has a scale with few round marks wherever the lines lie', () => {
+  it('has a scale with few round marks for any range', () => {
     const between = (...stds: number[]) => logarithmic([{ name: 'alpha_u', std: stds, now: null }]);
     expect(between(0.0111)).toEqual({ low: 0.01, high: 0.02, marks: [0.01, 0.02] });
     expect(between(0.0106)).toEqual({ low: 0.005, high: 0.02, marks: [0.005, 0.01, 0.02] });
@@ -40,7 +40,7 @@ describe('the fit that runs along', () => {
 });
 
 describe('the rig’s time', () => {
-  it('is told in seconds while it is short, with at most eight round marks', () => {
+  it('is in seconds while it is short, with at most eight round marks', () => {
     expect(timeScale(26.1)).toMatchObject({ unit: 's', marks: [0, 5, 10, 15, 20, 25] });
     expect(timeScale(119).unit).toBe('s');
     expect(timeScale(180)).toMatchObject({ unit: 'min', marks: [0, 0.5, 1, 1.5, 2, 2.5, 3] });

@@ -5,7 +5,7 @@ import { describe, expect, it } from 'vitest';
 
 const CSS = readFileSync(join(import.meta.dirname, '../../src/app.css'), 'utf8');
 
-/** Tokens of one theme; the dark one's stand on the light one's. */
+/** Tokens of one theme; those of the dark one override the light ones. */
 function tokens(selector: string): Map<string, string> {
   const body = CSS.slice(CSS.indexOf(`${selector} {`)).split('}')[0] ?? '';
   return new Map([...body.matchAll(/--([\w-]+):\s*(#[0-9a-f]{6})/g)].map(([, name = '', value = '']) => [name, value]));
@@ -42,7 +42,7 @@ describe.each([':root', ":root[data-theme='dark']"])('colours of %s', (selector)
     return value;
   };
 
-  it('text stands 4.5 : 1 from what it is written on', () => {
+  it('text has a contrast of at least 4.5 : 1', () => {
     const poor = TEXT_ON.flatMap(([text, grounds]) =>
       grounds.map((ground) => ({ text, ground, ratio: contrast(of(text), of(ground)) })).filter(({ ratio }) => ratio < 4.5),
     );
@@ -50,7 +50,7 @@ describe.each([':root', ":root[data-theme='dark']"])('colours of %s', (selector)
     expect(contrast('#ffffff', of('stop'))).toBeGreaterThan(4.5);
   });
 
-  it('curves and bars stand 3 : 1 from the surface', () => {
+  it('curves and bars have a contrast of at least 3 : 1', () => {
     expect(MARKS.filter((name) => contrast(of(name), of('surface')) < 3)).toEqual([]);
   });
 });

@@ -25,7 +25,7 @@ describe('colourMap', () => {
 describe('countStatistics', () => {
   const frame = { width: 4, height: 2, pixels: Uint16Array.from([10, 20, 20, 20, 30, 40, 65535, 65535]) };
 
-  it('states what a person would count by hand', () => {
+  it('agrees with a count by hand', () => {
     const s = countStatistics(frame, 65535);
     expect([s.min, s.max, s.median, s.saturated]).toEqual([10, 65535, 20, 2]);
     expect(s.mean).toBeCloseTo((10 + 60 + 30 + 40 + 2 * 65535) / 8, 9);

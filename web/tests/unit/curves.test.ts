@@ -17,19 +17,19 @@ describe('panels', () => {
     ],
   };
 
-  it('puts tilts that differ by read-back noise together, azimuths ascending', () => {
+  it('groups tilts that differ by read-back noise, with ascending azimuths', () => {
     expect(panels(data).map((p) => p.points.map((q) => q.phi_s_deg))).toEqual([[0, 90], [0, 90]]);
     expect(panels(data).map((p) => Math.round(p.theta_c_deg))).toEqual([-20, 10]);
   });
 
-  it('gives curves to their own tilt and drops those of no tilt', () => {
+  it('assigns curves to their tilt and drops those without one', () => {
     expect(panels(data).map((p) => p.curves.map((c) => c.variant))).toEqual([[], ['sawtooth', 'paper']]);
     expect(variantsOf(data)).toEqual(['sawtooth', 'paper']);
   });
 });
 
 describe('inadequacyShape', () => {
-  it('is whole at the peak and a tenth as much of the peak in the dark', () => {
+  it('is 1 at the peak and a tenth of that in the dark', () => {
     const panel = { theta_c_deg: 0, points: [point(0, 0)], curves: [{ variant: 'paper', phi_s_deg: [0, 90], signal: [2, 0] }] };
     const [peak, dark] = inadequacyShape(panel, 'paper', 2).map((s) => s.share);
     expect(peak).toBeCloseTo(1, 12);
@@ -39,7 +39,7 @@ describe('inadequacyShape', () => {
 });
 
 describe('aligned', () => {
-  it('merges two sets of x and leaves null where one has no value', () => {
+  it('merges two sets of x, with null where one has no value', () => {
     expect(aligned([{ xs: [0, 2], ys: [5, 6] }, { xs: [2, 1], ys: [8, 7] }])).toEqual({ xs: [0, 1, 2], columns: [[5, null, 6], [null, 7, 8]] });
   });
 });

@@ -14,11 +14,11 @@ describe('withUncertainty', () => {
     expect(decimalsFor(9.96)).toBe(0);
   });
 
-  it('has a noun with every count', () => {
+  it('adds the noun to a count', () => {
     expect([counted(1, 'tilt'), counted(0, 'frame'), counted(12000, 'frame')]).toEqual(['1 tilt', '0 frames', '12\u202f000 frames']);
   });
 
-  it('has an answer where there is no uncertainty', () => {
+  it('has a default without an uncertainty', () => {
     expect(decimalsFor(0)).toBe(4);
     expect(decimalsFor(Number.NaN)).toBe(4);
   });
@@ -49,7 +49,7 @@ describe('numbers', () => {
     expect(count(1234567)).toBe('1\u202f234\u202f567');
   });
 
-  it('read as times, sizes and exposures', () => {
+  it('format times, sizes and exposures', () => {
     expect(duration(59.4)).toBe('59 s');
     expect(duration(59.6)).toBe('1 min 00 s');
     expect(duration(260)).toBe('4 min 20 s');
@@ -65,13 +65,13 @@ describe('numbers', () => {
 
 describe('timeLeft', () => {
   const at = (fraction: number, elapsed_s: number, time_left_s: number | null): string => timeLeft({ fraction, elapsed_s, time_left_s });
-  it('says nothing before there is a pace, nor of the last moment', () => {
+  it('is empty before the pace is known and in the last moment', () => {
     expect([at(0.25, 4, 12), at(0, 4, 0), at(0.001, 0.01, 30), at(0.999, 40, 0.04), at(0.5, 3, null), timeLeft(undefined)]).toEqual([', 12 s left', '', '', '', '', '']);
   });
 });
 
 describe('between', () => {
-  it('gives both ends the decimals that tell them apart', () => {
+  it('gives both ends enough decimals to distinguish them', () => {
     expect(between(9.9761, 10.0204)).toEqual(['9.976', '10.020']);
     expect(between(4.1641, 10.291)).toEqual(['4.2', '10.3']);
     expect(between(-0.0004, 0.0004)).toEqual(['−0.00040', '0.00040']);
@@ -80,7 +80,7 @@ describe('between', () => {
 });
 
 describe('when', () => {
-  it('leaves out today’s date only', () => {
+  it('omits the date only if it is today', () => {
     const now = new Date(2026, 10, 21, 15, 0);
     expect(when(new Date(2026, 10, 21, 9, 5).toISOString(), now)).toBe('09:05');
     expect(when(new Date(2026, 10, 20, 9, 5).toISOString(), now)).toBe('2026-11-20 09:05');
@@ -95,17 +95,17 @@ describe('decade', () => {
 });
 
 describe('a forecast', () => {
-  it('tells what a limit leaves of work that is drawn at random', () => {
+  it('states what a time limit leaves of Monte Carlo work', () => {
     const all = { seconds: 4, at_most: false, cut_short: true, uncut_seconds: 100, amount: { count: 1_000_000, of: 'photons' }, error: { value: 0.01, of: 'a reflected bin' } };
-    expect(foretold(all)).not.toContain('by the limit');
-    const told = foretold({ ...all, at_limit: { count: 40_000, error: 0.05 } });
-    expect(told).toMatch(/photons \(about 40\D?000 by the limit\)/);
-    expect(told).toMatch(/about 1\.0\D*% \(5\.0\D*% by the limit\)/);
+    expect(foretold(all)).not.toContain('at the limit');
+    const text = foretold({ ...all, at_limit: { count: 40_000, error: 0.05 } });
+    expect(text).toMatch(/photons \(about 40\D?000 at the limit\)/);
+    expect(text).toMatch(/about 1\.0\D*% \(5\.0\D*% at the limit\)/);
   });
 });
 
 describe('decimalsOfStep', () => {
-  it('are as many as tell every mark of a scale as it is', () => {
+  it('are enough to write every mark exactly', () => {
     expect([0.025, 0.05, 0.5, 1, 20, 2.5, 0.1, 1e-4, 2.5e-4].map(decimalsOfStep)).toEqual([3, 2, 1, 0, 0, 1, 1, 4, 5]);
     expect(decimalsOfStep(-0.025)).toBe(3);
     expect(decimalsOfStep(0.075 - 0.05)).toBe(3);

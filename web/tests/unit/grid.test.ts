@@ -31,26 +31,26 @@ describe('parseList', () => {
     if (!outcome.ok) expect(outcome.reason).not.toBe('');
   });
 
-  it('does not guess whether a comma is a decimal one', () => {
+  it('refuses an ambiguous comma', () => {
     for (const text of ['12,5', '2,5, 6', '0,90,180', '-20,5:5:20']) {
       const outcome = parseList(text);
-      expect(outcome.ok ? outcome.values : outcome.reason).toMatch(/can be read in two ways/);
+      expect(outcome.ok ? outcome.values : outcome.reason).toMatch(/is ambiguous/);
     }
     expect(values('-20,-10, 0')).toEqual([-20, -10, 0]);
   });
 
-  it('says of a range without steps that it has none', () => {
+  it('refuses a range with a step of 0', () => {
     const outcome = parseList('1:0:5');
-    expect(outcome.ok ? '' : outcome.reason).toBe('The range 1:0:5 has steps of 0.');
+    expect(outcome.ok ? '' : outcome.reason).toBe('The range 1:0:5 has a step of 0.');
   });
 
-  it('says what was read, shortly where it is much', () => {
+  it('lists what was read, shortened if it is long', () => {
     expect(readWords([2, 5], 'exposure', (x) => `${x} ms`)).toBe('2 exposures: 2 ms, 5 ms');
     expect(readWords([0], 'tilt', (x) => `${x}°`)).toBe('1 tilt: 0°');
     expect(readWords([0, 1, 2, 3, 4, 5, 6], 'tilt', (x) => `${x}°`)).toBe('7 tilts: 0°, 1°, 2°, 3° … 6°');
   });
 
-  it('reads back what is printed', () => {
+  it('reads back what it prints', () => {
     for (const list of [[-20, -10, 0, 10, 20], [0, 30, 60], [1, 2, 4], [5], [0, 0.1, 0.2]]) expect(values(printList(list))).toEqual(list);
   });
 });

@@ -28,7 +28,7 @@ describe('direction bins', () => {
     expect(q.stds[0]).toBeCloseTo(Math.SQRT2 * 0.01, 6);
   });
 
-  it('have no ratio, degree or angle where the brightness or the polarisation is noise', () => {
+  it('have no ratio, degree or angle if the brightness or the polarisation is noise', () => {
     const bright = field([1, 1, 0.1], 0.05);
     expect([...ratioField(field([0.5, -1, 1]), bright).values]).toEqual([0.5, -1, Number.NaN]);
     const [q, u] = [field([0.3, 0, 0.1]), field([0.4, 0, 0])];
@@ -37,7 +37,7 @@ describe('direction bins', () => {
     expect([...aop.values].map((x) => Math.round(x))).toEqual([45, 90, Number.NaN]);
   });
 
-  it('know the four numbers of a comparison', () => {
+  it('read the four numbers of a comparison', () => {
     const { mean, adm, mdm } = differenceFields(new Float32Array([-0.1, 0.01, 0.2, 0.3, Number.NaN, Number.NaN, Number.NaN, Number.NaN]).buffer);
     expect([mean.values[0], mean.stds[0], adm.values[0], mdm.values[0]].map((x) => Number((x ?? 0).toFixed(3)))).toEqual([-0.1, 0.01, 0.2, 0.3]);
     expect(mean.values[1]).toBeNaN();
@@ -45,7 +45,7 @@ describe('direction bins', () => {
 });
 
 describe('places on a disc', () => {
-  it('and bins are each other’s inverse', () => {
+  it('are the inverse of bins', () => {
     for (let bin = 0; bin < 9 * 12; bin++) {
       const { theta_deg, phi_deg } = middleOf(bin, 9, 12);
       const { x, y } = placeOf(theta_deg, phi_deg);
@@ -57,7 +57,7 @@ describe('places on a disc', () => {
 
 describe('a scale', () => {
   const log: Scale = { kind: 'log', palette: 'diverging', top: 10 };
-  it('has zero in the middle, opposite values as far from it, and its tops at the ends', () => {
+  it('is symmetric about zero, with its limits at the ends', () => {
     for (const scale of [log, { ...log, kind: 'linear' } as Scale]) {
       expect(placeOn(scale, 0)).toBe(0.5);
       expect([placeOn(scale, 10), placeOn(scale, -10)].map((x) => x.toFixed(9))).toEqual(['1.000000000', '0.000000000']);
@@ -65,13 +65,13 @@ describe('a scale', () => {
     }
   });
 
-  it('tells powers of ten apart in equal steps', () => {
+  it('has equal steps for powers of ten', () => {
     const [a, b, c] = [10, 1, 0.1].map((x) => placeOn(log, x));
     expect((a ?? 0) - (b ?? 0)).toBeCloseTo((b ?? 0) - (c ?? 0), 2);
     expect(marksOf(log)).toEqual([-10, -1, -0.1, 0, 0.1, 1, 10]);
   });
 
-  it('of a brightness has no sign: from the lowest lit decade to the top, few enough for a bar', () => {
+  it('of a brightness is unsigned: from the lowest lit decade to the top', () => {
     const scale = brightnessScale([field([3, 0.02, 0, Number.NaN])], 'log');
     expect(scale).toEqual({ kind: 'log', palette: 'sequential', top: 10, bottom: 0.01 });
     expect(marksOf(scale)).toEqual([0.01, 0.1, 1, 10]);
@@ -82,7 +82,7 @@ describe('a scale', () => {
     expect(brightnessScale([field([0])], 'log').bottom).toBe(0.1);
   });
 
-  it('ends at a round value above the greatest that is no noise', () => {
+  it('ends at a round value above the greatest value that is not noise', () => {
     expect(greatest(field([0.2, -3, 0.5], 0.01))).toBe(3);
     expect(greatest(field([0.2, -3, 0.5], 2))).toBe(0);
     expect([decadeAbove(3), decadeAbove(10), decadeAbove(0.02), decadeAbove(0)]).toEqual([10, 10, 0.1, 1]);

@@ -3,14 +3,14 @@ import { describe, expect, it } from 'vitest';
 import { emptyRows, rowProblem, rowsOf, specificationOf, typed } from '../../src/lib/limits';
 
 describe('typed', () => {
-  it('takes a decimal comma and a true minus sign, and nothing as nothing', () => {
+  it('reads a decimal comma and a true minus sign, and empty text as null', () => {
     expect(typed(' 9,5 ')).toBe(9.5);
     expect(typed('−2')).toBe(-2);
     expect(typed('1e-3')).toBe(0.001);
     expect(typed('')).toBeNull();
   });
 
-  it('does not take half a number', () => {
+  it('refuses a partly typed number', () => {
     for (const text of ['9.5°', 'ten', '1,2,3', '0x10', 'Infinity', '.']) expect(typed(text), text).toBeNaN();
   });
 });
@@ -18,19 +18,19 @@ describe('typed', () => {
 describe('a specification', () => {
   const row = (quantity: string, lower: string, upper: string) => ({ quantity, lower, upper });
 
-  it('has the limits that are written, each side alone or both', () => {
+  it('has the given limits, one side or both', () => {
     const rows = [row('theta_r_deg', '9,5', '10.5'), row('rho_d', '0.25', ''), row('alpha_u', '', '')];
     expect(specificationOf(' drawing 7 ', rows)).toEqual({ name: 'drawing 7', limits: { theta_r_deg: { lower: 9.5, upper: 10.5 }, rho_d: { lower: 0.25 } } });
   });
 
-  it('is none without a limit or with a wrong one', () => {
+  it('is null without a limit or with an invalid one', () => {
     expect(specificationOf('x', emptyRows())).toBeNull();
     expect(specificationOf('x', [row('rho_d', '0.25', ''), row('alpha_u', 'a', '')])).toBeNull();
     expect(rowProblem(row('rho_d', '2', '1'))).toBe('the lower limit is not below the upper');
     expect(specificationOf('x', [row('rho_d', '2', '1')])).toBeNull();
   });
 
-  it('comes back as rows, quantities that the form does not list included', () => {
+  it('converts back to rows, including quantities that the form does not list', () => {
     const specification = { name: 'x', limits: { theta_r_deg: { lower: 9.5 }, scale: { upper: 2 } } };
     const rows = rowsOf(specification);
     expect(rows.at(-1)).toEqual(row('scale', '', '2'));

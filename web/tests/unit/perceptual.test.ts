@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 
 import { perceptual, STEPS } from '../../src/lib/perceptual';
 
-/** CIE 1976 lightness of a step: another scale than the one the maps are built in. */
+/** CIE 1976 lightness of a step, a scale independent of the one that the maps are built in. */
 function lightness(table: Uint8Array, step: number): number {
   const [r, g, b] = [0, 1, 2].map((c) => {
     const x = (table[3 * step + c] ?? 0) / 255;
@@ -27,7 +27,7 @@ describe('the diverging map', () => {
     }
   });
 
-  it('has the daemon’s colours on a light page', () => {
+  it('has the daemon’s colours in the light theme', () => {
     // A test of src/map/colour.rs holds the same numbers.
     const table = perceptual('diverging', false);
     expect([0, MIDDLE, STEPS - 1].map((s) => [...table.slice(3 * s, 3 * s + 3)])).toEqual([[0, 75, 150], [248, 248, 248], [149, 0, 7]]);
@@ -35,7 +35,7 @@ describe('the diverging map', () => {
 });
 
 describe('the other maps', () => {
-  it('climb evenly, and close the circle', () => {
+  it('have even steps, and the cyclic one closes', () => {
     const table = perceptual('sequential', false);
     const steps = [0, 64, 128, 192, 256].map((s) => lightness(table, s));
     for (let i = 1; i < steps.length; i++) expect((steps[i] ?? 0) - (steps[i - 1] ?? 0)).toBeGreaterThan(14);

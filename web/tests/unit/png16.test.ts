@@ -50,7 +50,7 @@ describe('decodePng16', () => {
     }
   });
 
-  it('names what a file is when it is no frame', async () => {
+  it('states why a file is not a frame', async () => {
     await expect(decodePng16(new TextEncoder().encode('<html>'))).rejects.toThrow('not a PNG');
     await expect(decodePng16(encodePng(2, 2, [1, 2, 3, 4], { colour: 2 }))).rejects.toThrow('not 16-bit grey');
     await expect(decodePng16(encodePng(2, 2, [1, 2, 3, 4], { interlaced: 1 }))).rejects.toThrow('interlaced');

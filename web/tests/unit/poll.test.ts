@@ -7,8 +7,8 @@ type Row = { readonly state: string };
 beforeEach(() => void vi.useFakeTimers());
 afterEach(() => void vi.useRealTimers());
 
-describe('what runs', () => {
-  it('is asked for until it has ended', async () => {
+describe('running work', () => {
+  it('is polled until it has ended', async () => {
     const answers: Row[][] = [[{ state: 'running' }, { state: 'completed' }], [{ state: 'running' }], [{ state: 'failed' }]];
     const left = [...answers];
     const ask = vi.fn(async () => left.shift() ?? []);
@@ -19,7 +19,7 @@ describe('what runs', () => {
     expect(ask).toHaveBeenCalledTimes(3);
   });
 
-  it('is not asked for again after an end, nor is an answer that was on its way handed on', async () => {
+  it('is not polled after the end, and a pending answer is not passed on', async () => {
     const ask = vi.fn(async (_: AbortSignal): Promise<Row[]> => [{ state: 'running' }]);
     const take = vi.fn();
     const end = whileRunning(ask, take);
@@ -41,7 +41,7 @@ describe('what runs', () => {
     expect(ask.mock.calls[0]?.[0].aborted).toBe(true);
   });
 
-  it('is left alone after a question that failed', async () => {
+  it('is not polled after a failed request', async () => {
     const ask = vi.fn(async (): Promise<Row[]> => Promise.reject(new Error('no answer')));
     const take = vi.fn();
     whileRunning(ask, take);

@@ -8,10 +8,10 @@ const frame = (theta_c_deg: number, phi_s_deg: number, mean_dn = 100): FrameRow 
 });
 
 describe('the grid of poses', () => {
-  // Two tilts, three azimuths; the middle of the upper row is not there.
+  // Two tilts, three azimuths; the middle of the upper row is missing.
   const grid = poseGrid([frame(0, 0), frame(0, 180), frame(10, 0), frame(10, 90), frame(10, 180)]);
 
-  it('is crossed by arrow keys, over places that have no frame, and not left by them', () => {
+  it('follows arrow keys across empty places, and not beyond its edges', () => {
     expect(stepTo(grid, 'ArrowRight', 0, 0)).toEqual({ row: 0, column: 2 });
     expect(stepTo(grid, 'ArrowDown', 0, 0)).toEqual({ row: 1, column: 0 });
     expect(stepTo(grid, 'ArrowUp', 1, 1)).toBeNull();

@@ -5,7 +5,7 @@ import type { Sample } from '../../src/lib/types';
 
 const fields: SampleFields = { name: ' part 7 ', material: 'dielectric', eta: '1,54', etaStd: '0.02', k: '', kStd: '', metal: 'Cr', wavelength: '' };
 
-describe('a sample as it is typed', () => {
+describe('a typed sample', () => {
   it('is sent with the uncertainty of its index', () => {
     expect(sampleProblems(fields)).toEqual({});
     expect(sampleRequest(fields)).toEqual({ name: 'part 7', material: { kind: 'dielectric', eta: 1.54, eta_std: 0.02 } });
@@ -13,18 +13,18 @@ describe('a sample as it is typed', () => {
     expect(sampleRequest({ ...fields, material: 'metal', wavelength: '633' })).toEqual({ name: 'part 7', metal: { name: 'Cr', wavelength_nm: 633 } });
   });
 
-  it('is told field by field what is wrong with it', () => {
+  it('has faults by field', () => {
     expect(sampleProblems({ ...fields, name: ' ', eta: '' })).toEqual({ name: 'give a name', eta: 'give a number' });
-    expect(sampleProblems({ ...fields, eta: '0' }).eta).toBe('from 1.0001 to 10');
+    expect(sampleProblems({ ...fields, eta: '0' }).eta).toBe('must be from 1.0001 to 10');
     expect(sampleProblems({ ...fields, etaStd: '' }).eta).toContain('uncertainty');
     expect(sampleProblems({ ...fields, etaStd: '-1' }).eta).toContain('from 0 to 50');
-    // What the chosen material lacks is no fault.
+    // Fields that the chosen material does not have are ignored.
     expect(sampleProblems({ ...fields, k: 'abc' })).toEqual({});
     expect(sampleProblems({ ...fields, material: 'conductor', k: 'abc', kStd: '0' })).toEqual({ k: '“abc” is not a number' });
-    expect(sampleProblems({ ...fields, material: 'metal', eta: 'abc', wavelength: '5' })).toEqual({ wavelength: 'from 100 to 100000 nm, or nothing for the lamp’s own' });
+    expect(sampleProblems({ ...fields, material: 'metal', eta: 'abc', wavelength: '5' })).toEqual({ wavelength: 'must be from 100 to 100000 nm, or empty for the lamp’s wavelength' });
   });
 
-  it('is told apart from another of its name', () => {
+  it('is distinguished from another of its name', () => {
     const sample = (id: number, eta: number): Sample => ({ id, name: 'a', material: { kind: 'dielectric', eta, eta_std: 0.01 }, note: null, simulated: null });
     const [one, two, three] = [sample(1, 1.5), sample(2, 1.6), sample(3, 1.6)];
     expect([one, two, three].map((s) => sampleWords(s, [one, two, three]))).toEqual(['a (n 1.5)', 'a (n 1.6), no. 2', 'a (n 1.6), no. 3']);

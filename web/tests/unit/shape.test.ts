@@ -5,14 +5,14 @@ import { heightUnitOf, pitchOf, shapeProblem, shapeRequest } from '../../src/lib
 
 describe('files of one request', () => {
   it('fit into its body as base64, to the byte', () => {
-    // The daemon takes 8 MiB; 64 kB of it are for the rest.
+    // The daemon accepts 8 MiB; 64 kB of it are for everything else.
     expect((4 * FILES_BYTES_MAX) / 3).toBeLessThanOrEqual(8 * 1024 * 1024 - 65_536);
     expect((4 * (FILES_BYTES_MAX + 3)) / 3).toBeGreaterThan(8 * 1024 * 1024 - 65_536);
     expect(sizeProblem([{ name: 'a.tif', size: FILES_BYTES_MAX }])).toBeNull();
-    expect(sizeProblem([{ name: 'a.tif', size: FILES_BYTES_MAX + 1 }])).toMatch(/^a\.tif has 6\.2 MB, and a request takes 6\.2 MB: crop/);
+    expect(sizeProblem([{ name: 'a.tif', size: FILES_BYTES_MAX + 1 }])).toMatch(/^a\.tif has 6\.2 MB; a request may have 6\.2 MB\. Crop/);
   });
 
-  it('count together, and an empty one is named', () => {
+  it('are summed, and an empty one is named', () => {
     const half = { name: 'a.tif', size: FILES_BYTES_MAX - 10 };
     expect(sizeProblem([half, { name: 'b.tif', size: 11 }])).toMatch(/^These files have/);
     expect(sizeProblem([half, { name: 'b.tif', size: 0 }])).toBe('b.tif is empty.');
@@ -21,23 +21,23 @@ describe('files of one request', () => {
 });
 
 describe('a measured shape', () => {
-  it('takes one pitch or two, with decimal points or commas', () => {
+  it('accepts one pitch or two, with decimal points or commas', () => {
     expect(['0.5', '0,5', '5e-1', ' 2 ', ''].map(pitchOf)).toEqual([0.5, 0.5, 0.5, 2, null]);
     for (const text of ['0.5,0.6', '0,5 0,6', '0.5 × 0.6', '0,5;0,6', '0.5x0.6']) expect(pitchOf(text), text).toEqual([0.5, 0.6]);
   });
 
-  it('does not take half a pitch, three, or none that is a length', () => {
+  it('refuses a partly typed pitch, three numbers, or one that is not a length', () => {
     for (const text of ['0', '-1', '1 2 3', '0.5,', '0.5 µm', '1 0', 'x', '1e999']) expect(pitchOf(text), text).toBeNaN();
     expect(['', '0,001', '0', 'µm'].map(heightUnitOf)).toEqual([null, 0.001, Number.NaN, Number.NaN]);
   });
 
-  it('is refused by its ending or size before anything is sent', () => {
+  it('is refused by its extension or size before it is sent', () => {
     expect(shapeProblem({ name: 'MAP.TIF', size: 10 })).toBeNull();
-    expect(shapeProblem({ name: 'map.sur', size: 10 })).toMatch(/^map\.sur: heights are read from \.csv/);
+    expect(shapeProblem({ name: 'map.sur', size: 10 })).toMatch(/^map\.sur is not a height file\. Supported extensions: \.csv/);
     expect(shapeProblem({ name: 'map.x3p', size: 7e6 })).toMatch(/^map\.x3p has 7\.0 MB/);
   });
 
-  it('says only the units that were written', () => {
+  it('sends only the given units', () => {
     expect(shapeRequest('a.x3p', 'AA==', { pitch: '', unit: ' ' })).toEqual({ name: 'a.x3p', content: 'AA==' });
     expect(shapeRequest('a.tif', 'AA==', { pitch: '0,5 0,6', unit: '1e-3' })).toEqual({ name: 'a.tif', content: 'AA==', pitch_um: [0.5, 0.6], height_unit_um: 0.001 });
   });

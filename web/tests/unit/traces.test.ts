@@ -5,14 +5,14 @@ import { traceFaults, EXAMPLES, hasRidges, ordersOf, titleOf, typedCount, withou
 import type { TracePlane } from '../../src/lib/types';
 
 describe('an example', () => {
-  it('says what it is and not what to type on a command line', () => {
+  it('has its title and no command line', () => {
     expect(withoutCommands('# Gold.\n#   ridged trace x.toml --out y\n\n[light]\n')).toBe('# Gold.\n\n[light]\n');
     for (const { text } of EXAMPLES) expect(text).not.toMatch(/ridged /);
   });
 });
 
 describe('a scene', () => {
-  it('is called by its first comment, else by its shapes from the top down', () => {
+  it('is named by its first comment, else by its shapes from the top down', () => {
     expect(titleOf('# Gold, rough.\n[light]')).toBe('Gold, rough');
     expect(titleOf('[[interface]]\nshape = "flat"\n[[interface]]\n shape = "beckmann"\n')).toBe('flat over beckmann');
     expect(titleOf({ interface: [{ shape: 'ridges' }] })).toBe('ridges');
@@ -21,14 +21,14 @@ describe('a scene', () => {
     expect(EXAMPLES.map((e) => e.text.includes('[[interface]]'))).toEqual(EXAMPLES.map(() => true));
   });
 
-  it('takes photons as people write them', () => {
+  it('reads photon numbers in common notations', () => {
     expect(['1e6', '1 000 000', '1_000_000', '1.5e3', ''].map(typedCount)).toEqual([1e6, 1e6, 1e6, 1500, null]);
     expect(['-1', '0', '1.5', 'many'].map(typedCount)).toEqual([Number.NaN, Number.NaN, Number.NaN, Number.NaN]);
   });
 });
 
 describe('energies by interactions', () => {
-  it('come in their order, small ones together', () => {
+  it('are in order, with small ones summed', () => {
     const e = (value: number) => ({ value, std: 1e-5 });
     const orders = ordersOf({ R1: e(0.1), R10: e(2e-4), R16plus: e(0.02), R2: e(0.3), T1: e(3e-4), T2: e(0) });
     expect(orders.map((o) => `${o.letter}${o.order}`)).toEqual(['R1', 'R2', 'R16+', '']);
@@ -50,21 +50,21 @@ describe('the plane of incidence', () => {
     lobe,
   });
 
-  it('leaves out degrees and angles that are not settled', () => {
+  it('omits degrees and angles that are too noisy', () => {
     const [dolp, aop, bright] = panelsOf(plane(null), 0);
     expect(dolp?.lines[0]?.points.map((p) => p.x)).toEqual([-10, 12]);
-    // Where hardly anything is polarised an angle means nothing.
+    // The angle of nearly unpolarised light has no meaning.
     expect(aop?.lines[0]?.points.map((p) => p.x)).toEqual([-10]);
     expect(bright?.lines[0]?.points.length).toBe(3);
   });
 
-  it('goes by the errors of degree and angle where they are stated', () => {
+  it('uses the errors of degree and angle if they are stated', () => {
     const one: TracePlane = { ...plane(null), points: [{ theta_s_deg: 0, readings: [{ ...reading(0.5, 0.3), dolp_std: 0.02, aop_std_deg: 1.5 }] }] };
     const [dolp, aop] = panelsOf(one, 0);
     expect([dolp?.lines[0]?.points[0]?.half, aop?.lines[0]?.points[0]?.half]).toEqual([0.02, 1.5]);
   });
 
-  it('shows polarised beside scalar, their difference in per cent where it is known', () => {
+  it('shows polarised and scalar, and their difference in per cent if it is known', () => {
     const point = (x: number, p: number, s: number, std: number) => ({ theta_s_deg: x, polarised: { value: p, std: 0 }, scalar: { value: s, std: 0 }, difference: { value: p - s, std } });
     const panels = panelsOf(plane([point(40, 0.8, 1, 0.01), point(42, 0.02, 0.01, 0.01)]), 0);
     expect(panels.map((p) => p.key)).toEqual(['dolp', 'aop', 'lobe', 'difference']);
@@ -75,7 +75,7 @@ describe('the plane of incidence', () => {
     expect(d?.range).toEqual([-20, 20]);
   });
 
-  it('lifts the pen at gaps and where an angle turns round', () => {
+  it('starts a new line at gaps and where an angle wraps', () => {
     const points = [[0, 80], [2, 89], [4, -88], [10, -80]].map(([x, y]) => ({ x: x ?? 0, y: y ?? 0, half: 0 }));
     expect(strokes(points, 3, 180).map((s) => s.length)).toEqual([2, 1, 1]);
     expect(strokes(points, 3, null).map((s) => s.length)).toEqual([3, 1]);
@@ -83,7 +83,7 @@ describe('the plane of incidence', () => {
 });
 
 describe('the numbers of a trace', () => {
-  it('have a sentence each where they are none', () => {
+  it('have one fault each if they are invalid', () => {
     expect(traceFaults({ count: null, limit: 60, target: null, others: null })).toEqual({});
     const faults = traceFaults({ count: Number.NaN, limit: 0, target: -1, others: 5000 });
     expect(Object.keys(faults)).toEqual(['count', 'limit', 'target', 'others']);

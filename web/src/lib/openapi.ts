@@ -1,0 +1,2225 @@
+// Made from tests/data/openapi.json by `npm run types`; do not edit.
+
+export type paths = Record<string, never>;
+export type webhooks = Record<string, never>;
+export interface components {
+    schemas: {
+        /**
+         * @description What the rig is doing.
+         * @enum {string}
+         */
+        readonly Activity: "idle" | "moving" | "homing" | "scanning" | "paused" | "not-connected";
+        /** @description Both axes. */
+        readonly AxesBody: {
+            /** @description Sample azimuth φs. */
+            readonly phi_s: components["schemas"]["AxisBody"];
+            /** @description Camera tilt θc. */
+            readonly theta_c: components["schemas"]["AxisBody"];
+        };
+        /** @description One axis. */
+        readonly AxisBody: {
+            /** @description Whether the axis has a reference position. */
+            readonly homed: boolean;
+            /**
+             * Format: double
+             * @description Highest position allowed, degrees.
+             */
+            readonly limit_max_deg: number;
+            /**
+             * Format: double
+             * @description Lowest position allowed, degrees.
+             */
+            readonly limit_min_deg: number;
+            /** @description Whether it moves; null if the stage does not answer, so that it may move. */
+            readonly moving?: boolean | null;
+            /**
+             * Format: double
+             * @description Current position, degrees; null if the stage does not answer.
+             */
+            readonly position_deg?: number | null;
+            /** @description Serial number of the device; null if unknown. */
+            readonly serial?: string | null;
+            /** @description Warnings of the controller: code and meaning. */
+            readonly warnings: readonly string[];
+        };
+        /** @description The answer to a request for work that takes longer than the request. */
+        readonly Begun: {
+            /**
+             * Format: int64
+             * @description Number of the new row; null for a motion.
+             */
+            readonly id?: number | null;
+            /** @description Its state now. */
+            readonly state: string;
+        };
+        /** Format: binary */
+        readonly Binary: string;
+        /** @description A set of calibration frames. */
+        readonly CalibrationBody: {
+            /** @description When the frames were taken, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description Exposure times, s. */
+            readonly exposures_s: readonly number[];
+            /**
+             * Format: int64
+             * @description Number of the calibration.
+             */
+            readonly id: number;
+            /** @description Kind of its frames: dark or flat. */
+            readonly kind: components["schemas"]["FrameKind"];
+            /**
+             * Format: int32
+             * @description Number of frames.
+             */
+            readonly n_frames: number;
+            /**
+             * Format: int64
+             * @description Number of the scan that took the frames.
+             */
+            readonly scan_id: number;
+            /** @description Camera tilts θc, degrees; empty for dark frames. */
+            readonly theta_c_deg: readonly number[];
+            /** @description Whether scans can use it now. */
+            readonly valid: boolean;
+            /** @description End of its validity under the current settings, RFC 3339 in UTC. */
+            readonly valid_until: string;
+        };
+        /** @description The camera. */
+        readonly CameraBody: {
+            /**
+             * Format: int32
+             * @description Resolution of the converter, bit.
+             */
+            readonly bit_depth: number;
+            /** @description Make and model. */
+            readonly description: string;
+            /** @description Default exposure times of a plan, s. */
+            readonly exposures_s: readonly number[];
+            /**
+             * Format: int32
+             * @description Rows of a frame, px.
+             */
+            readonly height_px: number;
+            /**
+             * Format: double
+             * @description Count at which a pixel is full, DN.
+             */
+            readonly saturation_dn: number;
+            /**
+             * Format: int32
+             * @description Columns of a frame, px.
+             */
+            readonly width_px: number;
+        };
+        /** @description Result of the live fit of the frames so far. */
+        readonly CertaintyBody: {
+            /** @description When it was reported, RFC 3339 in UTC. */
+            readonly at: string;
+            /**
+             * Format: double
+             * @description Time that the rig had spent moving and exposing, s, without waiting for the operator.
+             */
+            readonly elapsed_s: number;
+            /**
+             * Format: int64
+             * @description Number of the event that reported it.
+             */
+            readonly id: number;
+            /**
+             * Format: int32
+             * @description Number of frames used, including dark and white-reference frames.
+             */
+            readonly n_frames_used: number;
+            /** @description Number of poses fitted. */
+            readonly n_observations: number;
+            /** @description By name, without the parameters that the frames so far do not determine. */
+            readonly parameters: {
+                readonly [key: string]: components["schemas"]["UncertainBody"];
+            };
+            /** @description How the fit ended. */
+            readonly status: components["schemas"]["FitStatus"];
+            /** @description Variant of the model that gave the values. */
+            readonly variant: components["schemas"]["FitVariantName"];
+        };
+        /** @description The operator step that is done. */
+        readonly ContinueBody: {
+            readonly action?: components["schemas"]["OperatorAction"] | null;
+        };
+        /** @description A request for a contrast table. */
+        readonly ContrastRequest: {
+            /** @description Region of a sample that has several. */
+            readonly region?: string | null;
+            /**
+             * Format: int64
+             * @description Scan to read.
+             */
+            readonly scan_id: number;
+        };
+        /** @description Predicted signal over φs at one tilt. */
+        readonly CurveBody: {
+            /** @description Sample azimuths φs as recorded, degrees. */
+            readonly phi_s_deg: readonly number[];
+            /** @description Predicted signals at these azimuths, in the observations' unit of radiance. */
+            readonly signal: readonly number[];
+            /**
+             * Format: double
+             * @description Camera tilt θc as recorded, degrees.
+             */
+            readonly theta_c_deg: number;
+            /** @description Variant of the model. */
+            readonly variant: components["schemas"]["FitVariantName"];
+        };
+        /** @description A fit with its observations. */
+        readonly CurvesBody: {
+            /** @description One curve per tilt and variant. */
+            readonly curves: readonly components["schemas"]["CurveBody"][];
+            /**
+             * Format: int64
+             * @description Number of the fit.
+             */
+            readonly fit_id: number;
+            /** @description Observed and predicted. */
+            readonly observations: readonly components["schemas"]["PointBody"][];
+            /**
+             * Format: double
+             * @description Largest observation, in the observations' unit of radiance; residuals are fractions of it.
+             */
+            readonly peak: number;
+        };
+        /** @description A row that the store cannot read. */
+        readonly DamagedBody: {
+            /** @description What is wrong with it. */
+            readonly detail: string;
+            /**
+             * Format: int64
+             * @description Number of the row.
+             */
+            readonly id: number;
+        };
+        /** @description Dark frames of a plan. */
+        readonly DarkPlan: {
+            /**
+             * Format: int32
+             * @description Frames per exposure; 0 for none.
+             */
+            readonly repeats: number;
+        };
+        /** @description Dark frames of a request. */
+        readonly DarkRequest: {
+            /**
+             * Format: int32
+             * @description Frames per exposure; 0 leaves the dark frames out.
+             */
+            readonly repeats?: number | null;
+        };
+        /** @description Estimate of a scan. */
+        readonly EstimateBody: {
+            /** @description Calibrations of earlier scans that it uses. */
+            readonly calibration_ids: readonly number[];
+            /**
+             * Format: int64
+             * @description Largest disk space that the frames can take, bytes.
+             */
+            readonly disk_bytes: number;
+            /**
+             * Format: int64
+             * @description Free disk space, bytes.
+             */
+            readonly disk_free_bytes: number;
+            /**
+             * Format: double
+             * @description Time for motion, settling and exposure, s, without waiting for the operator.
+             */
+            readonly duration_s: number;
+            /**
+             * Format: int32
+             * @description Number of frames.
+             */
+            readonly n_frames: number;
+            /**
+             * Format: int32
+             * @description Number of points (pose and exposure).
+             */
+            readonly n_shots: number;
+            /** @description Operator steps, in order. */
+            readonly operator_steps: readonly components["schemas"]["OperatorBody"][];
+            /** @description The whole plan without the frames that those calibrations replace. */
+            readonly plan: components["schemas"]["Plan"];
+        };
+        /** @description What is wrong with one value. */
+        readonly FieldProblem: {
+            /** @description Path of the value, e.g. `plan.theta_c_deg[2]`. */
+            readonly field: string;
+            /** @description What is wrong, with the allowed values. */
+            readonly message: string;
+            /** @description The value and its range, where it is out of one. */
+            readonly out_of_range?: components["schemas"]["OutOfRange"];
+        };
+        /** @description A fit: its request and its state; from `status` on its report, once it has completed */
+        readonly Fit: {
+            /**
+             * Format: double
+             * @description χ² per degree of freedom with the model error among the uncertainties.
+             */
+            readonly chi2_reduced?: number | null;
+            /**
+             * Format: double
+             * @description The same with counting noise only.
+             */
+            readonly chi2_reduced_without_model?: number | null;
+            /** @description When it was accepted, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description When it ended, RFC 3339 in UTC; null while it runs. */
+            readonly ended_at?: string | null;
+            readonly error?: components["schemas"]["FitError"] | null;
+            /**
+             * @description What explains the residual that an ideal sawtooth, a steady lamp and a linear detector leave, largest share
+             *     first.
+             */
+            readonly findings?: readonly components["schemas"]["FitFinding"][];
+            /** @description Observations with their fitted values. */
+            readonly fitted?: readonly components["schemas"]["FittedPoint"][];
+            readonly forecast?: components["schemas"]["Forecast"] | null;
+            /** @description Degrees of freedom of the two parts of every budget that come from scatter. */
+            readonly freedom?: components["schemas"]["FitFreedom"];
+            /**
+             * Format: int64
+             * @description Number of the job within its kind.
+             */
+            readonly id: number;
+            /** @description One descent to the reported minimum, step by step, on request. */
+            readonly iterations?: readonly components["schemas"]["FitIteration"][];
+            /** @description What the fit leaves out, why, and its possible effect. */
+            readonly left_out?: readonly components["schemas"]["WorkLeftOut"][];
+            /**
+             * Format: double
+             * @description Model error at the peak, as a share of the largest observation.
+             */
+            readonly model_discrepancy?: number | null;
+            /**
+             * Format: int32
+             * @description Frames used, including darks and flats.
+             */
+            readonly n_frames_used?: number;
+            /** @description Number of observations fitted. */
+            readonly n_observations?: number;
+            /** @description Sentences worth knowing that need no action. */
+            readonly notes?: readonly string[];
+            /** @description The parameters. */
+            readonly parameters?: components["schemas"]["FitParameters"];
+            /** @description Program and version. */
+            readonly program?: string;
+            readonly progress?: components["schemas"]["WorkProgress"] | null;
+            /** @description The plane that θr and the azimuth refer to. */
+            readonly reference_plane?: components["schemas"]["FitReferencePlane"];
+            /** @description Region of interest, if the sample has several. */
+            readonly region?: string | null;
+            /** @description Rejected frames. */
+            readonly rejected_frames?: readonly components["schemas"]["FrameRejected"][];
+            readonly request: components["schemas"]["FitRequest"];
+            /**
+             * Format: double
+             * @description Root mean square residual, as a share of the largest observation. Like the next three, none if the fit has no
+             *     result.
+             */
+            readonly rms_residual?: number | null;
+            /**
+             * Format: int64
+             * @description Number of its sample
+             */
+            readonly sample_id: number;
+            /** @description Name of its sample */
+            readonly sample_name: string;
+            /**
+             * Format: int64
+             * @description Number of its scan
+             */
+            readonly scan_id: number;
+            /**
+             * Format: double
+             * @description Run time, s
+             */
+            readonly seconds?: number;
+            readonly slope_distribution?: components["schemas"]["FitSlopes"] | null;
+            /** @description Outcomes of the starts. */
+            readonly starts?: components["schemas"]["FitStarts"];
+            /** @description State of the job. */
+            readonly state: components["schemas"]["TaskState"];
+            /** @description How the fit ended. */
+            readonly status?: components["schemas"]["FitStatus"];
+            /** @description Durations in seconds. */
+            readonly timing_s?: components["schemas"]["FitTiming"];
+            readonly tracer?: components["schemas"]["FitTracer"] | null;
+            readonly variant: components["schemas"]["VariantChoice"];
+            /** @description All variants fitted. */
+            readonly variants?: readonly components["schemas"]["FitVariant"][];
+            /** @description Sentences on what the user has to check or change. */
+            readonly warnings?: readonly string[];
+            readonly wedge_across?: components["schemas"]["FitAcross"] | null;
+        };
+        /** @description Azimuth of the facets from the stage's zero, and its possible causes; degrees. */
+        readonly FitAcross: {
+            /**
+             * Format: double
+             * @description Azimuth of the facets relative to the recorded φs and the stated zero.
+             */
+            readonly azimuth_deg: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty from the data, without a stated wedge.
+             */
+            readonly azimuth_std_deg: number;
+            /**
+             * Format: double
+             * @description Error of the azimuth's zero: what to add to it.
+             */
+            readonly azimuth_zero_deg: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty; none if it is not separated from the wedge.
+             */
+            readonly azimuth_zero_std_deg?: number | null;
+            /**
+             * @description Whether wedge and zero are separated, because the zero is stated with an uncertainty. Otherwise each of the next
+             *     two is the whole azimuth: the one *or* the other.
+             */
+            readonly split: boolean;
+            /**
+             * Format: double
+             * @description Tilt of the sample across v, towards rising azimuth.
+             */
+            readonly wedge_deg: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty; none if it is not separated from the zero.
+             */
+            readonly wedge_std_deg?: number | null;
+        };
+        /** @description Why a job has no result. */
+        readonly FitError: {
+            /** @description Stable word for programs. */
+            readonly code: string;
+            /** @description Cause and remedy. */
+            readonly detail: string;
+        };
+        /** @description A cause that was found. */
+        readonly FitFinding: {
+            /** @description What the user should do. */
+            readonly advice: string;
+            /**
+             * Format: double
+             * @description Change of the ridge angle in degrees when the cause is accounted for; none if it cannot be determined.
+             */
+            readonly change_of_theta_r_deg?: number | null;
+            /** @description Which one. */
+            readonly code: components["schemas"]["FitFindingCode"];
+            /**
+             * Format: double
+             * @description Share of χ² that it explains, 0 to 1.
+             */
+            readonly explains: number;
+        };
+        /**
+         * @description A known cause. Scripts compare its code.
+         * @enum {string}
+         */
+        readonly FitFindingCode: "tails" | "rounded-crests" | "translucent" | "wedge-across" | "non-linear" | "lamp-drift" | "index" | "bad-block" | "bad-pose";
+        /** @description Degrees of freedom of a budget's parts. The other parts count as exactly known. */
+        readonly FitFreedom: {
+            /**
+             * Format: double
+             * @description Of `counting`: residuals minus fitted directions.
+             */
+            readonly counting: number;
+            /**
+             * Format: double
+             * @description Of `model`: groups of poses left out in turn, minus one.
+             */
+            readonly model: number;
+        };
+        /** @description Ends of an interval at the coverage of the report; null for an open end. */
+        readonly FitInterval: {
+            /**
+             * Format: double
+             * @description Lower end.
+             */
+            readonly lower?: number | null;
+            /**
+             * Format: double
+             * @description Upper end.
+             */
+            readonly upper?: number | null;
+        };
+        /** @description One evaluation of the model on the way to the minimum. */
+        readonly FitIteration: {
+            /** @description Whether the cost is no higher than at all points before. */
+            readonly accepted: boolean;
+            /**
+             * Format: double
+             * @description Sum of squared weighted residuals.
+             */
+            readonly cost: number;
+            /**
+             * Format: double
+             * @description Largest distance of a parameter from the end of the descent, in its standard uncertainty.
+             */
+            readonly error: number;
+            /**
+             * Format: double
+             * @description Largest cosine between the residuals and the derivatives of a parameter: 0 at a minimum.
+             */
+            readonly gradient: number;
+            /**
+             * Format: double
+             * @description Time since the first one.
+             */
+            readonly seconds: number;
+            /**
+             * Format: double
+             * @description Largest step of a parameter from the last accepted point, in its standard uncertainty.
+             */
+            readonly step: number;
+        };
+        /** @description A parameter with its uncertainty. */
+        readonly FitParameter: {
+            readonly bootstrap?: components["schemas"]["FitInterval"] | null;
+            /** @description Parts of the standard uncertainty. */
+            readonly budget?: {
+                readonly [key: string]: number;
+            } | null;
+            /**
+             * Format: double
+             * @description Expanded uncertainty divided by standard uncertainty.
+             */
+            readonly coverage_factor?: number | null;
+            /**
+             * Format: double
+             * @description Effective degrees of freedom (Welch–Satterthwaite); null if practically infinite.
+             */
+            readonly degrees_of_freedom?: number | null;
+            /**
+             * Format: double
+             * @description Expanded uncertainty, same unit.
+             */
+            readonly expanded?: number | null;
+            /** @description Whether the data determine it. */
+            readonly identifiable: boolean;
+            /** @description Why the value is null or fixed. */
+            readonly note?: string | null;
+            readonly profile?: components["schemas"]["FitInterval"] | null;
+            /**
+             * Format: double
+             * @description Combined standard uncertainty, same unit.
+             */
+            readonly std?: number | null;
+            /**
+             * Format: double
+             * @description Best value in the unit of the parameter (degrees in keys with `_deg`; roughness as the tangent of a slope).
+             */
+            readonly value?: number | null;
+        };
+        /** @description All parameters; angles in degrees. */
+        readonly FitParameters: {
+            /** @description Roughness along the ridges. */
+            readonly alpha_u: components["schemas"]["FitParameter"];
+            /** @description Roughness across the ridges. */
+            readonly alpha_v: components["schemas"]["FitParameter"];
+            /** @description Δφs, to be added to a recorded φs, degrees. */
+            readonly azimuth_offset_deg: components["schemas"]["FitParameter"];
+            /** @description Stray light B, as a radiance if the scale is absolute. */
+            readonly background: components["schemas"]["FitParameter"];
+            readonly crest_radius?: components["schemas"]["FitParameter"] | null;
+            /** @description Diffuse reflectance: in `paper` that of the printed lobe, otherwise the Lambertian equivalent of a flat piece. */
+            readonly rho_d: components["schemas"]["FitParameter"];
+            /** @description Gain g of the signals; 1 with a white reference. */
+            readonly scale: components["schemas"]["FitParameter"];
+            /** @description Effective ridge angle. */
+            readonly theta_r_deg: components["schemas"]["FitParameter"];
+            /** @description Δθc, to be added to a recorded θc, degrees. */
+            readonly tilt_offset_deg: components["schemas"]["FitParameter"];
+            readonly translucency?: components["schemas"]["FitParameter"] | null;
+        };
+        /**
+         * @description The plane that angles refer to.
+         * @enum {string}
+         */
+        readonly FitReferencePlane: "turntable" | "sample";
+        /** @description A request for a fit. */
+        readonly FitRequest: {
+            /**
+             * Format: int32
+             * @description Number of series drawn for bootstrap intervals; none if omitted.
+             */
+            readonly bootstrap?: number | null;
+            /** @description Parameters fixed at a value, by the names of the report, and eta, k: `{"rho_d": 0.3}`. */
+            readonly fix?: {
+                readonly [key: string]: number;
+            };
+            /** @description Adds one descent to the minimum to the report, step by step. */
+            readonly iterations?: boolean;
+            /** @description Takes the difference to the variant traced as the model error of the budget (see [`FitOptions::judge`]). */
+            readonly judge?: boolean;
+            /** @description Loss function of the residuals; linear if omitted. */
+            readonly loss?: components["schemas"]["Loss"];
+            /**
+             * Format: double
+             * @description Ends search, ray tracer and bootstrap after this time, s.
+             */
+            readonly max_seconds?: number | null;
+            /** @description Priors of parameters, by the same names. */
+            readonly priors?: {
+                readonly [key: string]: components["schemas"]["Prior"];
+            };
+            /** @description Adds profile-likelihood intervals. */
+            readonly profile?: boolean;
+            /** @description Region of a sample with several regions. */
+            readonly region?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the scan to fit.
+             */
+            readonly scan_id: number;
+            readonly shape?: components["schemas"]["ShapeFile"] | null;
+            /**
+             * Format: int32
+             * @description Largest number of starts of a search per variant; if omitted 8, and more where their results disagree.
+             */
+            readonly starts?: number | null;
+            /**
+             * Format: double
+             * @description Ends the ray tracer once its standard error, as a share of the largest radiance, is below this.
+             */
+            readonly target_error?: number | null;
+            /**
+             * Format: double
+             * @description Share of the peak that the model may omit (see [`FitOptions::tolerance`]).
+             */
+            readonly tolerance?: number | null;
+            /** @description Variant of the model; auto if omitted. */
+            readonly variant?: components["schemas"]["VariantChoice"];
+        };
+        /** @description Slope distribution of the facets. */
+        readonly FitSlopes: {
+            /**
+             * Format: double
+             * @description Beckmann roughness with the same half width along the ridges, comparable between distributions.
+             */
+            readonly alpha_half_width_u?: number | null;
+            /**
+             * Format: double
+             * @description The same across the ridges.
+             */
+            readonly alpha_half_width_v?: number | null;
+            /** @description `beckmann` or `student-t`. */
+            readonly name: string;
+            /**
+             * Format: double
+             * @description γ of Student's t (GGX is 2); null for Beckmann.
+             */
+            readonly shape?: number | null;
+        };
+        /** @description Outcomes of the starts. */
+        readonly FitStarts: {
+            /** @description Starts that ended at the reported minimum. */
+            readonly at_minimum: number;
+            /** @description Starts that converged to a worse minimum. */
+            readonly elsewhere: number;
+            /** @description Starts that did not converge. */
+            readonly not_converged: number;
+            /** @description Starts tried. */
+            readonly tried: number;
+        };
+        /**
+         * @description How a fit ended. Scripts compare the word.
+         * @enum {string}
+         */
+        readonly FitStatus: "converged" | "at-bound" | "rank-deficient" | "stalled" | "not-finite" | "too-few-observations" | "cancelled";
+        /** @description Durations in seconds; filled in by the caller that has a clock. */
+        readonly FitTiming: {
+            /**
+             * Format: double
+             * @description Fitting.
+             */
+            readonly fit: number;
+            /**
+             * Format: double
+             * @description Reading frames.
+             */
+            readonly read: number;
+            /**
+             * Format: double
+             * @description Reducing frames.
+             */
+            readonly reduce: number;
+        };
+        /** @description What the ray tracer did for a fit. */
+        readonly FitTracer: {
+            /** @description Why it ended. */
+            readonly end: components["schemas"]["FitTracerEnd"];
+            /**
+             * Format: double
+             * @description Root mean square standard error of the radiances, as a share of the largest.
+             */
+            readonly error: number;
+            readonly height_map?: components["schemas"]["RidgeFacts"] | null;
+            /** @description Passes of tracing and fitting. */
+            readonly passes: number;
+            /**
+             * Format: int64
+             * @description Paths per pose in the last pass, from the camera and as many from the lamp.
+             */
+            readonly paths_per_pose: number;
+            /** @description Whether polarisation was followed from bounce to bounce. */
+            readonly polarised: boolean;
+            /**
+             * Format: double
+             * @description Effective ridge angle of the given profile before it was scaled to the fitted one.
+             */
+            readonly profile_theta_r_deg?: number | null;
+            /** @description Whether that profile was reversed so that its facets lean to +v. */
+            readonly profile_turned?: boolean;
+        };
+        /**
+         * @description Why a tracing ended.
+         * @enum {string}
+         */
+        readonly FitTracerEnd: "settled" | "most-paths" | "most-passes" | "stopped";
+        /** @description One variant in the comparison. */
+        readonly FitVariant: {
+            /**
+             * Format: double
+             * @description Roughness along the ridges.
+             */
+            readonly alpha_u?: number | null;
+            /**
+             * Format: double
+             * @description Roughness across the ridges.
+             */
+            readonly alpha_v?: number | null;
+            /**
+             * Format: double
+             * @description χ² per degree of freedom with counting noise only.
+             */
+            readonly chi2_reduced_without_model: number;
+            /**
+             * Format: double
+             * @description Quasi-Akaike criterion; ĉ is taken from the variant that fits the data best. Only differences are meaningful.
+             */
+            readonly qaic: number;
+            /**
+             * Format: double
+             * @description Diffuse reflectance.
+             */
+            readonly rho_d?: number | null;
+            /**
+             * Format: double
+             * @description Root mean square residual, as a share of the largest observation.
+             */
+            readonly rms_residual: number;
+            /** @description How its fit ended. */
+            readonly status: components["schemas"]["FitStatus"];
+            /**
+             * Format: double
+             * @description Ridge angle.
+             */
+            readonly theta_r_deg?: number | null;
+            /** @description Which variant. */
+            readonly variant: components["schemas"]["FitVariantName"];
+        };
+        /**
+         * @description Names of the variants in the JSON form.
+         * @enum {string}
+         */
+        readonly FitVariantName: "paper" | "sawtooth" | "traced";
+        /** @description An observation with the value that the fit expects; angles as recorded. */
+        readonly FittedPoint: {
+            /**
+             * Format: double
+             * @description Value of the fitted model.
+             */
+            readonly fitted: number;
+            /**
+             * Format: double
+             * @description Sample rotation as recorded.
+             */
+            readonly phi_s_deg: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty.
+             */
+            readonly sigma: number;
+            /**
+             * Format: double
+             * @description Observed signal.
+             */
+            readonly signal: number;
+            /**
+             * Format: double
+             * @description Camera tilt as recorded.
+             */
+            readonly theta_c_deg: number;
+        };
+        /** @description White-reference frames of a plan. */
+        readonly FlatPlan: {
+            /** @description Exposures. */
+            readonly exposures_s: readonly number[];
+            /**
+             * Format: int32
+             * @description Frames per tilt and exposure; 0 for none.
+             */
+            readonly repeats: number;
+            /** @description Tilts. */
+            readonly theta_c_deg: readonly number[];
+        };
+        /** @description White-reference frames of a request. */
+        readonly FlatRequest: {
+            /** @description Exposures; the rig's for the white reference if not given. */
+            readonly exposures_s?: readonly number[] | null;
+            /**
+             * Format: int32
+             * @description Frames per tilt and exposure; 0 leaves the white reference out.
+             */
+            readonly repeats?: number | null;
+            readonly theta_c_deg?: components["schemas"]["Values"] | null;
+        };
+        /** @description Time, work and error that a calculation is expected to take. */
+        readonly Forecast: {
+            readonly amount?: components["schemas"]["ForecastAmount"] | null;
+            readonly at_limit?: components["schemas"]["ForecastAtLimit"] | null;
+            /** @description Whether `seconds` is a bound, not an estimate. */
+            readonly at_most: boolean;
+            /** @description Whether the time limit is too short for the whole calculation; parts, work and error are those of the whole. */
+            readonly cut_short?: boolean;
+            readonly error?: components["schemas"]["ForecastError"] | null;
+            /** @description Parts of that time, in the order in which they are spent; empty where parts are not separated. */
+            readonly parts?: readonly components["schemas"]["ForecastPart"][];
+            /**
+             * Format: double
+             * @description Seconds in all.
+             */
+            readonly seconds: number;
+            /**
+             * Format: double
+             * @description Seconds of the whole calculation, where a limit cuts it.
+             */
+            readonly uncut_seconds?: number | null;
+        };
+        /** @description Countable work. */
+        readonly ForecastAmount: {
+            /**
+             * Format: int64
+             * @description Number.
+             */
+            readonly count: number;
+            /** @description Noun: "photons". */
+            readonly of: string;
+        };
+        /** @description What random sampling reaches at a time limit. */
+        readonly ForecastAtLimit: {
+            /**
+             * Format: int64
+             * @description Number of samples drawn at the limit.
+             */
+            readonly count?: number | null;
+            /**
+             * Format: double
+             * @description Error at the limit.
+             */
+            readonly error?: number | null;
+        };
+        /** @description An expected error. */
+        readonly ForecastError: {
+            /** @description Quantity: "a reflected bin". */
+            readonly of: string;
+            /**
+             * Format: double
+             * @description Relative standard error, or a bound on the share that is left out.
+             */
+            readonly value: number;
+        };
+        /** @description Seconds of a part. */
+        readonly ForecastPart: {
+            /**
+             * Format: double
+             * @description Duration, s.
+             */
+            readonly seconds: number;
+            /** @description Purpose: "to read frames". */
+            readonly what: string;
+        };
+        /** @description A frame. */
+        readonly FrameBody: {
+            /** @description Whether reductions use the frame. */
+            readonly accepted: boolean;
+            /**
+             * Format: int64
+             * @description Size of the PNG file, bytes.
+             */
+            readonly bytes: number;
+            /**
+             * Format: double
+             * @description Exposure time, s.
+             */
+            readonly exposure_s: number;
+            /** @description File name in an export. */
+            readonly file: string;
+            /**
+             * Format: int32
+             * @description Rows, px.
+             */
+            readonly height_px: number;
+            /**
+             * Format: int64
+             * @description Number of the frame.
+             */
+            readonly id: number;
+            /** @description Path of the PNG on this server. */
+            readonly image: string;
+            /** @description Kind of the frame. */
+            readonly kind: components["schemas"]["FrameKind"];
+            /**
+             * Format: int32
+             * @description Largest count of a pixel, DN.
+             */
+            readonly max_dn: number;
+            /**
+             * Format: double
+             * @description Mean count of all pixels, DN.
+             */
+            readonly mean_dn: number;
+            /** @description SHA-256 of the imported file, hexadecimal; null if that is the PNG itself. */
+            readonly original_sha256?: string | null;
+            /**
+             * Format: double
+             * @description Sample azimuth φs read back from the stage, degrees.
+             */
+            readonly phi_s_deg: number;
+            /** @description Why the frame is not used; null if it is used. */
+            readonly reason?: string | null;
+            /**
+             * Format: int32
+             * @description Number of the repeat, from 0.
+             */
+            readonly repeat: number;
+            /**
+             * Format: int32
+             * @description Pixels at or above the saturation level.
+             */
+            readonly saturated_px: number;
+            /**
+             * Format: int64
+             * @description Number of the scan that took it.
+             */
+            readonly scan_id: number;
+            /** @description SHA-256 of the PNG file, hexadecimal. */
+            readonly sha256: string;
+            /**
+             * Format: double
+             * @description Camera tilt θc read back from the stage, degrees.
+             */
+            readonly theta_c_deg: number;
+            /** @description Start of the exposure, RFC 3339 in UTC. */
+            readonly timestamp: string;
+            /**
+             * Format: int32
+             * @description Columns, px.
+             */
+            readonly width_px: number;
+        };
+        /**
+         * @description Kind of a frame.
+         * @enum {string}
+         */
+        readonly FrameKind: "sample" | "dark" | "flat";
+        /** @description A frame that the reduction left out, with its reason. */
+        readonly FrameRejected: {
+            /** @description Details in words and numbers; may be empty. */
+            readonly detail: string;
+            /** @description File name as recorded. */
+            readonly file: string;
+            /** @description Stable word or short phrase: `saturated`, `black`, `unreadable`, `wrong size`, `shifted`, … */
+            readonly reason: string;
+        };
+        /** @description Positions of lamp and camera. */
+        readonly GeometryBody: {
+            /**
+             * Format: double
+             * @description Added to a recorded φs it gives the azimuth of the lean direction v, degrees.
+             */
+            readonly azimuth_zero_deg: number;
+            /**
+             * Format: double
+             * @description Angular radius of the lens's pupil seen from the sample, degrees; null for a point.
+             */
+            readonly lens_angular_radius_deg?: number | null;
+            /**
+             * Format: double
+             * @description Angular radius of the lamp seen from the sample, degrees; null for a point.
+             */
+            readonly light_angular_radius_deg?: number | null;
+            /**
+             * Format: double
+             * @description Azimuth of the lamp about the camera's axis, degrees: 0 in the tilt plane, 90 perpendicular to it.
+             */
+            readonly light_azimuth_deg: number;
+            /**
+             * Format: double
+             * @description Angle between lamp and camera, degrees.
+             */
+            readonly theta_l_deg: number;
+            /**
+             * Format: double
+             * @description Wavelength of the lamp, nm; null if not stated.
+             */
+            readonly wavelength_nm?: number | null;
+        };
+        /** @description Evenly spaced values. */
+        readonly Grid: {
+            /**
+             * Format: double
+             * @description First value.
+             */
+            readonly from: number;
+            /**
+             * Format: double
+             * @description Distance between values; positive.
+             */
+            readonly step: number;
+            /**
+             * Format: double
+             * @description Last value, reached if the step meets it.
+             */
+            readonly to: number;
+        };
+        /** @description Result of an import. */
+        readonly ImportBody: {
+            /** @description Values of the description that differ. Both scans are kept. */
+            readonly differences: readonly string[];
+            /**
+             * Format: int64
+             * @description Otherwise the scan with the same frames whose description differs least; null if there is none.
+             */
+            readonly like_scan_id?: number | null;
+            /** @description Number of frames imported. */
+            readonly n_frames: number;
+            /**
+             * Format: int64
+             * @description The newest scan that already holds the same series; null if there is none.
+             */
+            readonly same_as_scan_id?: number | null;
+            /**
+             * Format: int64
+             * @description Number of its sample.
+             */
+            readonly sample_id: number;
+            /**
+             * Format: int64
+             * @description Number of the new scan.
+             */
+            readonly scan_id: number;
+            /** @description Frames left out, each with the reason. */
+            readonly skipped: readonly string[];
+        };
+        /** @description A series to import. */
+        readonly ImportRequest: {
+            /** @description Absolute path of the folder on the daemon's machine. */
+            readonly folder: string;
+            /** @description Leave out unreadable frames instead of refusing the series. */
+            readonly skip_unreadable?: boolean;
+        };
+        /** @description A job with the fields of its result, once it has one. */
+        readonly Job: {
+            /** @description When it was accepted, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description When it ended, RFC 3339 in UTC; null while it runs. */
+            readonly ended_at?: string | null;
+            readonly error?: components["schemas"]["FitError"] | null;
+            readonly forecast?: components["schemas"]["Forecast"] | null;
+            /**
+             * Format: int64
+             * @description Number of the job within its kind.
+             */
+            readonly id: number;
+            readonly progress?: components["schemas"]["WorkProgress"] | null;
+            /** @description The request, as it was accepted. */
+            readonly request: Record<string, never>;
+            /**
+             * Format: int64
+             * @description Number of the sample of that scan.
+             */
+            readonly sample_id?: number | null;
+            /** @description Name of that sample. */
+            readonly sample_name?: string | null;
+            /**
+             * Format: int64
+             * @description Number of its scan; null without one.
+             */
+            readonly scan_id?: number | null;
+            /** @description State of the job. */
+            readonly state: components["schemas"]["TaskState"];
+        };
+        /** @description A page of a list. */
+        readonly List_CalibrationBody: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /** @description When the frames were taken, RFC 3339 in UTC. */
+                readonly created_at: string;
+                /** @description Exposure times, s. */
+                readonly exposures_s: readonly number[];
+                /**
+                 * Format: int64
+                 * @description Number of the calibration.
+                 */
+                readonly id: number;
+                /** @description Kind of its frames: dark or flat. */
+                readonly kind: components["schemas"]["FrameKind"];
+                /**
+                 * Format: int32
+                 * @description Number of frames.
+                 */
+                readonly n_frames: number;
+                /**
+                 * Format: int64
+                 * @description Number of the scan that took the frames.
+                 */
+                readonly scan_id: number;
+                /** @description Camera tilts θc, degrees; empty for dark frames. */
+                readonly theta_c_deg: readonly number[];
+                /** @description Whether scans can use it now. */
+                readonly valid: boolean;
+                /** @description End of its validity under the current settings, RFC 3339 in UTC. */
+                readonly valid_until: string;
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
+        readonly List_CertaintyBody: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /** @description When it was reported, RFC 3339 in UTC. */
+                readonly at: string;
+                /**
+                 * Format: double
+                 * @description Time that the rig had spent moving and exposing, s, without waiting for the operator.
+                 */
+                readonly elapsed_s: number;
+                /**
+                 * Format: int64
+                 * @description Number of the event that reported it.
+                 */
+                readonly id: number;
+                /**
+                 * Format: int32
+                 * @description Number of frames used, including dark and white-reference frames.
+                 */
+                readonly n_frames_used: number;
+                /** @description Number of poses fitted. */
+                readonly n_observations: number;
+                /** @description By name, without the parameters that the frames so far do not determine. */
+                readonly parameters: {
+                    readonly [key: string]: components["schemas"]["UncertainBody"];
+                };
+                /** @description How the fit ended. */
+                readonly status: components["schemas"]["FitStatus"];
+                /** @description Variant of the model that gave the values. */
+                readonly variant: components["schemas"]["FitVariantName"];
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
+        readonly List_Fit: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /**
+                 * Format: double
+                 * @description χ² per degree of freedom with the model error among the uncertainties.
+                 */
+                readonly chi2_reduced?: number | null;
+                /**
+                 * Format: double
+                 * @description The same with counting noise only.
+                 */
+                readonly chi2_reduced_without_model?: number | null;
+                /** @description When it was accepted, RFC 3339 in UTC. */
+                readonly created_at: string;
+                /** @description When it ended, RFC 3339 in UTC; null while it runs. */
+                readonly ended_at?: string | null;
+                readonly error?: components["schemas"]["FitError"] | null;
+                /**
+                 * @description What explains the residual that an ideal sawtooth, a steady lamp and a linear detector leave, largest share
+                 *     first.
+                 */
+                readonly findings?: readonly components["schemas"]["FitFinding"][];
+                /** @description Observations with their fitted values. */
+                readonly fitted?: readonly components["schemas"]["FittedPoint"][];
+                readonly forecast?: components["schemas"]["Forecast"] | null;
+                /** @description Degrees of freedom of the two parts of every budget that come from scatter. */
+                readonly freedom?: components["schemas"]["FitFreedom"];
+                /**
+                 * Format: int64
+                 * @description Number of the job within its kind.
+                 */
+                readonly id: number;
+                /** @description One descent to the reported minimum, step by step, on request. */
+                readonly iterations?: readonly components["schemas"]["FitIteration"][];
+                /** @description What the fit leaves out, why, and its possible effect. */
+                readonly left_out?: readonly components["schemas"]["WorkLeftOut"][];
+                /**
+                 * Format: double
+                 * @description Model error at the peak, as a share of the largest observation.
+                 */
+                readonly model_discrepancy?: number | null;
+                /**
+                 * Format: int32
+                 * @description Frames used, including darks and flats.
+                 */
+                readonly n_frames_used?: number;
+                /** @description Number of observations fitted. */
+                readonly n_observations?: number;
+                /** @description Sentences worth knowing that need no action. */
+                readonly notes?: readonly string[];
+                /** @description The parameters. */
+                readonly parameters?: components["schemas"]["FitParameters"];
+                /** @description Program and version. */
+                readonly program?: string;
+                readonly progress?: components["schemas"]["WorkProgress"] | null;
+                /** @description The plane that θr and the azimuth refer to. */
+                readonly reference_plane?: components["schemas"]["FitReferencePlane"];
+                /** @description Region of interest, if the sample has several. */
+                readonly region?: string | null;
+                /** @description Rejected frames. */
+                readonly rejected_frames?: readonly components["schemas"]["FrameRejected"][];
+                readonly request: components["schemas"]["FitRequest"];
+                /**
+                 * Format: double
+                 * @description Root mean square residual, as a share of the largest observation. Like the next three, none if the fit has no
+                 *     result.
+                 */
+                readonly rms_residual?: number | null;
+                /**
+                 * Format: int64
+                 * @description Number of its sample
+                 */
+                readonly sample_id: number;
+                /** @description Name of its sample */
+                readonly sample_name: string;
+                /**
+                 * Format: int64
+                 * @description Number of its scan
+                 */
+                readonly scan_id: number;
+                /**
+                 * Format: double
+                 * @description Run time, s
+                 */
+                readonly seconds?: number;
+                readonly slope_distribution?: components["schemas"]["FitSlopes"] | null;
+                /** @description Outcomes of the starts. */
+                readonly starts?: components["schemas"]["FitStarts"];
+                /** @description State of the job. */
+                readonly state: components["schemas"]["TaskState"];
+                /** @description How the fit ended. */
+                readonly status?: components["schemas"]["FitStatus"];
+                /** @description Durations in seconds. */
+                readonly timing_s?: components["schemas"]["FitTiming"];
+                readonly tracer?: components["schemas"]["FitTracer"] | null;
+                readonly variant: components["schemas"]["VariantChoice"];
+                /** @description All variants fitted. */
+                readonly variants?: readonly components["schemas"]["FitVariant"][];
+                /** @description Sentences on what the user has to check or change. */
+                readonly warnings?: readonly string[];
+                readonly wedge_across?: components["schemas"]["FitAcross"] | null;
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
+        readonly List_FrameBody: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /** @description Whether reductions use the frame. */
+                readonly accepted: boolean;
+                /**
+                 * Format: int64
+                 * @description Size of the PNG file, bytes.
+                 */
+                readonly bytes: number;
+                /**
+                 * Format: double
+                 * @description Exposure time, s.
+                 */
+                readonly exposure_s: number;
+                /** @description File name in an export. */
+                readonly file: string;
+                /**
+                 * Format: int32
+                 * @description Rows, px.
+                 */
+                readonly height_px: number;
+                /**
+                 * Format: int64
+                 * @description Number of the frame.
+                 */
+                readonly id: number;
+                /** @description Path of the PNG on this server. */
+                readonly image: string;
+                /** @description Kind of the frame. */
+                readonly kind: components["schemas"]["FrameKind"];
+                /**
+                 * Format: int32
+                 * @description Largest count of a pixel, DN.
+                 */
+                readonly max_dn: number;
+                /**
+                 * Format: double
+                 * @description Mean count of all pixels, DN.
+                 */
+                readonly mean_dn: number;
+                /** @description SHA-256 of the imported file, hexadecimal; null if that is the PNG itself. */
+                readonly original_sha256?: string | null;
+                /**
+                 * Format: double
+                 * @description Sample azimuth φs read back from the stage, degrees.
+                 */
+                readonly phi_s_deg: number;
+                /** @description Why the frame is not used; null if it is used. */
+                readonly reason?: string | null;
+                /**
+                 * Format: int32
+                 * @description Number of the repeat, from 0.
+                 */
+                readonly repeat: number;
+                /**
+                 * Format: int32
+                 * @description Pixels at or above the saturation level.
+                 */
+                readonly saturated_px: number;
+                /**
+                 * Format: int64
+                 * @description Number of the scan that took it.
+                 */
+                readonly scan_id: number;
+                /** @description SHA-256 of the PNG file, hexadecimal. */
+                readonly sha256: string;
+                /**
+                 * Format: double
+                 * @description Camera tilt θc read back from the stage, degrees.
+                 */
+                readonly theta_c_deg: number;
+                /** @description Start of the exposure, RFC 3339 in UTC. */
+                readonly timestamp: string;
+                /**
+                 * Format: int32
+                 * @description Columns, px.
+                 */
+                readonly width_px: number;
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
+        readonly List_Job: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /** @description When it was accepted, RFC 3339 in UTC. */
+                readonly created_at: string;
+                /** @description When it ended, RFC 3339 in UTC; null while it runs. */
+                readonly ended_at?: string | null;
+                readonly error?: components["schemas"]["FitError"] | null;
+                readonly forecast?: components["schemas"]["Forecast"] | null;
+                /**
+                 * Format: int64
+                 * @description Number of the job within its kind.
+                 */
+                readonly id: number;
+                readonly progress?: components["schemas"]["WorkProgress"] | null;
+                /** @description The request, as it was accepted. */
+                readonly request: Record<string, never>;
+                /**
+                 * Format: int64
+                 * @description Number of the sample of that scan.
+                 */
+                readonly sample_id?: number | null;
+                /** @description Name of that sample. */
+                readonly sample_name?: string | null;
+                /**
+                 * Format: int64
+                 * @description Number of its scan; null without one.
+                 */
+                readonly scan_id?: number | null;
+                /** @description State of the job. */
+                readonly state: components["schemas"]["TaskState"];
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
+        readonly List_SampleBody: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /** @description When the sample was added, RFC 3339 in UTC. */
+                readonly created_at: string;
+                /**
+                 * Format: int64
+                 * @description Number of the sample.
+                 */
+                readonly id: number;
+                /** @description Nominal material. */
+                readonly material: components["schemas"]["MaterialBody"];
+                /** @description Name of the sample. */
+                readonly name: string;
+                /** @description Free text. */
+                readonly note?: string | null;
+                /** @description How a simulated rig renders it; null on a real rig. */
+                readonly simulated?: Record<string, never> | null;
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
+        readonly List_ScanBody: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /** @description Calibrations that it uses, including its own. */
+                readonly calibration_ids: readonly number[];
+                /** @description The camera that took the frames. */
+                readonly camera: components["schemas"]["ScanCameraBody"];
+                /** @description When the scan was requested, RFC 3339 in UTC. */
+                readonly created_at: string;
+                /** @description When it ended, RFC 3339 in UTC. */
+                readonly ended_at?: string | null;
+                /**
+                 * Format: int32
+                 * @description Number of frames that were taken and rejected.
+                 */
+                readonly frames_rejected: number;
+                /**
+                 * Format: int64
+                 * @description Number of the scan.
+                 */
+                readonly id: number;
+                readonly operator?: components["schemas"]["OperatorBody"] | null;
+                /** @description Origin of the scan. */
+                readonly origin: components["schemas"]["ScanOrigin"];
+                /** @description The whole plan; of an import, its poses. */
+                readonly plan: components["schemas"]["Plan"];
+                /** @description Progress of the scan. */
+                readonly progress: components["schemas"]["ProgressBody"];
+                /** @description Reason for the state, if it is not the normal course. */
+                readonly reason?: string | null;
+                /** @description Regions of a sample with patches, one of which a fit must name; else empty. */
+                readonly regions: readonly string[];
+                /**
+                 * Format: int64
+                 * @description Number of the sample.
+                 */
+                readonly sample_id: number;
+                /** @description The sample's name. */
+                readonly sample_name: string;
+                /** @description When it started, RFC 3339 in UTC. */
+                readonly started_at?: string | null;
+                /** @description State of the scan. */
+                readonly state: components["schemas"]["ScanState"];
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /**
+         * @description How residuals count.
+         * @enum {string}
+         */
+        readonly Loss: "linear" | "huber" | "tukey";
+        /** @description A request for a map. */
+        readonly MapRequest: {
+            /**
+             * Format: double
+             * @description Start no further pixels after this time, s; pixels that were not reached have no value.
+             */
+            readonly max_seconds?: number | null;
+            /**
+             * Format: int64
+             * @description Scan to map.
+             */
+            readonly scan_id: number;
+            /**
+             * Format: double
+             * @description Largest share of the brightest radiance that a pixel's model may neglect.
+             */
+            readonly target_error?: number | null;
+        };
+        /** @description Nominal material: complex index N = n + ik with standard uncertainties. */
+        readonly MaterialBody: {
+            /**
+             * Format: double
+             * @description Real part n of the complex index, no unit.
+             */
+            readonly eta: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty of n; 0.01 if omitted.
+             */
+            readonly eta_std?: number;
+            /** @enum {string} */
+            readonly kind: "dielectric";
+        } | {
+            /**
+             * Format: double
+             * @description Real part n of the complex index, no unit.
+             */
+            readonly eta: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty of n; 0.01 if omitted.
+             */
+            readonly eta_std?: number;
+            /**
+             * Format: double
+             * @description Imaginary part k of the complex index, no unit.
+             */
+            readonly k: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty of k; 0.01 if omitted.
+             */
+            readonly k_std?: number;
+            /** @enum {string} */
+            readonly kind: "conductor";
+        };
+        /** @description A metal of the tables, by its name. */
+        readonly MetalBody: {
+            /** @description `Ag`, `Al`, `Au`, `Cr`, `Cu` or `W`. */
+            readonly name: string;
+            /**
+             * Format: double
+             * @description Wavelength, nm; that of the rig's lamp if omitted.
+             */
+            readonly wavelength_nm?: number | null;
+        };
+        /** @description Target of a motion. */
+        readonly MoveBody: {
+            /**
+             * Format: double
+             * @description Absolute position to move to, degrees.
+             */
+            readonly position_deg: number;
+        };
+        /** @description A reduced measurement. */
+        readonly ObservationBody: {
+            /**
+             * Format: int32
+             * @description Number of frames of this observation.
+             */
+            readonly n_frames: number;
+            /**
+             * Format: double
+             * @description Sample azimuth φs read back from the stage, degrees.
+             */
+            readonly phi_s_deg: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty in the unit of `signal`, without errors common to all observations.
+             */
+            readonly sigma: number;
+            /**
+             * Format: double
+             * @description Radiance for a lamp irradiance of 1 on a surface that faces the lamp; in an arbitrary unit if not `absolute`.
+             */
+            readonly signal: number;
+            /**
+             * Format: double
+             * @description Camera tilt θc read back from the stage, degrees.
+             */
+            readonly theta_c_deg: number;
+        };
+        /** @description Observations of a scan. */
+        readonly ObservationsBody: {
+            /** @description Whether a white reference defines the scale. */
+            readonly absolute: boolean;
+            /** @description False while more frames may follow. */
+            readonly complete: boolean;
+            /** @description The observations. */
+            readonly items: readonly components["schemas"]["ObservationBody"][];
+            /** @description Hand it back as `cursor` for the next page; null at the end. */
+            readonly next_cursor?: string | null;
+            /** @description Region of the sample; null for the whole. */
+            readonly region?: string | null;
+            /** @description Frames left out. */
+            readonly rejected_frames: readonly components["schemas"]["FrameRejected"][];
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly scan_id: number;
+            /** @description Warnings, as sentences. */
+            readonly warnings: readonly string[];
+        };
+        /**
+         * @description What a person has to do at the rig before the scan can go on.
+         * @enum {string}
+         */
+        readonly OperatorAction: "cap-lens" | "place-white-reference" | "place-sample";
+        /** @description An operator step. */
+        readonly OperatorBody: {
+            /** @description The step. */
+            readonly action: components["schemas"]["OperatorAction"];
+            /** @description What to do, as a sentence. */
+            readonly message: string;
+        };
+        /** @description A value and the range that it should be in, in the unit of the field. */
+        readonly OutOfRange: {
+            /**
+             * Format: double
+             * @description Least allowed value.
+             */
+            readonly lower: number;
+            /**
+             * Format: double
+             * @description Greatest allowed value.
+             */
+            readonly upper: number;
+            /**
+             * Format: double
+             * @description The value that was sent.
+             */
+            readonly value: number;
+        };
+        /**
+         * @description Phase of a scan: the kind of the frames being taken, and done at its end.
+         * @enum {string}
+         */
+        readonly Phase: "dark" | "flat" | "sample" | "done";
+        /** @description One number for both axes, or one for each. */
+        readonly Pitch: number | readonly number[];
+        /** @description A whole plan, nothing left open. */
+        readonly Plan: {
+            /** @description Dark frames, taken at every exposure used. */
+            readonly dark: components["schemas"]["DarkPlan"];
+            /** @description Exposures of the sample. */
+            readonly exposures_s: readonly number[];
+            /** @description White-reference frames. */
+            readonly flat: components["schemas"]["FlatPlan"];
+            /** @description Sample azimuths. */
+            readonly phi_s_deg: readonly number[];
+            /**
+             * Format: int32
+             * @description Frames per pose and exposure; 0 for none of the sample.
+             */
+            readonly repeats: number;
+            /** @description Whether valid calibration frames save their operator steps. */
+            readonly reuse_calibrations: boolean;
+            /** @description Camera tilts. */
+            readonly theta_c_deg: readonly number[];
+        };
+        /**
+         * @description A plan as a file or a request states it: everything may be left out that a preset or the rig's
+         *     settings know. Unknown keys are errors.
+         */
+        readonly PlanRequest: {
+            /** @description Dark frames. */
+            readonly dark?: components["schemas"]["DarkRequest"];
+            /** @description Exposure times of the sample, s; the rig's if omitted. */
+            readonly exposures_s?: readonly number[] | null;
+            /** @description White-reference frames. */
+            readonly flat?: components["schemas"]["FlatRequest"];
+            readonly phi_s_deg?: components["schemas"]["Values"] | null;
+            readonly preset?: components["schemas"]["Preset"] | null;
+            /**
+             * Format: int32
+             * @description Frames per pose and exposure; 1 if omitted. 0 takes new dark and white-reference frames only, for later scans.
+             */
+            readonly repeats?: number | null;
+            /** @description Whether valid calibration frames replace their operator steps; true if omitted and the plan has a sample. */
+            readonly reuse_calibrations?: boolean | null;
+            readonly theta_c_deg?: components["schemas"]["Values"] | null;
+        };
+        /** @description An observation and the prediction of the fit. */
+        readonly PointBody: {
+            /**
+             * Format: double
+             * @description Sample azimuth φs as recorded, degrees.
+             */
+            readonly phi_s_deg: number;
+            /**
+             * Format: double
+             * @description Predicted signal, in the same unit.
+             */
+            readonly predicted: number;
+            /**
+             * Format: double
+             * @description (signal − predicted) / peak.
+             */
+            readonly residual: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty, in the same unit.
+             */
+            readonly sigma: number;
+            /**
+             * Format: double
+             * @description Observed signal, in the observations' unit of radiance.
+             */
+            readonly signal: number;
+            /**
+             * Format: double
+             * @description Camera tilt θc as recorded, degrees.
+             */
+            readonly theta_c_deg: number;
+        };
+        /**
+         * @description Named plans.
+         * @enum {string}
+         */
+        readonly Preset: "paper" | "full";
+        /** @description Prior knowledge of a parameter: a value and its standard uncertainty. */
+        readonly Prior: {
+            /**
+             * Format: double
+             * @description Standard uncertainty.
+             */
+            readonly std: number;
+            /**
+             * Format: double
+             * @description Value.
+             */
+            readonly value: number;
+        };
+        /** @description A problem by RFC 9457 (`application/problem+json`). */
+        readonly Problem: {
+            /** @description Stable word for programs. */
+            readonly code: string;
+            /** @description What is wrong, and what to do. */
+            readonly detail: string;
+            /** @description Each wrong value, where the problem is about values. */
+            readonly errors?: readonly components["schemas"]["FieldProblem"][];
+            /**
+             * Format: int32
+             * @description HTTP status.
+             */
+            readonly status: number;
+            /** @description The kind of problem in words. */
+            readonly title: string;
+            /** @description `urn:ridged:problem:` and the code. */
+            readonly type: string;
+        };
+        /** @description Progress of a scan. */
+        readonly ProgressBody: {
+            /**
+             * Format: double
+             * @description Time spent moving and exposing, s.
+             */
+            readonly elapsed_s: number;
+            /**
+             * Format: double
+             * @description Elapsed share of the predicted time, 0 to 1.
+             */
+            readonly fraction: number;
+            /**
+             * Format: int32
+             * @description Frames stored so far.
+             */
+            readonly frames_done: number;
+            /**
+             * Format: int32
+             * @description Frames of the whole plan.
+             */
+            readonly frames_total: number;
+            readonly phase?: components["schemas"]["Phase"] | null;
+            /**
+             * Format: int32
+             * @description Points (pose and exposure) whose frames are stored.
+             */
+            readonly shots_done: number;
+            /**
+             * Format: int32
+             * @description Points (pose and exposure) of the whole plan.
+             */
+            readonly shots_total: number;
+            /**
+             * Format: double
+             * @description Predicted time left, s; null if unknown.
+             */
+            readonly time_left_s?: number | null;
+        };
+        /** @description Readiness of the daemon. */
+        readonly ReadyBody: {
+            /** @description Why it is not ready; null if it is ready. */
+            readonly problem?: string | null;
+            /** @description Whether store and rig are ready. */
+            readonly ready: boolean;
+            /** @description Whether the stages answer; true for a daemon without a rig. */
+            readonly rig: boolean;
+            /** @description Whether the store commits, records all running scans and has disk space. */
+            readonly store: boolean;
+        };
+        /** @description Properties of a height map; lengths in µm. */
+        readonly RidgeFacts: {
+            /**
+             * Format: double
+             * @description Fraction of the variance of the heights that the mean along the ridges explains.
+             */
+            readonly explained: number;
+            /**
+             * Format: double
+             * @description Fraction of the heights that are missing or spikes; the mean does not use them.
+             */
+            readonly filled_share?: number;
+            /**
+             * Format: double
+             * @description Height between the lowest and the highest point of the mean along the ridges.
+             */
+            readonly height_um: number;
+            /**
+             * Format: double
+             * @description Azimuth in the map towards which the facets lean, from its rows of samples (u) towards its
+             *     columns (v).
+             */
+            readonly lean_azimuth_deg: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty of the angle of the lobe at that ridge angle, because of the samples'
+             *     width and the heights' noise.
+             */
+            readonly lobe_error_deg?: number;
+            /**
+             * Format: double
+             * @description Length of a ridge across, in the mean plane.
+             */
+            readonly period_um: number;
+            /** @description Number of whole ridges that are traced. */
+            readonly ridges: number;
+            /**
+             * Format: double
+             * @description Width of a sample across the ridges.
+             */
+            readonly sample_um: number;
+            /**
+             * Format: double
+             * @description Effective ridge angle: the area-weighted median inclination of the surface on the facets'
+             *     side.
+             */
+            readonly theta_r_deg: number;
+            /**
+             * Format: double
+             * @description Root mean square of the variation along a ridge (on the median line), including the
+             *     instrument's noise.
+             */
+            readonly unevenness_um: number;
+            /**
+             * Format: double
+             * @description Fraction of a ridge that was not measured on any line along it, for example on steep walls:
+             *     bridged by extending the adjacent flanks.
+             */
+            readonly unseen_share?: number;
+        };
+        /** @description State of the rig. */
+        readonly RigBody: {
+            /**
+             * @description What the rig is doing: idle (accepts commands), moving, homing, scanning, paused (a paused scan holds the rig) or
+             *     not-connected (the stages do not answer and nothing is running).
+             */
+            readonly activity: components["schemas"]["Activity"];
+            /** @description The two axes. */
+            readonly axes: components["schemas"]["AxesBody"];
+            /** @description The camera. */
+            readonly camera: components["schemas"]["CameraBody"];
+            /** @description Whether the stages answer. */
+            readonly connected: boolean;
+            /** @description Protocol and port. */
+            readonly description: string;
+            readonly failure?: components["schemas"]["RigProblem"] | null;
+            /** @description Positions of lamp and camera. */
+            readonly geometry: components["schemas"]["GeometryBody"];
+            readonly problem?: components["schemas"]["RigProblem"] | null;
+            /**
+             * Format: int64
+             * @description Scan that holds the rig.
+             */
+            readonly scan_id?: number | null;
+            /** @description Reason for that state, if there is one. */
+            readonly scan_reason?: string | null;
+            readonly scan_state?: components["schemas"]["ScanState"] | null;
+            /** @description Whether the rig is simulated. */
+            readonly simulated: boolean;
+            /**
+             * Format: double
+             * @description Speed of a simulated rig relative to real time; 1 for a real rig.
+             */
+            readonly time_scale: number;
+        };
+        /** @description What is wrong with the stages. */
+        readonly RigProblem: {
+            /** @description Stable word. */
+            readonly code: string;
+            /** @description Cause and remedy. */
+            readonly detail: string;
+        };
+        /** @description A sample. */
+        readonly SampleBody: {
+            /** @description When the sample was added, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /**
+             * Format: int64
+             * @description Number of the sample.
+             */
+            readonly id: number;
+            /** @description Nominal material. */
+            readonly material: components["schemas"]["MaterialBody"];
+            /** @description Name of the sample. */
+            readonly name: string;
+            /** @description Free text. */
+            readonly note?: string | null;
+            /** @description How a simulated rig renders it; null on a real rig. */
+            readonly simulated?: Record<string, never> | null;
+        };
+        /** @description A sample to add. */
+        readonly SampleRequest: {
+            readonly material?: components["schemas"]["MaterialBody"] | null;
+            readonly metal?: components["schemas"]["MetalBody"] | null;
+            /** @description Name, 1 to 200 characters. */
+            readonly name: string;
+            /** @description Free text. */
+            readonly note?: string | null;
+            /**
+             * @description How a simulated rig renders it: `{"surface": "traced"}` or
+             *     `{"surface": "model", "theta_r_deg", "alpha_u", "alpha_v", "rho_d"}`.
+             */
+            readonly simulated?: Record<string, never> | null;
+        };
+        /** @description A scan. */
+        readonly ScanBody: {
+            /** @description Calibrations that it uses, including its own. */
+            readonly calibration_ids: readonly number[];
+            /** @description The camera that took the frames. */
+            readonly camera: components["schemas"]["ScanCameraBody"];
+            /** @description When the scan was requested, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description When it ended, RFC 3339 in UTC. */
+            readonly ended_at?: string | null;
+            /**
+             * Format: int32
+             * @description Number of frames that were taken and rejected.
+             */
+            readonly frames_rejected: number;
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly id: number;
+            readonly operator?: components["schemas"]["OperatorBody"] | null;
+            /** @description Origin of the scan. */
+            readonly origin: components["schemas"]["ScanOrigin"];
+            /** @description The whole plan; of an import, its poses. */
+            readonly plan: components["schemas"]["Plan"];
+            /** @description Progress of the scan. */
+            readonly progress: components["schemas"]["ProgressBody"];
+            /** @description Reason for the state, if it is not the normal course. */
+            readonly reason?: string | null;
+            /** @description Regions of a sample with patches, one of which a fit must name; else empty. */
+            readonly regions: readonly string[];
+            /**
+             * Format: int64
+             * @description Number of the sample.
+             */
+            readonly sample_id: number;
+            /** @description The sample's name. */
+            readonly sample_name: string;
+            /** @description When it started, RFC 3339 in UTC. */
+            readonly started_at?: string | null;
+            /** @description State of the scan. */
+            readonly state: components["schemas"]["ScanState"];
+        };
+        /** @description Properties of the camera that displaying its frames needs. */
+        readonly ScanCameraBody: {
+            /**
+             * Format: int32
+             * @description Rows of a frame, px.
+             */
+            readonly height_px: number;
+            /**
+             * Format: double
+             * @description Count at which a pixel is full, DN.
+             */
+            readonly saturation_dn: number;
+            /**
+             * Format: int32
+             * @description Columns of a frame, px.
+             */
+            readonly width_px: number;
+        };
+        /**
+         * @description Where a scan comes from.
+         * @enum {string}
+         */
+        readonly ScanOrigin: "rig" | "import";
+        /** @description A request for a scan. */
+        readonly ScanRequest: {
+            /** @description Poses, exposures and repeats of the scan. */
+            readonly plan: components["schemas"]["PlanRequest"];
+            /**
+             * Format: int64
+             * @description Number of the sample to scan.
+             */
+            readonly sample_id: number;
+        };
+        /**
+         * @description Where a scan stands.
+         * @enum {string}
+         */
+        readonly ScanState: "planned" | "waiting-for-operator" | "running" | "pausing" | "paused" | "interrupted" | "completed" | "aborted" | "failed";
+        /** @description The sample's own shape, measured: a profile or a height map (see `docs/height-maps.md`). */
+        readonly ShapeFile: {
+            /** @description Content, base64. */
+            readonly content: string;
+            /**
+             * Format: double
+             * @description Micrometres per unit of height, if the file does not state it.
+             */
+            readonly height_unit_um?: number | null;
+            /** @description Name; the extension states the format (csv, png, tif, x3p, sdf). */
+            readonly name: string;
+            readonly pitch_um?: components["schemas"]["Pitch"] | null;
+        };
+        /**
+         * @description The state of a job.
+         * @enum {string}
+         */
+        readonly TaskState: "running" | "completed" | "failed" | "cancelled" | "interrupted";
+        /** @description A request for a trace. */
+        readonly TraceRequest: {
+            /** @description Trace every path with and without polarisation, and report where the latter is wrong. */
+            readonly compare?: boolean;
+            /** @description Files that the scene names, by `path`. */
+            readonly files?: {
+                readonly [key: string]: string;
+            };
+            /**
+             * Format: double
+             * @description Stop after this time, s; the result has what is finished until then.
+             */
+            readonly max_seconds?: number | null;
+            /**
+             * Format: int64
+             * @description Number of photons instead of the scene's.
+             */
+            readonly photons?: number | null;
+            /** @description The scene, as TOML text or as an object with the same keys. */
+            readonly scene: unknown;
+            /**
+             * Format: int32
+             * @description Trace this number of surfaces with the same statistics, and report how much they differ.
+             */
+            readonly surfaces?: number | null;
+            /**
+             * Format: double
+             * @description Stop once the relative error of the reflected bins (root mean square) is below this.
+             */
+            readonly target_error?: number | null;
+        };
+        /** @description A parameter with its standard uncertainty. */
+        readonly UncertainBody: {
+            /**
+             * Format: double
+             * @description Standard uncertainty with all known components, in the same unit.
+             */
+            readonly std: number;
+            /**
+             * Format: double
+             * @description Estimate, in the unit of the parameter's name.
+             */
+            readonly value: number;
+        };
+        /** @description A list of numbers, written out or as a grid. */
+        readonly Values: readonly number[] | components["schemas"]["Grid"];
+        /**
+         * @description Variant that the report is based on.
+         * @enum {string}
+         */
+        readonly VariantChoice: "paper" | "sawtooth" | "traced" | "auto";
+        /** @description A request for a verdict. */
+        readonly VerdictRequest: {
+            /**
+             * Format: double
+             * @description Time limit of the fit, s (see [`FitRequest`]).
+             */
+            readonly max_seconds?: number | null;
+            /** @description Region of a sample that has several. */
+            readonly region?: string | null;
+            /**
+             * Format: int64
+             * @description Scan to judge.
+             */
+            readonly scan_id: number;
+            /** @description The specification: name, limits by quantity, accepted risks. */
+            readonly specification: Record<string, never>;
+            /**
+             * Format: double
+             * @description Stop the ray tracer once its standard error, as a share of the largest radiance, is below this.
+             */
+            readonly target_error?: number | null;
+            /**
+             * Format: double
+             * @description Largest share of the peak that the model may neglect.
+             */
+            readonly tolerance?: number | null;
+            /** @description Variant that the verdict rests on; by default the better one. */
+            readonly variant?: components["schemas"]["VariantChoice"];
+        };
+        /** @description Something that a computation omits. */
+        readonly WorkLeftOut: {
+            /**
+             * Format: double
+             * @description The error that it may cause, as a share of the result (of the peak, if that is a radiance); null if unknown.
+             */
+            readonly cost?: number | null;
+            /** @description The omission. */
+            readonly what: string;
+            /** @description The reason. */
+            readonly why: string;
+        };
+        /** @description A snapshot of a job's progress. */
+        readonly WorkProgress: {
+            /**
+             * Format: double
+             * @description Seconds since the job got its slot, or since it was requested while it waits for one.
+             */
+            readonly elapsed_s: number;
+            /**
+             * Format: double
+             * @description Completed share of this stage, 0 to 1.
+             */
+            readonly fraction: number;
+            /** @description Position in the queue, 1 for the next job to start; only while the job waits for a slot. */
+            readonly queued_position?: number | null;
+            /** @description Current stage. */
+            readonly stage: string;
+            /**
+             * Format: double
+             * @description Seconds left of this stage at its pace so far; for a stage without a known fraction, seconds left of the
+             *     forecast. None before there is a pace, and once the job takes longer than forecast.
+             */
+            readonly time_left_s?: number | null;
+        };
+    };
+    responses: never;
+    parameters: never;
+    requestBodies: never;
+    headers: never;
+    pathItems: never;
+}
+export type Activity = components['schemas']['Activity'];
+export type AxesBody = components['schemas']['AxesBody'];
+export type AxisBody = components['schemas']['AxisBody'];
+export type Begun = components['schemas']['Begun'];
+export type Binary = components['schemas']['Binary'];
+export type CalibrationBody = components['schemas']['CalibrationBody'];
+export type CameraBody = components['schemas']['CameraBody'];
+export type CertaintyBody = components['schemas']['CertaintyBody'];
+export type ContinueBody = components['schemas']['ContinueBody'];
+export type ContrastRequest = components['schemas']['ContrastRequest'];
+export type CurveBody = components['schemas']['CurveBody'];
+export type CurvesBody = components['schemas']['CurvesBody'];
+export type DamagedBody = components['schemas']['DamagedBody'];
+export type DarkPlan = components['schemas']['DarkPlan'];
+export type DarkRequest = components['schemas']['DarkRequest'];
+export type EstimateBody = components['schemas']['EstimateBody'];
+export type FieldProblem = components['schemas']['FieldProblem'];
+export type Fit = components['schemas']['Fit'];
+export type FitAcross = components['schemas']['FitAcross'];
+export type FitError = components['schemas']['FitError'];
+export type FitFinding = components['schemas']['FitFinding'];
+export type FitFindingCode = components['schemas']['FitFindingCode'];
+export type FitFreedom = components['schemas']['FitFreedom'];
+export type FitInterval = components['schemas']['FitInterval'];
+export type FitIteration = components['schemas']['FitIteration'];
+export type FitParameter = components['schemas']['FitParameter'];
+export type FitParameters = components['schemas']['FitParameters'];
+export type FitReferencePlane = components['schemas']['FitReferencePlane'];
+export type FitRequest = components['schemas']['FitRequest'];
+export type FitSlopes = components['schemas']['FitSlopes'];
+export type FitStarts = components['schemas']['FitStarts'];
+export type FitStatus = components['schemas']['FitStatus'];
+export type FitTiming = components['schemas']['FitTiming'];
+export type FitTracer = components['schemas']['FitTracer'];
+export type FitTracerEnd = components['schemas']['FitTracerEnd'];
+export type FitVariant = components['schemas']['FitVariant'];
+export type FitVariantName = components['schemas']['FitVariantName'];
+export type FittedPoint = components['schemas']['FittedPoint'];
+export type FlatPlan = components['schemas']['FlatPlan'];
+export type FlatRequest = components['schemas']['FlatRequest'];
+export type Forecast = components['schemas']['Forecast'];
+export type ForecastAmount = components['schemas']['ForecastAmount'];
+export type ForecastAtLimit = components['schemas']['ForecastAtLimit'];
+export type ForecastError = components['schemas']['ForecastError'];
+export type ForecastPart = components['schemas']['ForecastPart'];
+export type FrameBody = components['schemas']['FrameBody'];
+export type FrameKind = components['schemas']['FrameKind'];
+export type FrameRejected = components['schemas']['FrameRejected'];
+export type GeometryBody = components['schemas']['GeometryBody'];
+export type Grid = components['schemas']['Grid'];
+export type ImportBody = components['schemas']['ImportBody'];
+export type ImportRequest = components['schemas']['ImportRequest'];
+export type Job = components['schemas']['Job'];
+export type ListCalibrationBody = components['schemas']['List_CalibrationBody'];
+export type ListCertaintyBody = components['schemas']['List_CertaintyBody'];
+export type ListFit = components['schemas']['List_Fit'];
+export type ListFrameBody = components['schemas']['List_FrameBody'];
+export type ListJob = components['schemas']['List_Job'];
+export type ListSampleBody = components['schemas']['List_SampleBody'];
+export type ListScanBody = components['schemas']['List_ScanBody'];
+export type Loss = components['schemas']['Loss'];
+export type MapRequest = components['schemas']['MapRequest'];
+export type MaterialBody = components['schemas']['MaterialBody'];
+export type MetalBody = components['schemas']['MetalBody'];
+export type MoveBody = components['schemas']['MoveBody'];
+export type ObservationBody = components['schemas']['ObservationBody'];
+export type ObservationsBody = components['schemas']['ObservationsBody'];
+export type OperatorAction = components['schemas']['OperatorAction'];
+export type OperatorBody = components['schemas']['OperatorBody'];
+export type OutOfRange = components['schemas']['OutOfRange'];
+export type Phase = components['schemas']['Phase'];
+export type Pitch = components['schemas']['Pitch'];
+export type Plan = components['schemas']['Plan'];
+export type PlanRequest = components['schemas']['PlanRequest'];
+export type PointBody = components['schemas']['PointBody'];
+export type Preset = components['schemas']['Preset'];
+export type Prior = components['schemas']['Prior'];
+export type Problem = components['schemas']['Problem'];
+export type ProgressBody = components['schemas']['ProgressBody'];
+export type ReadyBody = components['schemas']['ReadyBody'];
+export type RidgeFacts = components['schemas']['RidgeFacts'];
+export type RigBody = components['schemas']['RigBody'];
+export type RigProblem = components['schemas']['RigProblem'];
+export type SampleBody = components['schemas']['SampleBody'];
+export type SampleRequest = components['schemas']['SampleRequest'];
+export type ScanBody = components['schemas']['ScanBody'];
+export type ScanCameraBody = components['schemas']['ScanCameraBody'];
+export type ScanOrigin = components['schemas']['ScanOrigin'];
+export type ScanRequest = components['schemas']['ScanRequest'];
+export type ScanState = components['schemas']['ScanState'];
+export type ShapeFile = components['schemas']['ShapeFile'];
+export type TaskState = components['schemas']['TaskState'];
+export type TraceRequest = components['schemas']['TraceRequest'];
+export type UncertainBody = components['schemas']['UncertainBody'];
+export type Values = components['schemas']['Values'];
+export type VariantChoice = components['schemas']['VariantChoice'];
+export type VerdictRequest = components['schemas']['VerdictRequest'];
+export type WorkLeftOut = components['schemas']['WorkLeftOut'];
+export type WorkProgress = components['schemas']['WorkProgress'];
+export type $defs = Record<string, never>;
+export type operations = Record<string, never>;

@@ -1,0 +1,117 @@
+// What the daemon refuses, in the words of the page: by the problem's code and the fields that it names. A message of the
+// daemon is shown as it is; the page adds what its own form calls the field and what to do there.
+
+import { plain } from './format';
+import { KNOWABLE } from './words';
+
+/** What is wrong with one value of a request. */
+export interface FieldProblem {
+  /** Path of the value: `plan.theta_c_deg[2]`. */
+  readonly field: string;
+  readonly message: string;
+  /** In the unit of the field. */
+  readonly out_of_range?: { readonly value: number; readonly lower: number; readonly upper: number };
+}
+
+/** A refused or failed request. `message` is for people, `code` for programs. */
+export class Problem extends Error {
+  readonly status: number;
+  readonly code: string;
+  readonly errors: readonly FieldProblem[];
+
+  constructor(status: number, code: string, message: string, errors: readonly FieldProblem[] = []) {
+    super(message);
+    this.status = status;
+    this.code = code;
+    this.errors = errors;
+  }
+}
+
+interface FieldWords {
+  readonly name: string;
+  readonly unit?: string;
+  /** From the unit of the request to that of the form. */
+  readonly factor?: number;
+}
+
+const TILT: FieldWords = { name: 'Camera tilt', unit: '°' };
+const EXPOSURE: FieldWords = { name: 'Exposure', unit: ' ms', factor: 1000 };
+
+/** Fields of requests as the forms call them. */
+const FIELDS: Readonly<Record<string, FieldWords>> = {
+  'plan.theta_c_deg': TILT,
+  'plan.phi_s_deg': { name: 'Sample azimuth', unit: '°' },
+  'plan.exposures_s': EXPOSURE,
+  'plan.repeats': { name: 'Repeats' },
+  'plan.dark.repeats': { name: 'Dark frames, repeats' },
+  'plan.flat.theta_c_deg': { ...TILT, name: 'White reference, camera tilt' },
+  'plan.flat.exposures_s': { ...EXPOSURE, name: 'White reference, exposure' },
+  'plan.flat.repeats': { name: 'White reference, repeats' },
+  folder: { name: 'Folder' },
+  scene: { name: 'Scene' },
+  shape: { name: 'Shape' },
+};
+
+/** What to do about a problem on this page. */
+const HINTS: Readonly<Record<string, string>> = {
+  'frame-unreadable': 'To import the other frames, tick “leave out frames that cannot be read”.',
+};
+
+/** First letter large, a full stop at the end. */
+export function sentence(text: string): string {
+  const trimmed = text.trim();
+  if (trimmed === '') return '';
+  const head = trimmed.charAt(0).toUpperCase() + trimmed.slice(1);
+  return /[.!?…]$/.test(head) ? head : `${head}.`;
+}
+
+/** The path without the places in lists. */
+const stem = (field: string): string => field.replace(/\[\d+\]/g, '');
+
+function fieldWords(path: string): FieldWords | null {
+  const [list, parameter] = path.split('.');
+  const known = (list === 'fix' || list === 'priors') && parameter !== undefined ? KNOWABLE[parameter] : undefined;
+  return FIELDS[path] ?? (known ? { name: known.name } : null);
+}
+
+/** Wrong values in sentences. Values with the same range are put into one. */
+export function faultWords(errors: readonly FieldProblem[]): string {
+  const parts: string[] = [];
+  const ranges = new Map<string, { values: string[]; words: FieldWords; range: string }>();
+  for (const { field, message, out_of_range } of errors) {
+    const path = stem(field);
+    const words = fieldWords(path);
+    if (out_of_range && words) {
+      const show = (x: number): string => plain(x * (words.factor ?? 1), 6);
+      const range = `${show(out_of_range.lower)} to ${show(out_of_range.upper)}${words.unit ?? ''}`;
+      const same = ranges.get(`${path} ${range}`);
+      const value = `${show(out_of_range.value)}${words.unit ?? ''}`;
+      if (same) same.values.push(value);
+      else ranges.set(`${path} ${range}`, { values: [value], words, range });
+      if (!same) parts.push(`${path} ${range}`);
+    } else {
+      parts.push(sentence(`${words?.name ?? field}: ${message}`));
+    }
+  }
+  const all = parts.map((part) => {
+    const range = ranges.get(part);
+    return range ? `${range.words.name}: ${range.values.join(', ')} ${range.values.length === 1 ? 'is' : 'are'} outside ${range.range}.` : part;
+  });
+  return [...new Set(all)].join(' ');
+}
+
+/** What a problem+json body (RFC 9457) says; `fallback` where it says nothing. */
+export function problemOf(status: number, body: unknown, fallback: string): Problem {
+  const { title, detail, code, errors } = (typeof body === 'object' && body !== null ? body : {}) as Readonly<Record<string, unknown>>;
+  const named = Array.isArray(errors) ? (errors as readonly FieldProblem[]) : [];
+  const text = (value: unknown): string => (typeof value === 'string' ? value : '');
+  const word = text(code) || `http-${status}`;
+  const message = named.length > 0 ? faultWords(named) : sentence(text(detail) || text(title) || fallback);
+  const hint = HINTS[word];
+  return new Problem(status, word, hint === undefined ? message : `${message} ${hint}`, named);
+}
+
+/** The sentence to show for anything that was thrown. */
+export function spoken(error: unknown): string {
+  return error instanceof Error ? error.message : sentence(String(error));
+}
