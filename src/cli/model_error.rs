@@ -275,7 +275,7 @@ mod tests {
         let Err(CliError::NoResult(why)) = late else {
             panic!("{late:?}");
         };
-        assert!(why.to_string().contains("in time"), "{why}");
+        assert!(why.to_string().contains("within the time limit"), "{why}");
         let missing = [Wanted {
             material: 1,
             theta_r_deg: 10.0,

@@ -473,7 +473,7 @@ mod tests {
         let Err(CliError::NoResult(why)) = late else {
             panic!("{late:?}");
         };
-        assert!(why.to_string().contains("in time"), "{why}");
+        assert!(why.to_string().contains("within the time limit"), "{why}");
         let omitted = left_out(2, 3, std::iter::empty());
         assert_eq!(omitted[1].what, "2 of 3 surfaces");
         // A missing step may be the best one.

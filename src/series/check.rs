@@ -415,7 +415,7 @@ mod tests {
         assert!(refusal(&named("metal = \"Unobtainium\"")).contains("known ones are Ag, Al"));
         let infrared =
             named("metal = \"Cr\"").replacen("wavelength_nm = 550", "wavelength_nm = 5000", 1);
-        assert!(refusal(&infrared).contains("reaches from"));
+        assert!(refusal(&infrared).contains("which covers"));
         let clear = CHECKER.replacen(plastic, "metal = \"Cr\"", 1);
         assert!(refusal(&clear).contains("dielectric"));
     }

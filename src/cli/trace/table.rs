@@ -536,7 +536,7 @@ mod tests {
         let last = words[exact].pop().unwrap();
         words[exact].push(if last == '0' { '1' } else { '0' });
         *line = words.join(",");
-        refused(&flipped, "not as they were written");
+        refused(&flipped, "were changed");
         // The file's own hash, and a file without it.
         for (part, says) in [
             (
@@ -544,7 +544,7 @@ mod tests {
                     straight: 3,
                     ..part.clone()
                 },
-                "not as they were written",
+                "were changed",
             ),
             (ShardPart { sums: None, ..part }, "earlier version"),
         ] {
