@@ -30,6 +30,9 @@ test-rust: web  ## Rust tests
 test-times: web  ## The slowest Rust tests
 	@tools/test_times.py $(ARGS)
 
+code-figures:  ## Lines of code and tests, and the longest files
+	@tools/code_figures.py
+
 test-vendor: web  ## The stage maker's own client against the simulated controller, GTC against the budgets
 	cargo test --no-run
 	tests/vendor/run target/debug/ridged
@@ -74,4 +77,4 @@ setup-build:
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-fit bench-peers-trace help demo build build-tests test check test-e2e test-page test-rust test-times test-vendor test-web web screenshot setup-build setup-test
+.PHONY: bench-peers bench-peers-fit bench-peers-trace code-figures help demo build build-tests test check test-e2e test-page test-rust test-times test-vendor test-web web screenshot setup-build setup-test
