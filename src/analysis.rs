@@ -1,8 +1,7 @@
-//! From frames to an answer in one call: read, reduce, fit, with the seconds each took.
+//! Reads, reduces and fits a series in one call, and reports the seconds of each step.
 //!
-//! The one function to call is [`analyse`]; command line and daemon both do. [`analyse_together`] does
-//! it for several scans of one sample. It does not know where
-//! frames come from ([`FrameSource`]) and prints nothing: progress is told to a callback.
+//! Command line and daemon call [`analyse`], or [`analyse_together`] for several scans of one sample. Frames come from any
+//! [`FrameSource`]; progress goes to a callback.
 
 use std::ops::RangeInclusive;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -19,37 +18,37 @@ use crate::model::Surface;
 use crate::model::left_out::POLARISATION;
 use crate::observation::ObservationSet;
 use crate::plan;
-use crate::reduction::{FrameReadError, FrameSource, ReductionError, reduce};
+use crate::reduction::{FrameReadError, FrameSource, ReductionCache, ReductionError, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::trace::profile::Profile;
 use crate::trace::ridge_map::RidgeFacts;
 use crate::wording::percent;
 
-/// How many starts a search may have, per variant.
+/// Range of the number of starts of a search, per variant.
 pub const STARTS: RangeInclusive<i64> = 1..=1024;
-/// How many series a bootstrap may draw: fewer make no interval.
+/// Range of the number of series that a bootstrap draws; fewer give no interval.
 pub const DRAWS: RangeInclusive<i64> = 20..=100_000;
 
-/// What an analysis may be told.
+/// Options of an analysis.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct AnalysisOptions {
     /// Region of a sample that has several.
     pub region: Option<String>,
     /// Variant, starts, seed.
     pub fit: FitOptions,
-    /// The sample's own shape, for the ray tracer; the ideal sawtooth if not given.
+    /// Measured shape of the sample, for the ray tracer; the ideal sawtooth if not given.
     pub profile: Option<Profile>,
-    /// What that profile was made of, where it comes from a height map.
+    /// Facts about the height map that the profile comes from.
     pub height_map: Option<RidgeFacts>,
-    /// How its file was read, where it could have been read otherwise: sentences for the user.
+    /// Notes on ambiguities in the shape's file.
     pub shape_notes: Vec<String>,
-    /// Searches, the ray tracer and the bootstrap end after so many seconds of fitting; what they reached by then counts.
+    /// Time limit of the fit, s: searches, ray tracer and bootstrap end then, and their results so far count.
     pub max_seconds: Option<f64>,
-    /// Whether a descent to the minimum is retraced, step by step (`iterations` of the report).
+    /// Record every step of a descent to the minimum (`iterations` of the report).
     pub iterations: bool,
 }
 
-/// Where an analysis stands. Frames may be read more than once, so `done` may pass `total`.
+/// Progress of an analysis. Frames whose sums are kept are not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
     /// Frames are read and reduced.
@@ -61,16 +60,16 @@ pub enum Progress {
     },
     /// The model is being fitted.
     Fitting,
-    /// The ray tracer is at work.
+    /// The ray tracer runs.
     Tracing {
         /// Paths traced.
         done: u64,
-        /// Paths that are foreseen.
+        /// Paths planned.
         total: u64,
     },
 }
 
-/// Why there is no report.
+/// Why an analysis has no report.
 #[derive(Debug, thiserror::Error)]
 pub enum AnalysisError {
     /// The frames give no observations.
@@ -81,10 +80,10 @@ pub enum AnalysisError {
     Cancelled,
 }
 
-/// Why there is no joint report.
+/// Why a joint analysis has no report.
 #[derive(Debug, thiserror::Error)]
 pub enum JointAnalysisError {
-    /// One of the scans gives no observations, or it was cancelled.
+    /// One of the scans gives no observations, or the analysis was cancelled.
     #[error(transparent)]
     Scan(#[from] AnalysisError),
     /// The scans cannot be fitted together.
@@ -92,19 +91,19 @@ pub enum JointAnalysisError {
     Joint(#[from] JointError),
 }
 
-/// A report and the observations that it rests on.
+/// A report with its observations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Analysis {
-    /// What was fitted.
+    /// The fitted observations.
     pub observations: ObservationSet,
-    /// The answer.
+    /// The report.
     pub report: FitReport,
 }
 
 /// Reads, reduces and fits; `progress` may be called from several threads at once.
 ///
 /// # Errors
-/// [`AnalysisError`]. A fit that fails is no error: the report's status says so.
+/// [`AnalysisError`]. A failed fit is a report with that status.
 pub fn analyse(
     source: &dyn FrameSource,
     options: &AnalysisOptions,
@@ -115,10 +114,10 @@ pub fn analyse(
     fitted(observed, Some(source.manifest()), options, progress, cancel)
 }
 
-/// Fits observations that no frames were reduced to, such as a goniometer's.
+/// Fits observations that do not come from frames, such as a goniometer's.
 ///
 /// # Errors
-/// [`AnalysisError::Cancelled`]. A fit that fails is no error: the report's status says so.
+/// [`AnalysisError::Cancelled`]. A failed fit is a report with that status.
 pub fn analyse_observations(
     observations: ObservationSet,
     options: &AnalysisOptions,
@@ -133,7 +132,7 @@ pub fn analyse_observations(
     fitted(observed, None, options, progress, cancel)
 }
 
-/// Fits; what a plan of the series leaves out is told where there is a manifest to plan by.
+/// Fits. With a manifest, the report lists what the plan of the series leaves out.
 fn fitted(
     observed: Observed,
     manifest: Option<&Manifest>,
@@ -204,8 +203,8 @@ fn fitted(
     })
 }
 
-/// What the plan of the series leaves out, with the costs at the fitted surface, takes the place of what the fit says of
-/// the same in general; what costs more than a user allowed is a warning.
+/// Replaces the general entries of the report's `left_out` by those of the series' plan, with their costs at the fitted
+/// surface. Costs above the user's tolerance are warnings.
 fn leave_out(
     report: &mut FitReport,
     manifest: &Manifest,
@@ -228,7 +227,7 @@ fn leave_out(
     let poses: Vec<Pose> = set.observations.iter().map(|o| o.pose).collect();
     let allowed = tolerance.unwrap_or(plan::TOLERANCE);
     let plan = plan::series::over(manifest, &poses, &[surface], allowed);
-    // Whether it follows polarisation is told by the fit itself, what that costs by the plan.
+    // The fit decides whether it follows polarisation; the plan gives the cost.
     let polarisation = plan.on(plan::Decision::Polarisation);
     if let Some(known) = report.left_out.iter_mut().find(|l| l.what == POLARISATION) {
         known.cost = polarisation.and_then(|choice| choice.cost);
@@ -242,7 +241,7 @@ fn leave_out(
         };
         match report.left_out.iter_mut().find(|l| l.what == entry.what) {
             Some(known) => *known = entry,
-            // A third bounce is told by the fit itself, too.
+            // The fit reports a third bounce itself.
             None if choice.decision == plan::Decision::Bounces => {}
             None => report.left_out.push(entry),
         }
@@ -262,7 +261,7 @@ fn leave_out(
     }
 }
 
-/// What any of several reports leaves out, each with its largest cost.
+/// Returns what any of several reports leaves out, each with its largest cost.
 fn worst_of<'r>(reports: impl Iterator<Item = &'r FitReport>) -> Vec<LeftOut> {
     let mut all: Vec<LeftOut> = Vec::new();
     for left in reports.flat_map(|r| &r.left_out) {
@@ -275,20 +274,19 @@ fn worst_of<'r>(reports: impl Iterator<Item = &'r FitReport>) -> Vec<LeftOut> {
     all
 }
 
-/// A joint report and the observations that it rests on, scan by scan.
+/// A joint report with its observations, by scan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointAnalysis {
-    /// What was fitted.
+    /// The fitted observations.
     pub observations: Vec<ObservationSet>,
-    /// The answer.
+    /// The report.
     pub report: JointReport,
 }
 
-/// Reads and reduces several scans of one sample and fits them together; `names` stand for them in
-/// the report.
+/// Reads and reduces several scans of one sample and fits them together. Each source comes with its name in the report.
 ///
 /// # Errors
-/// [`JointAnalysisError`]. A fit that fails is no error: the report's status says so.
+/// [`JointAnalysisError`]. A failed fit is a report with that status.
 pub fn analyse_together(
     sources: &[(&str, &dyn FrameSource)],
     options: &AnalysisOptions,
@@ -319,9 +317,9 @@ pub fn analyse_together(
                 other => JointAnalysisError::from(other),
             }
         })?;
-    for ((told, (_, source)), set) in report.scans.iter_mut().zip(sources).zip(&observations) {
+    for ((scan, (_, source)), set) in report.scans.iter_mut().zip(sources).zip(&observations) {
         let tolerance = options.fit.tolerance;
-        leave_out(&mut told.report, source.manifest(), set, tolerance);
+        leave_out(&mut scan.report, source.manifest(), set, tolerance);
     }
     report.report.left_out = worst_of(report.scans.iter().map(|scan| &scan.report));
     report.report.timing_s = fit::report::Timing {
@@ -335,7 +333,7 @@ pub fn analyse_together(
     })
 }
 
-/// Observations with the seconds that reading and reducing took.
+/// Observations with the seconds of reading and reducing.
 struct Observed {
     observations: ObservationSet,
     read_s: f64,
@@ -360,7 +358,7 @@ fn observe(
         other => other?,
     };
     let both_s = started.elapsed().as_secs_f64();
-    // Several threads read at once: their sum, shared out, is the part of the time that went there.
+    // Several threads read at once: the sum of their times over their number is the share of reading.
     let threads = rayon::current_num_threads().max(1) as f64;
     let summed_s = timed.nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9;
     let read_s = (summed_s / threads).min(both_s);
@@ -371,7 +369,7 @@ fn observe(
     })
 }
 
-/// Counts and times what the reduction reads.
+/// Counts and times the frames that a reduction reads.
 struct Timed<'a> {
     source: &'a dyn FrameSource,
     progress: &'a (dyn Fn(Progress) + Sync),
@@ -386,6 +384,18 @@ impl FrameSource for Timed<'_> {
 
     fn rows(&self) -> &[FrameRow] {
         self.source.rows()
+    }
+
+    fn frame_id(&self, index: usize) -> i64 {
+        self.source.frame_id(index)
+    }
+
+    fn reductions(&self) -> Option<&ReductionCache> {
+        self.source.reductions()
+    }
+
+    fn is_growing(&self) -> bool {
+        self.source.is_growing()
     }
 
     fn read(&self, index: usize) -> Result<Frame, FrameReadError> {

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use crate::analysis::AnalysisOptions;
 use crate::fit::VariantChoice;
-use crate::fit::outlook::{Outlook, likely, outlook};
+use crate::fit::outlook::{Outlook, outlook};
 use crate::fit::problem::Values;
 use crate::fit::tier::two_bounces;
 use crate::fit::traced::ridged_surface;
@@ -16,14 +16,9 @@ use crate::forecast::Forecast;
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 use crate::observation::ObservationSet;
-use crate::reduction::{FrameReadError, FrameSource, reduce};
+use crate::reduction::{FrameReadError, FrameSource, ReductionCache, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::trace::ridged::RadianceOptions;
-
-/// One pose in so many is read.
-const THINNED: usize = 6;
-/// Least number of poses read, if there are as many: fewer do not show a surface.
-const POSES_MIN: usize = 24;
 
 /// A series with a few of its sample frames.
 pub(super) struct Thinned<'a> {
@@ -69,6 +64,14 @@ impl FrameSource for Thinned<'_> {
         &self.rows
     }
 
+    fn frame_id(&self, index: usize) -> i64 {
+        self.source.frame_id(self.places[index])
+    }
+
+    fn reductions(&self) -> Option<&ReductionCache> {
+        self.source.reductions()
+    }
+
     fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
         self.source.read(self.places[index])
     }
@@ -83,53 +86,23 @@ pub const TRACE: &str = "to trace";
 /// Fits of drawn series.
 pub const BOOTSTRAP: &str = "for the bootstrap";
 
-/// Seconds up to which all frames are read for a forecast: the observations themselves tell most.
-const READ_ALL_S: f64 = 2.0;
-
-/// What reading and reducing gives a forecast.
-struct Look {
+/// What reading and reducing gives a forecast. The reduction is that of the work itself: what it computes of the frames is
+/// kept, and the work reads none of them again.
+struct Reduced {
     set: ObservationSet,
-    /// Whether of all poses.
-    whole: bool,
-    /// Of all poses, s.
     seconds: f64,
 }
 
-impl Look {
-    /// Reads a sixth of the poses (more where they are few), and all where that takes no longer than `all_s`. `None`
-    /// where those give no observations.
-    fn at(
-        source: &dyn FrameSource,
-        region: Option<&str>,
-        all_s: f64,
-        cancel: &AtomicBool,
-    ) -> Option<Self> {
+impl Reduced {
+    /// `None` where the frames give no observations.
+    fn of(source: &dyn FrameSource, region: Option<&str>, cancel: &AtomicBool) -> Option<Self> {
         let layout = source.manifest().sample.layout.as_ref();
         let region = region.or(layout.map(|_| "even"));
-        let timed = |source: &dyn FrameSource| {
-            let started = Instant::now();
-            let set = reduce(source, region, cancel);
-            (set.ok(), started.elapsed().as_secs_f64())
-        };
-        let every = (poses_of(source).len() / POSES_MIN).clamp(1, THINNED);
-        let thinned = Thinned::new(source, every);
-        let (few, few_s) = timed(&thinned);
-        let share = source.rows().len() as f64 / thinned.rows.len().max(1) as f64;
-        let expected_s = share * few_s;
-        if every > 1
-            && expected_s <= all_s
-            && let (Some(set), seconds) = timed(source)
-        {
-            return Some(Look {
-                set,
-                whole: true,
-                seconds,
-            });
-        }
-        Some(Look {
-            set: few?,
-            whole: every == 1,
-            seconds: expected_s,
+        let started = Instant::now();
+        let set = reduce(source, region, cancel).ok()?;
+        Some(Reduced {
+            set,
+            seconds: started.elapsed().as_secs_f64(),
         })
     }
 }
@@ -149,7 +122,7 @@ pub fn of_reduction(
     region: Option<&str>,
     cancel: &AtomicBool,
 ) -> Option<Forecast> {
-    let reduce_s = Look::at(source, region, 0.0, cancel)?.seconds;
+    let reduce_s = Reduced::of(source, region, cancel)?.seconds;
     let poses = poses_of(source).len() as u64;
     Some(Forecast::of_parts([(READ, reduce_s)]).for_work(poses, "poses"))
 }
@@ -160,24 +133,21 @@ pub fn of_series(source: &dyn FrameSource, cancel: &AtomicBool) -> Option<Foreca
     of_analysis(source, &AnalysisOptions::default(), cancel)
 }
 
-/// Forecasts the analysis of a series: its frames are read and reduced (a sixth of them where that takes long, and what
-/// they show is painted at the other poses), the fit's own quick look says what will follow it, and a share of that is
-/// tried; a few poses are traced where the ray tracer is asked. `None` where those frames give no observations.
+/// Forecasts the analysis of a series: its frames are read and reduced, the fit's own quick look says what will follow it,
+/// and a share of that is tried; a few poses are traced where the ray tracer is asked. `None` where the frames give no
+/// observations.
 #[must_use]
 pub fn of_analysis(
     source: &dyn FrameSource,
     options: &AnalysisOptions,
     cancel: &AtomicBool,
 ) -> Option<Forecast> {
-    let look = Look::at(source, options.region.as_deref(), READ_ALL_S, cancel)?;
-    let reduce_s = look.seconds;
+    let Reduced {
+        set,
+        seconds: reduce_s,
+    } = Reduced::of(source, options.region.as_deref(), cancel)?;
     let poses = poses_of(source);
     let asked = &options.fit;
-    let set = if look.whole {
-        look.set
-    } else {
-        likely(&look.set, &poses, asked, cancel).unwrap_or(look.set)
-    };
     let begun = Instant::now();
     let now = || begun.elapsed().as_secs_f64();
     let outlook = outlook(&set, asked, Some(&two_bounces), &now, cancel);
@@ -268,7 +238,19 @@ mod tests {
     use crate::series::Series;
 
     #[test]
-    fn a_series_is_forecast_from_all_its_calibrations_and_a_sixth_of_its_poses() {
+    fn a_series_is_forecast_in_its_parts() {
+        let series = Series::open("tests/data/series/paper-rig-full".as_ref()).unwrap();
+        let told = of_series(&series, &AtomicBool::new(false)).unwrap();
+        assert!(told.part(READ) > 0.0 && told.part(FIT) > 0.0);
+        assert!((told.seconds - told.part(READ) - told.part(FIT)).abs() < 1e-12);
+        assert_eq!(told.part(TRACE), 0.0);
+        let alone = of_reduction(&series, None, &AtomicBool::new(false)).unwrap();
+        assert!(alone.seconds > 0.0 && alone.parts.len() == 1);
+    }
+
+    #[test]
+    fn a_thinned_series_has_all_calibrations_and_a_sixth_of_the_poses() {
+        const THINNED: usize = 6;
         let series = Series::open("tests/data/series/paper-rig-full".as_ref()).unwrap();
         let thinned = Thinned::new(&series, THINNED);
         let count = |rows: &[FrameRow], sample: bool| {
@@ -285,12 +267,6 @@ mod tests {
         for (place, row) in some.iter().enumerate() {
             assert_eq!(row.file, all[thinned.places[place]].file);
         }
-        let told = of_series(&series, &AtomicBool::new(false)).unwrap();
-        assert!(told.part(READ) > 0.0 && told.part(FIT) > 0.0);
-        assert!((told.seconds - told.part(READ) - told.part(FIT)).abs() < 1e-12);
-        assert_eq!(told.part(TRACE), 0.0);
-        let alone = of_reduction(&series, None, &AtomicBool::new(false)).unwrap();
-        assert!(alone.seconds > 0.0 && alone.parts.len() == 1);
     }
 
     #[test]

@@ -85,6 +85,10 @@ pub(super) fn describe_metrics() {
         "Frames stored, by whether they are used"
     );
     describe_counter!(
+        "ridged_frames_decoded_total",
+        "Frames read from the store and decoded for a reduction or a map"
+    );
+    describe_counter!(
         "ridged_task_states_total",
         "State changes of fits, maps, contrasts, verdicts and traces, by task and new state"
     );

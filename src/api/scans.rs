@@ -13,7 +13,7 @@ use super::{App, Begun, List};
 use crate::frame::FrameKind;
 use crate::lab::{Lab, LabError, ScanRequest};
 use crate::scan::event::OperatorStep;
-use crate::scan::runner::Order;
+use crate::scan::runner::ScanCommand;
 use crate::scan::{OperatorAction, Plan, Progress, ScanState};
 use crate::store::scans::{Origin, Scan, ScanFilter};
 use crate::wording::json;
@@ -345,16 +345,16 @@ pub(super) async fn command(
 ) -> Result<Response, ApiError> {
     let id = id_of(id)?;
     let order = match order.as_str() {
-        "pause" => Order::Pause,
-        "resume" => Order::Resume,
-        "abort" => Order::Abort,
+        "pause" => ScanCommand::Pause,
+        "resume" => ScanCommand::Resume,
+        "abort" => ScanCommand::Abort,
         "continue" => {
             let done: Option<ContinueBody> = match body.is_empty() {
                 true => None,
                 false => json::from_slice(&body)?,
             };
             let step = done.and_then(|done| done.action);
-            step.map_or(Order::Continue, Order::Done)
+            step.map_or(ScanCommand::Continue, ScanCommand::Done)
         }
         other => {
             return Err(ApiError::not_found(format!(
@@ -362,7 +362,7 @@ pub(super) async fn command(
             )));
         }
     };
-    let takes_a_step = matches!(order, Order::Continue | Order::Done(_));
+    let takes_a_step = matches!(order, ScanCommand::Continue | ScanCommand::Done(_));
     if !takes_a_step && !body.is_empty() {
         let NothingBody {} = json::from_slice(&body)?;
     }

@@ -17,7 +17,7 @@ use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 use super::limits::FitLimits;
 use super::values::whole;
 use super::{CliError, constraint_args, interrupt, output, runtime};
-use crate::accuracy::forecast::of_analysis;
+use crate::accuracy::forecast::{READ, of_analysis};
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, DRAWS, Progress, STARTS, analyse};
 use crate::fit::told::agree;
 use crate::fit::traced::TracingOptions;
@@ -25,7 +25,7 @@ use crate::fit::{FitOptions, Loss, Told, VariantChoice, text};
 use crate::heights;
 use crate::heights::ridges::{self, MeasuredShape, Units};
 use crate::material::Material;
-use crate::reduction::{FrameSource, ReductionError};
+use crate::reduction::{FrameSource, ReductionError, Remembering};
 use crate::series::Series;
 use crate::tables;
 
@@ -135,7 +135,10 @@ pub fn print_forecast(
     let begun = Instant::now();
     let forecast = of_analysis(source, options, cancel);
     if let Some(limit) = &mut options.max_seconds {
-        *limit = (*limit - begun.elapsed().as_secs_f64()).max(LEAST_LEFT * *limit);
+        // The analysis reuses what was read, and the limit is on fitting.
+        let read_s = forecast.as_ref().map_or(0.0, |f| f.part(READ));
+        let spent_s = begun.elapsed().as_secs_f64() - read_s;
+        *limit = (*limit - spent_s).max(LEAST_LEFT * *limit);
     }
     let forecast = forecast?;
     if limited || long {
@@ -231,7 +234,10 @@ pub fn run(args: Args) -> Result<(), CliError> {
             &args.data,
             scan.unwrap_or_default(),
         )?),
-        ([dir], _) => Box::new(Series::open_own(dir).map_err(CliError::bad_input)?),
+        ([dir], _) => {
+            let series = Series::open_own(dir).map_err(CliError::bad_input)?;
+            Box::new(Remembering::new(series))
+        }
         (dirs, _) => return joint::run(dirs, &options, args.json, &cancel),
     };
     suits(&options.fit.told, &source.manifest().material())?;

@@ -11,7 +11,7 @@ use crate::analysis::AnalysisOptions;
 use crate::fit::FitOptions;
 use crate::fit::traced::TracingOptions;
 use crate::judge::{Specification, VerdictReport};
-use crate::reduction::FrameSource;
+use crate::reduction::{FrameSource, Remembering};
 use crate::series::Series;
 use crate::wording::{decimals, significant, stated, toml_text};
 
@@ -86,7 +86,10 @@ pub fn run(args: Args) -> Result<(), CliError> {
         ..AnalysisOptions::default()
     };
     let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
-        (Some(dir), _) => Box::new(Series::open_own(dir).map_err(CliError::bad_input)?),
+        (Some(dir), _) => {
+            let series = Series::open_own(dir).map_err(CliError::bad_input)?;
+            Box::new(Remembering::new(series))
+        }
         (None, scan) => Box::new(runtime::stored_series(
             &args.data,
             scan.unwrap_or_default(),

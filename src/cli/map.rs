@@ -14,7 +14,7 @@ use crate::accuracy::map_forecast::of_map;
 use crate::map::folder::{FolderError, map_into};
 use crate::map::summary::Summary;
 use crate::map::{MapError, MapOptions, Progress, Stage};
-use crate::reduction::{FrameSource, ReductionError};
+use crate::reduction::{FrameSource, ReductionError, Remembering};
 use crate::series::Series;
 use crate::wording::{counted, decimals, percent, significant};
 
@@ -75,7 +75,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         (Some(dir), _) => {
             let series = Series::open_own(dir).map_err(CliError::bad_input)?;
             output_collision::no_folder_of_frames(&args.out, &series)?;
-            Box::new(series)
+            Box::new(Remembering::new(series))
         }
         (None, scan) => Box::new(runtime::stored_series(
             &args.data,

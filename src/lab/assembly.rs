@@ -10,7 +10,7 @@ use crate::clock::Clock;
 use crate::config::{CameraSection, Config};
 use crate::scan::plan::PlanDefaults;
 use crate::scan::runner::RunnerSettings;
-use crate::scan::visit::{CappedLimit, FrameRules, LookedAt};
+use crate::scan::visit::{CappedLimit, Confirmed, FrameRules};
 use crate::scan::{Rig, StageLink};
 use crate::series::{CameraFacts, Manifest};
 
@@ -143,7 +143,7 @@ fn runner_settings(camera: &CameraFacts, config: &Config) -> RunnerSettings {
                 * camera.gain_dn_per_electron,
             dark_sigmas: 10.0,
             saturation_dn: camera.full_count(),
-            looked_at: LookedAt::default(),
+            confirmed: Confirmed::default(),
             capped: CappedLimit {
                 mean_dn_max: config.scan.capped_mean_dn_max,
                 dark_dn_per_s: config.camera.dark_current_electrons_per_s

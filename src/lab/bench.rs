@@ -17,7 +17,7 @@ use super::scan_run::{RigContext, ScanWork};
 use super::{Holder, LabError, Occupation, RigParts, RigSide};
 use crate::bench::stage::{AxisName, Stage, StageError};
 use crate::scan::event::{AxisEvent, RigActivity};
-use crate::scan::{Event, Reach, Rig};
+use crate::scan::{Event, Rig, StageAccess};
 use crate::store::StoreError;
 use crate::units::Angle;
 
@@ -83,8 +83,8 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
         stage_settings: link.settings.clone(),
         port: link.port.to_string(),
         camera,
-        stage: rig.reach().watch(),
-        reach: rig.reach().clone(),
+        stage: rig.access().watch(),
+        access: rig.access().clone(),
         requests,
         occupation: occupied,
         owner: Mutex::new(None),
@@ -92,7 +92,7 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
         sink: sink.clone(),
     };
     let owner = Owner {
-        reach: rig.reach().clone(),
+        access: rig.access().clone(),
         context: RigContext {
             rig_id: id,
             settings,
@@ -122,7 +122,7 @@ struct Motion {
 #[derive(Clone)]
 struct Owner {
     context: RigContext,
-    reach: Reach,
+    access: StageAccess,
 }
 
 impl Owner {
@@ -196,7 +196,7 @@ impl Owner {
 
     /// Returns whether the current work refuses further requests. A single axis that got a stop is about to be free.
     fn is_taken(&self, now: &Occupation, motion: Option<Motion>) -> bool {
-        let stopped = motion.is_some_and(|motion| self.reach.stops() != motion.asked_after);
+        let stopped = motion.is_some_and(|motion| self.access.stops() != motion.asked_after);
         now.activity.is_some() && !stopped
     }
 
@@ -244,7 +244,7 @@ impl Owner {
         // Read first: a later stop cancels the motion that starts with this count, and an earlier one shows in the owner's
         // count.
         let stops_of_stage = stage.stops();
-        if work.is_of_one_axis() && self.reach.stops() != stops {
+        if work.is_of_one_axis() && self.access.stops() != stops {
             reply.send(Err(StageError::Stopped.into())).ok();
             return rig;
         }
@@ -299,7 +299,7 @@ impl Owner {
 
     /// Connects the stages and stops an axis that an earlier program left moving.
     async fn connect(&self, rig: &mut Rig) -> Result<Stage, StageError> {
-        let known = rig.reach().watch().borrow().is_some();
+        let known = rig.access().watch().borrow().is_some();
         let connected = async {
             let stage = rig.connect().await?;
             if !known {

@@ -11,9 +11,9 @@ use std::sync::atomic::AtomicBool;
 use serde::Serialize;
 
 use super::contrasts::ContrastRequest;
+use super::cost_estimate::{ForecastSubject, with_cost};
 use super::failure::Failure;
 use super::fits::FitRequest;
-use super::foretell::{Foretold, with_cost};
 use super::job_progress::{JobProgress, ProgressMeter};
 use super::job_work::{Finished, FinishedFit, Work, word};
 use super::maps::MapRequest;
@@ -158,13 +158,13 @@ impl Lab {
         let _slot = slots.acquire(progress, cancel).await;
         let _slot = _slot.ok_or(Failure::Cancelled)?;
         let forecast = |work: &Box<dyn Work>, cancel: &AtomicBool| work.forecast(cancel);
-        let what = Foretold {
+        let subject = ForecastSubject {
             of: id.kind.to_string(),
             number: id.number,
             scan_id,
         };
         let work = self
-            .foretell(what, work, forecast, progress, cancel)
+            .publish_forecast(subject, work, forecast, progress, cancel)
             .await?;
         let (store, meter, flag) = (
             self.store().clone(),

@@ -6,23 +6,23 @@
 //! simulator.
 
 pub mod accuracy_results;
-mod along;
 pub mod assembly;
 mod bench;
 mod contrasts;
+mod cost_estimate;
 mod curves;
 mod error;
 mod event_sink;
 mod export;
 mod failure;
 mod fits;
-mod foretell;
 mod import;
 mod import_duplicates;
 mod job_progress;
 mod job_slots;
 mod job_work;
 mod jobs;
+mod live_fit;
 mod maps;
 mod plans;
 mod recorder;
@@ -52,8 +52,8 @@ use crate::bench::stage::{Stage, StageError, StageSettings};
 use crate::clock::Clock;
 use crate::scan::event::RigActivity;
 use crate::scan::plan::PlanDefaults;
-use crate::scan::runner::{Order, OrderSlip, RunEnd, RunnerSettings};
-use crate::scan::{Event, Reach, RecordedEvent, Rig, ScanState};
+use crate::scan::runner::{CommandRequest, RunEnd, RunnerSettings, ScanCommand};
+use crate::scan::{Event, RecordedEvent, Rig, ScanState, StageAccess};
 use crate::series::{CameraFacts, FlatFacts, RigFacts};
 use crate::store::disk::Disk;
 use crate::store::scans::Scan;
@@ -147,7 +147,7 @@ struct RigSide {
     requests: mpsc::Sender<bench::Request>,
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
-    reach: Reach,
+    access: StageAccess,
     sink: event_sink::EventSink,
 }
 
@@ -156,7 +156,7 @@ struct RigSide {
 struct Occupation {
     activity: Option<RigActivity>,
     scan_id: Option<i64>,
-    orders: Option<mpsc::Sender<OrderSlip>>,
+    orders: Option<mpsc::Sender<CommandRequest>>,
     /// Why the last connection attempt failed.
     problem: Option<(String, String)>,
     /// Why the last motion of a single axis failed; none once another motion starts.
@@ -290,7 +290,7 @@ impl Lab {
     ///
     /// # Errors
     /// [`LabError::NotNow`] if the scan's state does not allow it, [`LabError::AbortedInMotion`], or a store error.
-    pub async fn order(&self, scan_id: i64, order: Order) -> Result<ScanState, LabError> {
+    pub async fn order(&self, scan_id: i64, order: ScanCommand) -> Result<ScanState, LabError> {
         let scan = self.inner.store.scan(scan_id).await?;
         let not_now = |state| LabError::NotNow {
             scan_id,
@@ -306,13 +306,15 @@ impl Lab {
             _ => return self.order_unheld(scan_id, order).await,
         };
         let permitted = match order {
-            Order::Continue | Order::Done(_) => scan.state == ScanState::WaitingForOperator,
-            Order::Resume => matches!(scan.state, ScanState::Paused | ScanState::Pausing),
-            Order::Pause => matches!(
+            ScanCommand::Continue | ScanCommand::Done(_) => {
+                scan.state == ScanState::WaitingForOperator
+            }
+            ScanCommand::Resume => matches!(scan.state, ScanState::Paused | ScanState::Pausing),
+            ScanCommand::Pause => matches!(
                 scan.state,
                 ScanState::Running | ScanState::WaitingForOperator
             ),
-            Order::Abort | Order::Stop | Order::ShutDown => true,
+            ScanCommand::Abort | ScanCommand::Stop | ScanCommand::ShutDown => true,
         };
         if !permitted {
             return Err(not_now(match scan.state {
@@ -322,11 +324,16 @@ impl Lab {
             }));
         }
         let (reply, answer) = oneshot::channel();
-        let sent = orders.send(OrderSlip { order, reply }).await;
+        let sent = orders
+            .send(CommandRequest {
+                command: order,
+                reply,
+            })
+            .await;
         let side = self.side()?;
         let stopped = match order {
             // Homing and connecting do not read commands; the stage does.
-            Order::Abort => side.reach.stop_what_may_move().await,
+            ScanCommand::Abort => side.access.stop_what_may_move().await,
             _ => Ok(()),
         };
         let answer = match sent {
@@ -337,7 +344,7 @@ impl Lab {
             Some(Ok(state)) => state,
             Some(Err(state)) => {
                 return match (order, self.inner.store.scan(scan_id).await?.operator) {
-                    (Order::Done(done), Some(waits_for)) if done != waits_for => {
+                    (ScanCommand::Done(done), Some(waits_for)) if done != waits_for => {
                         Err(LabError::OtherStep {
                             scan_id,
                             done,
@@ -357,7 +364,7 @@ impl Lab {
                     return self.order_unheld(scan_id, order).await;
                 }
                 let state = self.inner.store.scan(scan_id).await?.state;
-                if order != Order::Abort || state != ScanState::Aborted {
+                if order != ScanCommand::Abort || state != ScanState::Aborted {
                     return Err(not_now(state));
                 }
                 state
@@ -370,14 +377,14 @@ impl Lab {
     }
 
     /// Sends a command to a scan that is not running.
-    async fn order_unheld(&self, scan_id: i64, order: Order) -> Result<ScanState, LabError> {
+    async fn order_unheld(&self, scan_id: i64, order: ScanCommand) -> Result<ScanState, LabError> {
         if let Some(side) = &self.inner.rig {
             side.sink.record_end_of(scan_id).await?;
         }
         let scan = self.inner.store.scan(scan_id).await?;
         match (order, scan.state) {
-            (Order::Resume, ScanState::Interrupted) => self.resume(&scan).await,
-            (Order::Abort, ScanState::Interrupted) => {
+            (ScanCommand::Resume, ScanState::Interrupted) => self.resume(&scan).await,
+            (ScanCommand::Abort, ScanState::Interrupted) => {
                 let reason = Some("aborted by the operator");
                 let progress = self.store().last_progress(scan_id).await?;
                 let event = self
@@ -441,17 +448,17 @@ impl Lab {
             let orders = side.occupation.borrow().orders.clone();
             if let Some(orders) = orders {
                 let (reply, answer) = oneshot::channel();
-                let slip = OrderSlip {
-                    order: Order::ShutDown,
+                let slip = CommandRequest {
+                    command: ScanCommand::ShutDown,
                     reply,
                 };
                 if orders.send(slip).await.is_ok() {
                     // Homing and connecting do not read commands; the stage does.
-                    side.reach.stop_what_may_move().await.ok();
+                    side.access.stop_what_may_move().await.ok();
                     answer.await.ok();
                 }
             }
-            stopped = side.reach.stop_what_may_move().await;
+            stopped = side.access.stop_what_may_move().await;
             // Taken first: a handle that is still here when the owner ends means that it panicked.
             let owner = side
                 .owner
@@ -475,13 +482,13 @@ impl Lab {
     }
 }
 
-fn asked(order: Order) -> &'static str {
+fn asked(order: ScanCommand) -> &'static str {
     match order {
-        Order::Pause => "pause",
-        Order::Resume => "resume",
-        Order::Continue | Order::Done(_) => "continue",
-        Order::Abort => "abort",
-        Order::Stop | Order::ShutDown => "stop",
+        ScanCommand::Pause => "pause",
+        ScanCommand::Resume => "resume",
+        ScanCommand::Continue | ScanCommand::Done(_) => "continue",
+        ScanCommand::Abort => "abort",
+        ScanCommand::Stop | ScanCommand::ShutDown => "stop",
     }
 }
 

@@ -6,7 +6,7 @@ use super::bench;
 use super::{AxisName, Holder, Lab, LabError, RigSide};
 use crate::bench::stage::Stage;
 use crate::scan::event::{AxisEvent, RigActivity};
-use crate::scan::runner::{Order, OrderSlip};
+use crate::scan::runner::{CommandRequest, ScanCommand};
 use crate::scan::visit::stage_code;
 use crate::scan::{Event, ScanState, TravelLimits};
 use crate::series::{CameraFacts, RigFacts};
@@ -162,7 +162,7 @@ impl Lab {
     pub(super) async fn request(&self, work: bench::Work) -> Result<(), LabError> {
         let (reply, answer) = oneshot::channel();
         let side = self.side()?;
-        let stops = side.reach.stops();
+        let stops = side.access.stops();
         side.requests
             .send(bench::Request { work, stops, reply })
             .await
@@ -235,15 +235,15 @@ impl Lab {
         let orders = side.occupation.borrow().orders.clone();
         if let Some(orders) = orders {
             let (reply, _) = oneshot::channel();
-            let slip = OrderSlip {
-                order: Order::Stop,
+            let slip = CommandRequest {
+                command: ScanCommand::Stop,
                 reply,
             };
             // Sent before the stages stop, so that the scan does not start its next motion. A full channel already holds
             // orders.
             orders.try_send(slip).ok();
         }
-        let stopped = side.reach.stop().await;
+        let stopped = side.access.stop().await;
         let event = match &stopped {
             Ok(()) => Event::Rig {
                 activity: RigActivity::Stopped,

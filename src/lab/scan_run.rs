@@ -8,11 +8,11 @@ use tokio::sync::{mpsc, oneshot, watch};
 
 use super::event_sink::{EventSink, FirstState};
 use super::recorder::LabRecorder;
-use super::{LabError, Occupation, RigSettings, along, publish};
+use super::{LabError, Occupation, RigSettings, live_fit, publish};
 use crate::frame::Frame;
 use crate::geometry::Pose;
 use crate::scan::event::RigActivity;
-use crate::scan::runner::{self, Job, OrderSlip};
+use crate::scan::runner::{self, CommandRequest, ScanRun};
 use crate::scan::{Plan, Rig, TravelLimits};
 use crate::store::StoreError;
 use crate::store::scans::{NewScan, Scan};
@@ -87,7 +87,7 @@ impl RigContext {
                 }
             },
         };
-        let (book, mut orders) = mpsc::channel::<OrderSlip>(16);
+        let (book, mut orders) = mpsc::channel::<CommandRequest>(16);
         self.occupation.send_modify(|now| {
             now.scan_id = Some(scan_id);
             now.orders = Some(book);
@@ -128,7 +128,7 @@ impl RigContext {
             true => Vec::new(),
             false => self.last_frames(scan_id).await,
         };
-        let job = Job {
+        let run = ScanRun {
             steps,
             done: work.done,
             full: work.full,
@@ -137,9 +137,9 @@ impl RigContext {
             settings: self.settings.runner.clone(),
             clock: Arc::clone(&self.sink.clock),
         };
-        let along = along::begin(&self.sink, scan_id);
-        let end = runner::run(job, rig, &mut recorder, &mut orders).await;
-        drop(along);
+        let live_fit = live_fit::start(&self.sink, scan_id);
+        let end = runner::run(run, rig, &mut recorder, &mut orders).await;
+        drop(live_fit);
         match end {
             Ok(end) => self.sink.ends.send_modify(|ends| {
                 ends.insert(scan_id, end);
@@ -147,7 +147,7 @@ impl RigContext {
             Err(error) => {
                 tracing::error!(scan_id, %error, "scan {scan_id} can no longer be recorded: {error}");
                 // The runner may have ended during a move; a stop that does not arrive is in the log.
-                rig.reach().stop_what_may_move().await.ok();
+                rig.access().stop_what_may_move().await.ok();
                 self.sink
                     .unrecorded
                     .all()

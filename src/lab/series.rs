@@ -1,10 +1,11 @@
 //! A stored scan as a series: the input of a reduction and of an export.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{Lab, LabError};
 use crate::frame::{Frame, FrameKind};
-use crate::reduction::{FrameReadError, FrameSource};
+use crate::reduction::{FrameReadError, FrameSource, ReductionCache, calibration_keys};
 use crate::scan::plan::{DarkPlan, FlatPlan};
 use crate::scan::{Plan, ScanState};
 use crate::series::{FrameRow, Manifest};
@@ -18,7 +19,11 @@ pub struct StoredSeries {
     store: Store,
     manifest: Manifest,
     rows: Vec<FrameRow>,
+    ids: Vec<i64>,
     sha256: Vec<String>,
+    /// What was computed of its frames.
+    reductions: Arc<ReductionCache>,
+    is_growing: bool,
     /// Newest frame.
     pub last_frame_id: i64,
     /// Whether no frame was left out.
@@ -37,19 +42,39 @@ impl StoredSeries {
         let records = store.frames_for_reduction(scan_id).await?;
         let last_frame_id = records.iter().map(|r| r.id).max().unwrap_or(0);
         let mut rows = Vec::with_capacity(records.len());
+        let mut ids = Vec::with_capacity(records.len());
         let mut sha256 = Vec::with_capacity(records.len());
         for record in records {
             rows.push(row(&record, imported));
+            ids.push(record.id);
             sha256.push(record.sha256);
         }
-        Ok(StoredSeries {
+        let mut series = StoredSeries {
             store: store.clone(),
             manifest,
             rows,
+            ids,
             sha256,
+            reductions: Arc::default(),
+            is_growing: false,
             last_frame_id,
             is_whole: true,
-        })
+        };
+        // A series that gives no observations has nothing to share.
+        if let Ok(keys) = calibration_keys(&series) {
+            series.reductions = store.reductions(scan_id, &keys).await?;
+        }
+        Ok(series)
+    }
+
+    /// The same of a scan that still takes frames (see [`FrameSource::is_growing`]).
+    ///
+    /// # Errors
+    /// As [`StoredSeries::open`].
+    pub async fn open_growing(store: &Store, scan_id: i64) -> Result<StoredSeries, LabError> {
+        let mut series = StoredSeries::open(store, scan_id).await?;
+        series.is_growing = true;
+        Ok(series)
     }
 
     /// Removes the frames whose files are missing or damaged, and returns which and why.
@@ -58,9 +83,10 @@ impl StoredSeries {
         cancel: &AtomicBool,
     ) -> Result<(Self, Vec<String>), LabError> {
         let mut skipped = Vec::new();
-        let frames = self.rows.drain(..).zip(self.sha256.drain(..));
-        let (mut rows, mut sha256) = (Vec::new(), Vec::new());
-        for (row, hash) in frames {
+        let ids = self.ids.drain(..);
+        let frames = self.rows.drain(..).zip(self.sha256.drain(..)).zip(ids);
+        let (mut rows, mut sha256, mut ids) = (Vec::new(), Vec::new(), Vec::new());
+        for ((row, hash), id) in frames {
             if cancel.load(Ordering::Relaxed) {
                 return Err(LabError::BrokenOff);
             }
@@ -68,6 +94,7 @@ impl StoredSeries {
                 Ok(_) => {
                     rows.push(row);
                     sha256.push(hash);
+                    ids.push(id);
                 }
                 Err(error @ StoreError::FrameDamaged { .. }) => {
                     skipped.push(format!("{}: {error}", row.file));
@@ -76,7 +103,7 @@ impl StoredSeries {
             }
         }
         self.is_whole = skipped.is_empty();
-        (self.rows, self.sha256) = (rows, sha256);
+        (self.rows, self.sha256, self.ids) = (rows, sha256, ids);
         Ok((self, skipped))
     }
 
@@ -112,7 +139,20 @@ impl FrameSource for StoredSeries {
         &self.rows
     }
 
+    fn frame_id(&self, index: usize) -> i64 {
+        self.ids[index]
+    }
+
+    fn reductions(&self) -> Option<&ReductionCache> {
+        Some(&self.reductions)
+    }
+
+    fn is_growing(&self) -> bool {
+        self.is_growing
+    }
+
     fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
+        metrics::counter!("ridged_frames_decoded_total").increment(1);
         let file = || self.rows[index].file.clone();
         let png = self
             .read_png(index)

@@ -21,7 +21,7 @@ use crate::model::extended::{Real, Walls};
 use crate::model::prepared::OpticsTable;
 use crate::model::{Optics, Surface};
 use crate::observation::ObservationSet;
-use crate::reduction::{FrameReadError, FrameSource, reduce};
+use crate::reduction::{FrameReadError, FrameSource, ReductionCache, reduce};
 use crate::series::{FrameRow, Manifest};
 use crate::units::Angle;
 
@@ -132,6 +132,14 @@ impl FrameSource for Counted<'_> {
 
     fn rows(&self) -> &[FrameRow] {
         self.source.rows()
+    }
+
+    fn frame_id(&self, index: usize) -> i64 {
+        self.source.frame_id(index)
+    }
+
+    fn reductions(&self) -> Option<&ReductionCache> {
+        self.source.reductions()
     }
 
     fn read(&self, index: usize) -> Result<Frame, FrameReadError> {

@@ -1,18 +1,19 @@
-//! Dark frames → what each pixel counts without light, per exposure time; hot and noisy pixels.
+//! Dark frames → the dark level of each pixel per exposure time, and hot and noisy pixels.
 //!
-//! Counts are summed as whole numbers, so the result does not depend on the order of the frames.
+//! Counts are summed as integers, so the result does not depend on the order of the frames.
 //!
-//! *Conditioning.* Whole numbers are exact to 2⁵³ counts; means are divided once, at the end.
+//! *Conditioning.* Integers are exact to 2⁵³ counts; means are divided once, at the end.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::ReductionError;
 use super::detector::{Correction, Detector};
-use super::journal::{Journal, Rejection};
 use super::load::{Calls, load};
+use super::reduction_log::{ReductionLog, Rejection};
 use super::sensor::{Sensor, median, robust_spread};
 
 /// Pixels further than this many robust standard deviations from the others are defects.
@@ -24,16 +25,16 @@ pub(super) struct Dark {
     pub(super) exposure_s: f64,
     /// Mean count per pixel.
     pub(super) level_dn: Arc<[f32]>,
-    /// Mean variance of `level_dn`, the noise that the mean has left.
+    /// Mean variance of `level_dn`: the noise left in the mean.
     pub(super) variance_dn2: f64,
     /// Mean of `level_dn` over good pixels.
     pub(super) mean_dn: f64,
-    /// What makes the counts of this exposure time those of a linear camera; `None` where they are.
+    /// Correction of the counts of this exposure time; `None` for a linear camera.
     pub(super) correction: Option<Correction>,
 }
 
 impl Dark {
-    /// What a linear camera would count in a pixel, dark level included.
+    /// Returns the count of a linear camera in a pixel, dark level included.
     pub(super) fn linear_dn(&self, pixel: usize, dn: u16) -> f64 {
         let counted = f64::from(dn);
         self.correction.map_or(counted, |by| {
@@ -41,12 +42,74 @@ impl Dark {
             dark + by.curve.linear(counted - dark) / by.time
         })
     }
+}
 
-    /// The count of this camera in a pixel where a linear one counts `light_dn` above dark.
-    pub(super) fn counted_dn(&self, pixel: usize, light_dn: f64) -> f64 {
-        let dark = f64::from(self.level_dn[pixel]);
-        let counted = |by: Correction| by.curve.counted(light_dn * by.time);
-        dark + self.correction.map_or(light_dn, counted)
+/// What merging needs of a mean dark frame.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(super) struct DarkNoise {
+    pub(super) exposure_s: f64,
+    pub(super) variance_dn2: f64,
+    pub(super) mean_dn: f64,
+}
+
+/// The same of all exposure times, ascending.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct DarkNoises(Vec<DarkNoise>);
+
+/// Where an exposure time is among those of the dark frames.
+enum Place {
+    Own(usize),
+    /// Between this one and the next, at this share of the way.
+    Between(usize, f64),
+}
+
+/// `exposures_s` ascend and are never empty. Beyond their ends the nearest is taken.
+fn place(exposures_s: impl Iterator<Item = f64> + Clone, exposure_s: f64) -> Place {
+    let close = |a: f64, b: f64| (a - b).abs() <= 1e-6 * a.abs().max(b.abs());
+    if let Some(own) = exposures_s.clone().position(|s| close(s, exposure_s)) {
+        return Place::Own(own);
+    }
+    let mut below = None;
+    for (at, s) in exposures_s.enumerate() {
+        match below {
+            Some((low, low_s)) if s > exposure_s => {
+                return Place::Between(low, (exposure_s - low_s) / (s - low_s));
+            }
+            None if s > exposure_s => return Place::Own(0),
+            _ => below = Some((at, s)),
+        }
+    }
+    Place::Own(below.map_or(0, |(last, _)| last))
+}
+
+impl DarkNoises {
+    /// Of the dark frame for an exposure time: measured, or interpolated between (never beyond) the measured times.
+    pub(super) fn at(&self, exposure_s: f64) -> DarkNoise {
+        let all = &self.0;
+        match place(all.iter().map(|d| d.exposure_s), exposure_s) {
+            Place::Own(at) => all[at],
+            Place::Between(low, share) => {
+                let (low, high) = (all[low], all[low + 1]);
+                let mix = |a: f64, b: f64| a + share * (b - a);
+                DarkNoise {
+                    exposure_s,
+                    variance_dn2: mix(low.variance_dn2, high.variance_dn2),
+                    mean_dn: mix(low.mean_dn, high.mean_dn),
+                }
+            }
+        }
+    }
+
+    /// Whether an exposure time has its own dark frames, or lies between two that have.
+    pub(super) fn covers(&self, exposure_s: f64) -> bool {
+        let first = self.0[0].exposure_s;
+        let last = self.0[self.0.len() - 1].exposure_s;
+        exposure_s >= first * (1.0 - 1e-6) && exposure_s <= last * (1.0 + 1e-6)
+    }
+
+    /// Whether there is any; what was stored by another program may have none.
+    pub(super) fn is_usable(&self) -> bool {
+        !self.0.is_empty()
     }
 }
 
@@ -57,7 +120,7 @@ pub(super) struct Darks {
     by_exposure: Vec<Dark>,
     /// Pixels that are neither hot nor noisy.
     pub(super) good: Vec<bool>,
-    /// What exposures of one pose say of the camera, once they are compared.
+    /// The camera's curve, where it is applied pixel by pixel.
     pub(super) detector: Option<Arc<Detector>>,
     /// Dark frames used.
     pub(super) n_frames: u32,
@@ -70,24 +133,24 @@ struct Sums {
 }
 
 impl Darks {
-    /// Reads the dark frames, leaves out those that disagree with the rest, and averages them.
-    /// Without any the black level of the manifest stands in, and a warning says so. The read
-    /// noise of `sensor` is replaced by the measured one where the two disagree.
+    /// Reads the dark frames, leaves out those that disagree with the rest, and averages them. Without dark frames the black
+    /// level of the manifest is used, with a warning. Where the read noise of `sensor` disagrees with the scatter of the
+    /// frames, the measured value replaces it.
     pub(super) fn read(
         calls: &Calls<'_>,
         sensor: &mut Sensor,
-        journal: &mut Journal,
+        log: &mut ReductionLog,
     ) -> Result<Self, ReductionError> {
         let rows = calls.rows_of(crate::frame::FrameKind::Dark);
-        let accepted = accepted(calls, &rows, sensor, journal)?;
+        let accepted = accepted(calls, &rows, sensor, log)?;
         let mut groups: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
         for index in &accepted {
             let exposure_s = calls.source.rows()[*index].exposure_s;
             groups.entry(exposure_s.to_bits()).or_default().push(*index);
         }
         if groups.is_empty() {
-            journal.warn(format!(
-                "no usable dark frame: the black level of the manifest ({} DN) stands in and dark current counts as light; take dark frames with the lens capped at each exposure time",
+            log.warn(format!(
+                "no usable dark frame: the black level of the manifest ({} DN) is used instead and dark current counts as light; take dark frames with the lens capped at each exposure time",
                 sensor.black_dn
             ));
             return Ok(Darks {
@@ -107,7 +170,7 @@ impl Darks {
             .into_par_iter()
             .map(|(bits, indices)| Ok((f64::from_bits(bits), sum(calls, &indices, sensor)?)))
             .collect::<Result<_, ReductionError>>()?;
-        check_read_noise(&sums, sensor, journal);
+        check_read_noise(&sums, sensor, log);
         let good = good_pixels(&sums, sensor);
         let by_exposure = sums
             .into_iter()
@@ -141,8 +204,8 @@ impl Darks {
         })
     }
 
-    /// The dark frame for an exposure time: measured, or interpolated between (never beyond) the
-    /// exposure times that were measured; with what corrects counts of that time.
+    /// Returns the dark frame for an exposure time: measured, or interpolated between (never beyond) the measured exposure
+    /// times; with the correction of its counts.
     pub(super) fn at(&self, exposure_s: f64) -> Dark {
         let detector = self.detector.as_ref();
         Dark {
@@ -152,22 +215,11 @@ impl Darks {
     }
 
     fn measured_at(&self, exposure_s: f64) -> Dark {
-        let close = |a: f64, b: f64| (a - b).abs() <= 1e-6 * a.abs().max(b.abs());
-        if let Some(dark) = self
-            .by_exposure
-            .iter()
-            .find(|d| close(d.exposure_s, exposure_s))
-        {
-            return dark.clone();
-        }
-        let above = self
-            .by_exposure
-            .iter()
-            .position(|d| d.exposure_s > exposure_s);
-        match above {
-            Some(above) if above > 0 => {
-                let (low, high) = (&self.by_exposure[above - 1], &self.by_exposure[above]);
-                let share = (exposure_s - low.exposure_s) / (high.exposure_s - low.exposure_s);
+        let all = &self.by_exposure;
+        match place(all.iter().map(|d| d.exposure_s), exposure_s) {
+            Place::Own(at) => all[at].clone(),
+            Place::Between(low, share) => {
+                let (low, high) = (&all[low], &all[low + 1]);
                 let mix = |a: f64, b: f64| a + share * (b - a);
                 Dark {
                     exposure_s,
@@ -182,30 +234,26 @@ impl Darks {
                     correction: None,
                 }
             }
-            Some(_) => self.by_exposure[0].clone(),
-            None => self
-                .by_exposure
-                .last()
-                .expect("there is always one dark frame")
-                .clone(),
         }
     }
 
-    /// Whether an exposure time has its own dark frames, or lies between two that have.
-    pub(super) fn covers(&self, exposure_s: f64) -> bool {
-        let first = self.by_exposure[0].exposure_s;
-        let last = self.by_exposure[self.by_exposure.len() - 1].exposure_s;
-        exposure_s >= first * (1.0 - 1e-6) && exposure_s <= last * (1.0 + 1e-6)
+    /// What merging needs of them.
+    pub(super) fn noises(&self) -> DarkNoises {
+        let of = |dark: &Dark| DarkNoise {
+            exposure_s: dark.exposure_s,
+            variance_dn2: dark.variance_dn2,
+            mean_dn: dark.mean_dn,
+        };
+        DarkNoises(self.by_exposure.iter().map(of).collect())
     }
 }
 
-/// Indices of the dark frames that are dark: readable, not full, and on the level of the others
-/// at the same exposure time.
+/// Returns the indices of usable dark frames: readable, not full, and at the level of the others of the same exposure time.
 fn accepted(
     calls: &Calls<'_>,
     rows: &[usize],
     sensor: &Sensor,
-    journal: &mut Journal,
+    log: &mut ReductionLog,
 ) -> Result<Vec<usize>, ReductionError> {
     let checked: Vec<(usize, Result<f64, Rejection>)> = rows
         .par_iter()
@@ -224,23 +272,23 @@ fn accepted(
                     .or_default()
                     .push((index, level_dn));
             }
-            Err(rejection) => journal.reject(index, rejection),
+            Err(rejection) => log.reject(index, rejection),
         }
     }
     let mut accepted = Vec::new();
     for group in groups.values() {
-        // Light that leaks in only ever adds: of two that disagree the darker one is believed.
+        // Light leaks only add counts: of two frames that disagree the darker one counts.
         let mut levels: Vec<f64> = group.iter().map(|(_, level)| *level).collect();
         let usual = if levels.len() > 2 {
             median(&mut levels)
         } else {
             levels.iter().copied().fold(f64::INFINITY, f64::min)
         };
-        // Offsets of real cameras wander by a fraction of their read noise between frames.
+        // Offsets of real cameras drift by a fraction of their read noise between frames.
         let wander_dn = (2.0 * sensor.read_dn).max(2.0).max(0.02 * usual);
         for (index, level_dn) in group {
             if (level_dn - usual).abs() > wander_dn {
-                journal.reject(
+                log.reject(
                     *index,
                     Rejection::new(
                         "level",
@@ -276,7 +324,7 @@ fn level_of(calls: &Calls<'_>, index: usize, sensor: &Sensor) -> Result<f64, Rej
         ));
     }
     let mut values: Vec<f64> = pixels.iter().map(|dn| f64::from(*dn)).collect();
-    // The median passes over hot pixels; counts are whole, so the mean of what lies near it is used.
+    // The median ignores hot pixels. Counts are integers, so the mean of the counts near it is used.
     let (centre, spread) = robust_spread(&mut values);
     let reach = 5.0 * spread.max(1.0);
     let (n, total) = values
@@ -295,7 +343,7 @@ fn sum(calls: &Calls<'_>, indices: &[usize], sensor: &Sensor) -> Result<Sums, Re
     };
     for index in indices {
         calls.check_cancel()?;
-        // It was readable a moment ago; a frame that has gone since is simply not counted.
+        // It was readable before; a frame that disappeared since is left out.
         let Ok(frame) = load(calls, *index, sensor) else {
             continue;
         };
@@ -326,7 +374,7 @@ fn scatter(sums: &Sums, pixel: usize) -> (f64, f64) {
     (about.max(0.0), n - 1.0)
 }
 
-/// Counts of dark current in the shortest exposure, as the levels of longer ones show it; 0 where there is no other.
+/// Returns the counts of dark current in the shortest exposure, from the levels of longer ones; 0 without another exposure.
 fn dark_current_dn(sums: &[(f64, Sums)], exposure_s: f64) -> f64 {
     let level = |sums: &Sums| {
         let n = f64::from(sums.frames);
@@ -342,8 +390,8 @@ fn dark_current_dn(sums: &[(f64, Sums)], exposure_s: f64) -> f64 {
     }
 }
 
-/// Compares the scatter between repeats with the manifest's read noise and believes the repeats.
-fn check_read_noise(sums: &[(f64, Sums)], sensor: &mut Sensor, journal: &mut Journal) {
+/// Compares the scatter between repeats with the manifest's read noise. If they disagree, the repeats count.
+fn check_read_noise(sums: &[(f64, Sums)], sensor: &mut Sensor, log: &mut ReductionLog) {
     let mut ratios = Vec::new();
     let pixels = sensor.pixels();
     // The shortest exposure has the least dark current in it.
@@ -354,18 +402,18 @@ fn check_read_noise(sums: &[(f64, Sums)], sensor: &mut Sensor, journal: &mut Jou
         let (about, freedom) = scatter(shortest, pixel);
         ratios.push(about / freedom);
     }
-    // A mean without the wildest percent: hot pixels would carry it away.
+    // The mean without the largest percent: hot pixels would dominate it.
     ratios.sort_unstable_by(f64::total_cmp);
     let kept = &ratios[..ratios.len() - ratios.len() / 100];
     let measured = kept.iter().sum::<f64>() / kept.len() as f64;
     let freedom = f64::from(shortest.frames - 1) * kept.len() as f64;
-    // Electrons of dark current are counted as those of light are, and the more, the longer it is exposed.
+    // Dark current adds shot noise that grows with the exposure.
     let dark_dn = dark_current_dn(sums, *exposure_s);
     let expected = sensor.variance_dn2(dark_dn);
     let certain = (2.0 / freedom).sqrt() < 0.05;
     if certain && (measured > 1.5 * expected || measured < expected / 1.7) {
-        journal.warn(format!(
-            "repeated dark frames of {exposure_s} s scatter by {:.2} DN where the manifest's gain and read noise, with the shot noise of {dark_dn:.1} DN of dark current (which grows with the exposure), say {:.2} DN: the measured noise is used; check gain_dn_per_electron and read_noise_electrons_rms",
+        log.warn(format!(
+            "repeated dark frames of {exposure_s} s scatter by {:.2} DN but the manifest's gain and read noise, with the shot noise of {dark_dn:.1} DN of dark current (which grows with the exposure), predict {:.2} DN: the measured noise is used; check gain_dn_per_electron and read_noise_electrons_rms",
             measured.sqrt(),
             expected.sqrt()
         ));
@@ -374,7 +422,7 @@ fn check_read_noise(sums: &[(f64, Sums)], sensor: &mut Sensor, journal: &mut Jou
     }
 }
 
-/// Pixels whose dark level or whose scatter between repeats stands out.
+/// Returns the pixels without an outlying dark level or scatter between repeats.
 fn good_pixels(sums: &[(f64, Sums)], sensor: &Sensor) -> Vec<bool> {
     let pixels = sensor.pixels();
     let mut good = vec![true; pixels];

@@ -1,50 +1,51 @@
-//! The camera's curve: exposures of one pose that disagree tell how its counts bend.
+//! The camera's nonlinearity, determined from exposures of one pose that disagree.
 //!
-//! A pixel that should count e above its dark level counts s = e (1 − c e/S), S being the full scale over the black level.
-//! The form is the forward one: a series in s with one term is wrong by 1 % at c = 6 %. Its inverse
-//! e = S [1 − √(1 − 4 c s/S)]/(2c) is applied to the counts of each pixel above its own dark level, before responses and
-//! means, of samples and flats alike ([`Curve`]).
+//! A pixel that should count e above its dark level counts s = e (1 − c e/S), with the full scale S above the black level.
+//! The forward form is used because a series in s with one term is wrong by 1 % at c = 6 %. The inverse
+//! e = S [1 − √(1 − 4 c s/S)]/(2c) applies to the counts of a pixel above its own dark level, of samples and flats alike
+//! ([`Curve`]). A reduction applies it to the sums of each cell (see [`super::levels`]), a map to each pixel.
 //!
-//! Two exposures of one pose saw the same light. Their ratio tells c, together with what the exposure times are off by:
-//! the two are nearly one number (correlation 0.98) unless signals differ widely, so the exposure times have a prior
-//! (`camera.exposure_rel_std`; with Cauchy's loss, so that a clock that is plainly wrong may be) and both are fitted ([`fit`]). The light of each visit to a pose is free. How much a lamp flickers
-//! from frame to frame is fitted, too; visits with a bad frame are left out. What a dark level that is slightly off does is among
-//! the unknowns, since it bends small signals. A curve that all exposures share is not seen.
+//! Two exposures of one pose receive the same light. Their ratio determines c together with the errors of the exposure times.
+//! The two are strongly correlated (0.98) unless the signals differ widely. The exposure times therefore have a prior
+//! (`camera.exposure_rel_std`, with Cauchy's loss to allow for a clock that is clearly wrong), and both are fitted ([`fit`]).
+//! The light of each visit to a pose is free. The flicker of the lamp from frame to frame is fitted, too; visits with a bad
+//! frame are left out. The error of the dark level is an unknown as well, since it bends small signals. A curve that all
+//! exposures share cannot be detected.
 //!
-//! *Conditioning.* The curve is evaluated as 2 s/(1 + √(1 − 4 c s/S)), which has no difference that cancels as c → 0. The
+//! *Conditioning.* The curve is evaluated as 2 s/(1 + √(1 − 4 c s/S)), which has no cancelling difference as c → 0. The
 //! normal equations have a prior on every unknown but c, whose information is at least a millionth of the largest.
 
-mod pairs;
+mod exposures;
 mod shares;
 
 use nalgebra::{DMatrix, DVector};
 
-pub(super) use self::pairs::read;
+pub(super) use self::exposures::{Exposures, compare, groups, read_exposures, shown};
 pub(super) use self::shares::shares;
 use crate::observation::DetectorCurve;
 use crate::wording::counted;
 
 /// Standard uncertainty of an exposure time where the manifest states none.
 const EXPOSURE_REL_STD_DEFAULT: f64 = 1e-3;
-/// Least standard uncertainty of an exposure time, and of a dark level in counts: certainty has no weight.
+/// Smallest standard uncertainty of an exposure time, and of a dark level in counts: 0 would have infinite weight.
 const NEARLY_NONE: f64 = 1e-6;
 /// Information that holds c at 0: a standard uncertainty of 1e-12.
 const HELD: f64 = 1e24;
-/// The curve and errors of exposure times are told from this size on …
-const TOLD_SIZE: f64 = 1e-3;
-/// … where they are this many standard uncertainties.
-const TOLD_SIGMAS: f64 = 5.0;
-/// Largest curve that is looked for: at 1/4 a full pixel would be at the vertex.
+/// The curve and the errors of exposure times are corrected from this size on …
+const SIGNIFICANT_SIZE: f64 = 1e-3;
+/// … if they exceed this many standard uncertainties.
+const SIGNIFICANT_SIGMAS: f64 = 5.0;
+/// Largest c of the search: at 1/4 a full pixel would be at the vertex.
 const CURVE_MAX: f64 = 0.2;
 /// Flicker of the lamp to expect from frame to frame, and how many pairs that expectation counts as.
 const FLICKER: f64 = 5e-4;
 const FLICKER_PAIRS: f64 = 4.0;
 /// Visits further off than this many robust deviations hold a bad frame.
 const BAD_SIGMAS: f64 = 6.0;
-/// Fewer visits do not tell a curve from a bad frame.
+/// Fewer visits cannot distinguish a curve from a bad frame.
 const VISITS_MIN: usize = 3;
 
-/// What a camera counts of light: s = e (1 − c e/S).
+/// The camera's curve s = e (1 − c e/S).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Curve {
     pub(super) c: f64,
@@ -53,7 +54,7 @@ pub(super) struct Curve {
 }
 
 impl Curve {
-    /// What a linear camera would count, of a count above dark.
+    /// Returns the count of a linear camera for a count above dark.
     pub(super) fn linear(self, counted: f64) -> f64 {
         let root = (1.0 - 4.0 * self.c * counted / self.full_dn)
             .max(0.0)
@@ -61,7 +62,8 @@ impl Curve {
         2.0 * counted / (1.0 + root)
     }
 
-    /// The count above dark where a linear camera would count so much.
+    /// Returns the count above dark for the count of a linear camera.
+    #[cfg(test)]
     pub(super) fn counted(self, linear: f64) -> f64 {
         // Beyond its vertex the parabola would fall again.
         let linear = match self.c > 0.0 {
@@ -78,17 +80,38 @@ impl Curve {
     }
 }
 
-/// What turns counts of one exposure time into those of a linear camera with a right clock.
+/// Converts counts of one exposure time into those of a linear camera with a correct clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Correction {
     pub(super) curve: Curve,
-    /// True over stated exposure time.
+    /// True exposure time over the stated one.
     pub(super) time: f64,
+}
+
+impl Correction {
+    /// The corrected count above dark and its first three derivatives with respect to the count.
+    pub(super) fn expansion(self, counted: f64) -> [f64; 4] {
+        let per_full = self.curve.c / self.curve.full_dn;
+        // Near the vertex of the parabola the curve has no derivative.
+        let root = (1.0 - 4.0 * per_full * counted).max(0.01).sqrt();
+        let of_curve = [
+            self.curve.linear(counted),
+            root.recip(),
+            2.0 * per_full / root.powi(3),
+            12.0 * per_full * per_full / root.powi(5),
+        ];
+        of_curve.map(|value| value / self.time)
+    }
+
+    /// Change of a corrected count per count.
+    pub(super) fn slope(self, counted: f64) -> f64 {
+        self.expansion(counted)[1]
+    }
 }
 
 /// Counts above dark of one frame, by how high they are.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Seen {
+pub(super) struct FrameLevels {
     /// Which of the exposure times.
     time: usize,
     /// Pixels and their counts, by level.
@@ -98,11 +121,11 @@ pub(super) struct Seen {
 }
 
 /// Frames of one pose, taken one after the other at different exposure times.
-type Visit = Vec<Seen>;
+type Visit = Vec<FrameLevels>;
 
-/// What is known before exposures are compared.
+/// Prior knowledge of the comparison of exposures.
 #[derive(Debug, Clone)]
-struct Known {
+struct CurvePrior {
     /// Full scale over the black level, counts.
     full_dn: f64,
     /// Exposure times that visits have.
@@ -115,7 +138,7 @@ struct Known {
 
 /// Unknowns: c, the dark level's error, and the relative error of each exposure time.
 #[derive(Debug, Clone)]
-struct Fitted {
+struct CurveFit {
     x: DVector<f64>,
     covariance: DMatrix<f64>,
     chi2: f64,
@@ -129,7 +152,7 @@ const DARK: usize = 1;
 const TIMES: usize = 2;
 
 /// Logarithm of the light that a frame shows per stated second, and its derivatives with respect to c and the dark level.
-fn light(seen: &Seen, known: &Known, x: &DVector<f64>) -> [f64; 3] {
+fn light(seen: &FrameLevels, known: &CurvePrior, x: &DVector<f64>) -> [f64; 3] {
     let curve = Curve {
         c: x[C],
         full_dn: known.full_dn,
@@ -151,7 +174,7 @@ fn light(seen: &Seen, known: &Known, x: &DVector<f64>) -> [f64; 3] {
 /// A visit's residuals, and their derivatives, about its own free light.
 fn residuals(
     visit: &Visit,
-    known: &Known,
+    known: &CurvePrior,
     x: &DVector<f64>,
     flicker: f64,
 ) -> Vec<(f64, f64, DVector<f64>)> {
@@ -179,7 +202,7 @@ fn residuals(
 }
 
 /// χ² of one visit per degree of freedom, as a number of standard deviations.
-fn off(visit: &Visit, known: &Known, x: &DVector<f64>, flicker: f64) -> f64 {
+fn off(visit: &Visit, known: &CurvePrior, x: &DVector<f64>, flicker: f64) -> f64 {
     let rows = residuals(visit, known, x, flicker);
     let chi2: f64 = rows.iter().map(|(w, r, _)| w * r * r).sum();
     match chi2.is_finite() {
@@ -192,7 +215,7 @@ fn off(visit: &Visit, known: &Known, x: &DVector<f64>, flicker: f64) -> f64 {
 /// plainly wrong is not forced upon the curve.
 fn solved(
     visits: &[&Visit],
-    known: &Known,
+    known: &CurvePrior,
     from: &DVector<f64>,
     flicker: f64,
     bent: bool,
@@ -236,7 +259,7 @@ fn solved(
 ///
 /// With a curve there are two ways to begin: from the curve that most visits want with a right clock, and from the clock
 /// that they want without a curve. The end that is likelier is the answer.
-fn fit(visits: &[Visit], known: &Known, bent: bool) -> Option<Fitted> {
+fn fit(visits: &[Visit], known: &CurvePrior, bent: bool) -> Option<CurveFit> {
     let none = DVector::zeros(TIMES + known.times_s.len());
     if visits.len() < VISITS_MIN {
         return None;
@@ -258,12 +281,17 @@ fn fit(visits: &[Visit], known: &Known, bent: bool) -> Option<Fitted> {
 }
 
 /// Median over the visits of how far each is off.
-fn median_off(visits: &[Visit], known: &Known, x: &DVector<f64>, flicker: f64) -> f64 {
+fn median_off(visits: &[Visit], known: &CurvePrior, x: &DVector<f64>, flicker: f64) -> f64 {
     let mut all: Vec<f64> = visits.iter().map(|v| off(v, known, x, flicker)).collect();
     super::sensor::median(&mut all)
 }
 
-fn fit_from(visits: &[Visit], known: &Known, start: &DVector<f64>, bent: bool) -> Option<Fitted> {
+fn fit_from(
+    visits: &[Visit],
+    known: &CurvePrior,
+    start: &DVector<f64>,
+    bent: bool,
+) -> Option<CurveFit> {
     const ROUNDS: usize = 30;
     let good = |x: &DVector<f64>, flicker: f64| -> Vec<bool> {
         let usual = median_off(visits, known, x, flicker) / crate::robust::MEDIAN_OF_ABS;
@@ -293,7 +321,7 @@ fn fit_from(visits: &[Visit], known: &Known, start: &DVector<f64>, bent: bool) -
         let squares = FLICKER_PAIRS * FLICKER * FLICKER + flicker * flicker * chi2;
         let next = (squares / (FLICKER_PAIRS + pairs as f64)).sqrt();
         let settled = keep == kept && (next / flicker - 1.0).abs() < 1e-3;
-        fitted = Some(Fitted {
+        fitted = Some(CurveFit {
             x: x.clone(),
             covariance,
             chi2,
@@ -309,10 +337,10 @@ fn fit_from(visits: &[Visit], known: &Known, start: &DVector<f64>, bent: bool) -
     fitted
 }
 
-impl Fitted {
+impl CurveFit {
     /// Twice the negative logarithm of how likely it is, up to a constant: the scatter that is left, visits left out, and
     /// what the clock is said to be off by.
-    fn unlikely(&self, known: &Known) -> f64 {
+    fn unlikely(&self, known: &CurvePrior) -> f64 {
         let std = known.time_std.max(NEARLY_NONE);
         let clock = self.x.as_slice()[TIMES..].iter();
         let clock: f64 = clock.map(|error| (1.0 + (error / std).powi(2)).ln()).sum();
@@ -322,17 +350,17 @@ impl Fitted {
     }
 }
 
-/// What exposures of one pose say about the camera.
+/// The result of comparing exposures.
 #[derive(Debug, Clone)]
 pub(super) struct Detector {
-    /// The curve, where the data tell one.
-    pub(super) told: Option<DetectorCurve>,
+    /// The curve, if it is significant.
+    pub(super) bent: Option<DetectorCurve>,
     full_dn: f64,
-    /// Exposure times of samples and flats, and by what share each is longer than stated.
+    /// Exposure times of samples and flats, each with its relative error.
     times: Vec<(f64, f64)>,
     /// Whether the errors of the exposure times are to be corrected.
-    times_told: bool,
-    /// Of c (if it is told) and of the errors of the exposure times, as far as they count.
+    times_differ: bool,
+    /// Covariance of c (if it is significant) and of the errors of the exposure times.
     covariance: DMatrix<f64>,
 }
 
@@ -342,14 +370,19 @@ fn percent(share: f64) -> String {
 }
 
 impl Detector {
-    /// From visits to poses; `all_times_s` are the exposure times of the whole series, `stated` the manifest's word on
-    /// their standard uncertainty.
-    fn of(visits: &[Visit], known: &Known, all_times_s: &[f64], stated: Option<f64>) -> Detector {
+    /// From visits to poses. `all_times_s` are the exposure times of the whole series, `stated` their standard uncertainty
+    /// as the manifest states it.
+    fn of(
+        visits: &[Visit],
+        known: &CurvePrior,
+        all_times_s: &[f64],
+        stated: Option<f64>,
+    ) -> Detector {
         let bent = fit(visits, known, true).filter(|f| {
             let (c, std) = (f.x[C], f.covariance[(C, C)].sqrt());
-            c.abs() > TOLD_SIZE && c.abs() > TOLD_SIGMAS * std && c.abs() < CURVE_MAX
+            c.abs() > SIGNIFICANT_SIZE && c.abs() > SIGNIFICANT_SIGMAS * std && c.abs() < CURVE_MAX
         });
-        let told = bent.as_ref().map(|f| {
+        let curve = bent.as_ref().map(|f| {
             let chosen: Vec<&Visit> = (visits.iter().zip(&f.kept))
                 .filter_map(|(visit, kept)| kept.then_some(visit))
                 .collect();
@@ -374,7 +407,7 @@ impl Detector {
         let mut covariance = DMatrix::from_diagonal_element(size, size, std * std);
         covariance[(C, C)] = 0.0;
         let mut times: Vec<(f64, f64)> = all_times_s.iter().map(|s| (*s, 0.0)).collect();
-        let mut times_told = false;
+        let mut times_differ = false;
         if let Some(f) = &fitted {
             let n = known.times_s.len();
             let between = |i: usize, j: usize| {
@@ -385,8 +418,9 @@ impl Detector {
                     (v[(a, a)] + v[(b, b)] - 2.0 * v[(a, b)]).max(0.0).sqrt(),
                 )
             };
-            let large = |(off, std): (f64, f64)| off.abs() > TOLD_SIZE.max(TOLD_SIGMAS * std);
-            times_told = (0..n).any(|i| (0..i).any(|j| large(between(i, j))));
+            let large =
+                |(off, std): (f64, f64)| off.abs() > SIGNIFICANT_SIZE.max(SIGNIFICANT_SIGMAS * std);
+            times_differ = (0..n).any(|i| (0..i).any(|j| large(between(i, j))));
             let at = |s: f64| all_times_s.iter().position(|t| *t == s);
             let places: Vec<Option<usize>> = known.times_s.iter().map(|s| at(*s)).collect();
             for (i, place) in places.iter().enumerate() {
@@ -394,8 +428,8 @@ impl Detector {
                     times[*place].1 = f.x[TIMES + i];
                 }
             }
-            // What nobody states of a linear camera's clock is left to the lamp's drift, as small as it is.
-            if told.is_some() || times_told || stated.is_some() {
+            // Without a statement, the small clock errors of a linear camera are part of the lamp's drift.
+            if curve.is_some() || times_differ || stated.is_some() {
                 let of = |k: usize| {
                     if k == C {
                         Some(C)
@@ -413,31 +447,31 @@ impl Detector {
                 }
             }
         }
-        if told.is_none() {
+        if curve.is_none() {
             for k in 0..size {
                 covariance[(C, k)] = 0.0;
                 covariance[(k, C)] = 0.0;
             }
         }
         Detector {
-            told,
+            bent: curve,
             full_dn: known.full_dn,
             times,
-            times_told,
+            times_differ,
             covariance,
         }
     }
 
     fn curve(&self) -> Option<Curve> {
-        self.told.map(|told| Curve {
-            c: told.c,
+        self.bent.map(|bent| Curve {
+            c: bent.c,
             full_dn: self.full_dn,
         })
     }
 
-    /// What to do to counts of an exposure time; `None` where they are right as they are.
+    /// Returns the correction of an exposure time; `None` for a linear camera with a correct clock.
     pub(super) fn correction(&self, exposure_s: f64) -> Option<Correction> {
-        if self.told.is_none() && !self.times_told {
+        if self.is_straight() {
             return None;
         }
         let straight = Curve {
@@ -451,28 +485,33 @@ impl Detector {
         })
     }
 
-    /// What the user is told.
+    /// Returns whether counts need no correction.
+    pub(super) fn is_straight(&self) -> bool {
+        self.bent.is_none() && !self.times_differ
+    }
+
+    /// Returns the warning about the curve or the exposure times.
     pub(super) fn words(&self) -> Option<String> {
         let spread = || {
             let errors = self.times.iter().map(|(_, error)| *error);
             let (low, high) = errors.fold((0.0_f64, 0.0_f64), |(a, b), e| (a.min(e), b.max(e)));
             high - low
         };
-        match &self.told {
-            Some(told) => Some(format!(
+        match &self.bent {
+            Some(bent) => Some(format!(
                 "the camera is not linear: at full scale ({:.0} DN above black) it counts {} of what a linear one would \
                  (c = {:.4} ± {:.4} in counts = light · (1 − c · light / full scale), from {} of exposures of one \
-                 pose); all counts are corrected for it, and what is uncertain of it is in the budget's line detector. Check the \
+                 pose); all counts are corrected, and the uncertainty of the correction is the budget's line detector. Check the \
                  camera's gain and gamma settings, or expose to half of full scale",
-                told.full_scale_dn,
-                percent(-told.c),
-                told.c,
-                told.std,
-                counted(told.pairs, "pair"),
+                bent.full_scale_dn,
+                percent(-bent.c),
+                bent.c,
+                bent.std,
+                counted(bent.pairs, "pair"),
             )),
-            None if self.times_told => Some(format!(
-                "exposure times are off by {} against each other, the same at every level: they are corrected among \
-                 themselves; check the shutter's timing",
+            None if self.times_differ => Some(format!(
+                "exposure times deviate by {} from each other, equally at every level: they are corrected relative to each \
+                 other; check the shutter's timing",
                 percent(spread()).trim_start_matches('+'),
             )),
             None => None,

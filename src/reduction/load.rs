@@ -1,23 +1,57 @@
-//! How the reduction asks for frames: the source, the cancel flag, and the checks that every frame
-//! has to pass.
+//! Loads frames: the source, the cancel flag, and the checks that every frame must pass.
 
 mod byte_order;
 
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use self::byte_order::ByteOrder;
-use super::journal::{Journal, Rejection};
+use super::reduction_log::{ReductionLog, Rejection};
 use super::sensor::Sensor;
 use super::{FrameSource, ReductionError};
 use crate::frame::{Frame, FrameKind};
 use crate::series::FrameReadError;
 use crate::wording::significant;
 
-/// What every step of the reduction is handed.
+/// Bytes of decoded frames that one calibration holds: its dark and flat frames are looked at several times. Frames beyond
+/// that are decoded again.
+const HELD_BYTES: usize = 256 << 20;
+
+/// Decoded frames that are needed more than once.
+#[derive(Debug, Default)]
+pub(super) struct HeldFrames(Mutex<HashMap<usize, Arc<Frame>>>);
+
+impl HeldFrames {
+    fn all(&self) -> MutexGuard<'_, HashMap<usize, Arc<Frame>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn get(&self, index: usize) -> Option<Arc<Frame>> {
+        self.all().get(&index).cloned()
+    }
+
+    fn hold(&self, index: usize, frame: &Arc<Frame>) {
+        let mut all = self.all();
+        // All frames of a series have one size.
+        let bytes = size_of_val(frame.pixels_dn());
+        if (all.len() + 1).saturating_mul(bytes) <= HELD_BYTES {
+            all.insert(index, Arc::clone(frame));
+        }
+    }
+
+    /// Lets all frames go.
+    pub(super) fn clear(&self) {
+        self.all().clear();
+    }
+}
+
+/// The source of frames, the cancel flag and the held frames.
 #[derive(Clone, Copy)]
 pub(super) struct Calls<'a> {
     pub(super) source: &'a dyn FrameSource,
     pub(super) cancel: &'a AtomicBool,
+    pub(super) held: &'a HeldFrames,
 }
 
 impl Calls<'_> {
@@ -38,24 +72,26 @@ impl Calls<'_> {
     }
 }
 
-/// Reason of a frame whose counts are more than the stated converter gives.
+/// Reason of a frame with counts above the range of the stated converter.
 const IMPOSSIBLE: &str = "impossible counts";
-/// Reason of a frame whose bytes stand the wrong way round.
+/// Reasons of frames whose files cannot be read now and may be readable later.
+const MISSING: &str = "missing";
+const UNREADABLE: &str = "unreadable";
+/// Reason of a frame with swapped bytes.
 const SWAPPED: &str = "bytes swapped";
-/// Frames that are looked at again before counts are called impossible.
+/// Frames that are checked for swapped bytes before counts are called impossible.
 const LOOKED_AT: usize = 16;
 
-/// Refuses a series of which most frames of one kind hold counts that the stated converter cannot give, or counts with their
-/// bytes swapped: then the counts lie otherwise in their files than is assumed, or the bits are wrong, and the other frames
-/// are not to be trusted either.
+/// Refuses a series if most frames of one kind contain counts that the stated converter cannot give, or swapped bytes: then
+/// the format of the files or the stated bits are wrong, and the other frames cannot be trusted either.
 pub(super) fn refuse_impossible(
     calls: &Calls<'_>,
     kind: FrameKind,
-    journal: &Journal,
+    log: &ReductionLog,
 ) -> Result<(), ReductionError> {
     let rows = calls.source.rows();
     let rejected_for = |reason| {
-        let rejected = journal.rejected_for(reason);
+        let rejected = log.rejected_for(reason);
         let of_kind = rejected.filter(|(index, _)| rows[*index].kind == kind);
         of_kind.collect::<Vec<_>>()
     };
@@ -66,7 +102,7 @@ pub(super) fn refuse_impossible(
     let impossible: Vec<(usize, &Rejection)> = rejected_for(IMPOSSIBLE);
     match impossible.first() {
         Some((index, rejection)) if impossible.len() * 2 > of.len() => {
-            // Dark frames do not tell the order of their bytes; brighter ones do.
+            // The order of the bytes shows in bright frames only.
             let rows = [FrameKind::Flat, FrameKind::Sample].map(|kind| (kind, calls.rows_of(kind)));
             for (kind, of) in &rows {
                 let some = of.iter().step_by(of.len().div_ceil(LOOKED_AT).max(1));
@@ -84,7 +120,7 @@ pub(super) fn refuse_impossible(
     }
 }
 
-fn told(stands: f64, swapped: f64) -> String {
+fn differences(stands: f64, swapped: f64) -> String {
     format!(
         "neighbouring pixels differ by {} counts, and by {} once swapped",
         significant(stands),
@@ -92,7 +128,7 @@ fn told(stands: f64, swapped: f64) -> String {
     )
 }
 
-/// Refuses frames of which more show swapped bytes than the right order.
+/// Refuses frames if more of them have swapped bytes than the correct order.
 fn refuse_swapped(
     calls: &Calls<'_>,
     kind: FrameKind,
@@ -120,21 +156,44 @@ fn refuse_swapped(
             of: frames.len(),
             first: calls.source.rows()[index].file.clone(),
             detail: format!(
-                "the two bytes of each count are swapped ({}): write the frames anew in the byte order of their format, \
-                 most significant byte first in a PNG, as the header states in a TIFF",
-                told(stands, once)
+                "the two bytes of each count are swapped ({}): write the frames again in the byte order of their format, \
+                 most significant byte first in a PNG, as stated in the header of a TIFF",
+                differences(stands, once)
             ),
         }),
         _ => Ok(()),
     }
 }
 
-/// Frame `index`, if it can be read, has the size that the manifest states, and no count that the converter cannot give.
-pub(super) fn load(calls: &Calls<'_>, index: usize, sensor: &Sensor) -> Result<Frame, Rejection> {
-    let frame = calls.source.read(index).map_err(|error| {
+/// Loads frame `index` and holds it for the next call. The frame must be readable, have the size that the manifest states,
+/// and contain no count that the converter cannot give.
+pub(super) fn load(
+    calls: &Calls<'_>,
+    index: usize,
+    sensor: &Sensor,
+) -> Result<Arc<Frame>, Rejection> {
+    let frame = load_once(calls, index, sensor)?;
+    calls.held.hold(index, &frame);
+    Ok(frame)
+}
+
+/// Loads a frame that is not needed again.
+pub(super) fn load_once(
+    calls: &Calls<'_>,
+    index: usize,
+    sensor: &Sensor,
+) -> Result<Arc<Frame>, Rejection> {
+    match calls.held.get(index) {
+        Some(frame) => Ok(frame),
+        None => read(calls.source, index, sensor).map(Arc::new),
+    }
+}
+
+fn read(source: &dyn FrameSource, index: usize, sensor: &Sensor) -> Result<Frame, Rejection> {
+    let frame = source.read(index).map_err(|error| {
         let reason = match error {
-            FrameReadError::Missing { .. } => "missing",
-            _ => "unreadable",
+            FrameReadError::Missing { .. } => MISSING,
+            _ => UNREADABLE,
         };
         Rejection::new(reason, error.to_string())
     })?;
@@ -149,13 +208,18 @@ pub(super) fn load(calls: &Calls<'_>, index: usize, sensor: &Sensor) -> Result<F
         ));
     }
     if let ByteOrder::Swapped { stands, swapped } = ByteOrder::of(&frame) {
-        return Err(Rejection::new(SWAPPED, told(stands, swapped)));
+        return Err(Rejection::new(SWAPPED, differences(stands, swapped)));
     }
     possible(&frame, sensor)?;
     Ok(frame)
 }
 
-/// Left-aligned counts would pass for full pixels.
+/// Returns whether a frame is left out for its counts, and not because its file could not be read.
+pub(super) fn is_of_counts(rejection: &Rejection) -> bool {
+    rejection.reason != MISSING && rejection.reason != UNREADABLE
+}
+
+/// Refuses counts above the range of the converter. Left-aligned counts would look like full pixels.
 fn possible(frame: &Frame, sensor: &Sensor) -> Result<(), Rejection> {
     let (above, highest) = frame
         .pixels_dn()

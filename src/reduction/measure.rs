@@ -1,62 +1,94 @@
-//! One sample frame → the level of each segment, or the reason why the frame is left out.
+//! One sample frame → the sums of each segment, or the reason why the frame is left out.
 //!
-//! *Conditioning.* Dark level and response are taken off pixel by pixel before anything is summed, so a mean loses nothing to
-//! black. A cell's variance is Σv² − (Σv)²/n over at most a sixty-fourth of a frame: counts to 65535 with a variance of 1/12 and more lose
-//! seven digits of sixteen and keep nine. What rounding makes negative there is 0, and the model's variance, a sum of positive parts,
-//! is a floor under every level.
+//! *Conditioning.* Dark level and response are removed pixel by pixel before anything is summed, so no digits are lost to the
+//! black level. [`super::levels`] states what the sums keep.
 
-use std::collections::hash_map::DefaultHasher;
-use std::hash::{Hash, Hasher};
+use serde::{Deserialize, Serialize};
 
 use super::darks::{Dark, Darks};
 use super::flats::{Response, displaced};
-use super::journal::Rejection;
-use super::load::{Calls, load};
+use super::levels::{CELLS, Cell, CellCorrection, Level, Pixel, SegmentSums, remove_outliers};
+use super::load::Calls;
+use super::outlier_pixels::Despiking;
 use super::pattern::{Differences, Expected, Verdict, compare};
+use super::reduction_log::Rejection;
 use super::region::{NOWHERE, Segments};
 use super::sensor::{Sensor, median};
 use super::shading::Shading;
-use super::sloping::Slope;
-use super::wild::Field;
 use crate::frame::Frame;
 use crate::robust::MEDIAN_OF_ABS;
 
-/// A frame is cut into so many cells per edge; spatial scatter is judged between cells.
-const CELLS: usize = 8;
-/// Pixels further than this from their cell are wild (cosmic rays, dust), where all pixels share their directions.
-const WILD_SIGMAS: f64 = 8.0;
-
-/// What a segment counts per second at response 1.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Level {
-    /// Pixels averaged.
-    pub(super) n: f64,
-    /// Mean count above dark per second, response divided out.
-    pub(super) rate_dn_s: f64,
-    /// Mean of 1/response², what a count's variance is multiplied with.
-    pub(super) inverse_response2: f64,
-    /// Variance of the mean as the pixels' own scatter shows it.
-    pub(super) variance_pixels: f64,
-    /// Variance of the mean beyond that, as the scatter between cells shows it: moiré, texture.
-    pub(super) variance_texture: f64,
-    /// How it slopes over the field.
-    pub(super) slope: Slope,
-    /// Mean column and row of its pixels, of near rigs; whole numbers are corners.
-    pub(super) middle_px: [f64; 2],
+/// What a reduction keeps of a frame that passed every check it can pass alone.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct FrameSums {
+    /// By segment.
+    segments: Vec<SegmentSums>,
+    /// Pixels of the segments that are full and all pixels of the segments.
+    full: usize,
+    pixels: usize,
+    /// Fingerprint of the counts; equal frames are copies of each other.
+    fingerprint: u64,
+    /// Of a frame with full pixels: the sums over the pixels that are expected below full count, where these suffice.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    below_full: Option<BelowFull>,
 }
 
-/// A frame that passed every check it can pass alone.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct BelowFull {
+    segments: Vec<SegmentSums>,
+    pixels: usize,
+}
+
+impl FrameSums {
+    /// The frame's levels. `index` is its place in the list.
+    pub(super) fn measured(
+        &self,
+        index: usize,
+        exposure_s: f64,
+        far: bool,
+        correction: Option<CellCorrection<'_>>,
+    ) -> Measured {
+        let levels = |segments: &[SegmentSums]| -> Vec<Level> {
+            let of = |s: &SegmentSums| s.level(exposure_s, far, correction);
+            segments.iter().map(of).collect()
+        };
+        let below_full = self.below_full.as_ref().map(|below| {
+            Box::new(Measured {
+                index,
+                exposure_s,
+                levels: levels(&below.segments),
+                full: 0,
+                pixels: below.pixels,
+                fingerprint: self.fingerprint,
+                below_full: None,
+            })
+        });
+        Measured {
+            index,
+            exposure_s,
+            levels: levels(&self.segments),
+            full: self.full,
+            pixels: self.pixels,
+            fingerprint: self.fingerprint,
+            below_full,
+        }
+    }
+}
+
+/// The levels of a frame that passed every check it can pass alone.
 #[derive(Debug, Clone)]
 pub(super) struct Measured {
     pub(super) index: usize,
     pub(super) exposure_s: f64,
     /// By segment.
     pub(super) levels: Vec<Level>,
-    /// Pixels of the segments that are full and those there are.
+    /// Pixels of the segments that are full and all pixels of the segments.
     pub(super) full: usize,
     pub(super) pixels: usize,
     /// Fingerprint of the counts; equal frames are copies of each other.
     pub(super) fingerprint: u64,
+    /// The same over the pixels that are expected below full count, where these suffice.
+    pub(super) below_full: Option<Box<Measured>>,
 }
 
 impl Measured {
@@ -71,9 +103,9 @@ impl Measured {
     }
 }
 
-/// What is the same for all frames.
+/// What every frame is measured with.
 #[derive(Clone, Copy)]
-pub(super) struct Ground<'a> {
+pub(super) struct MeasurementContext<'a> {
     pub(super) calls: Calls<'a>,
     pub(super) sensor: &'a Sensor,
     pub(super) darks: &'a Darks,
@@ -83,40 +115,13 @@ pub(super) struct Ground<'a> {
     pub(super) far: bool,
 }
 
-impl Ground<'_> {
-    /// Variance of a segment's mean rate from counting and read noise at a level `rate_dn_s`, which
-    /// is not taken from the frame itself: weights made of noisy counts would favour low ones.
-    pub(super) fn variance_model(&self, level: &Level, rate_dn_s: f64, exposure_s: f64) -> f64 {
-        let dark = self.darks.at(exposure_s);
-        let current = (dark.mean_dn - self.sensor.black_dn).max(0.0);
-        let count = rate_dn_s.max(0.0) * exposure_s;
-        let per_pixel = (self.sensor.variance_dn2(count + current) + dark.variance_dn2)
-            * level.inverse_response2.max(1.0)
-            + count * count * self.response.variance;
-        per_pixel / (level.n.max(1.0) * exposure_s * exposure_s)
-    }
-
-    /// Standard uncertainty of a segment's mean rate from the dark frames' noise: the same in every frame of an exposure.
-    pub(super) fn dark_std(&self, level: &Level, exposure_s: f64) -> f64 {
-        let per_pixel = self.darks.at(exposure_s).variance_dn2 * level.inverse_response2.max(1.0);
-        (per_pixel / level.n.max(1.0)).sqrt() / exposure_s
-    }
-
-    /// Reads and measures frame `index`.
-    pub(super) fn measure(&self, index: usize) -> Result<Measured, Rejection> {
+impl MeasurementContext<'_> {
+    /// Measures frame `index`.
+    pub(super) fn measure(&self, index: usize, frame: &Frame) -> Result<FrameSums, Rejection> {
         let row = &self.calls.source.rows()[index];
-        let frame = load(&self.calls, index, self.sensor)?;
         let dark = self.darks.at(row.exposure_s);
         let labels = self.segments.labels(row.pose(), &self.response.good);
-        let (full, pixels) = self.count_full(&frame, &labels);
-        let mut measured = Measured {
-            index,
-            exposure_s: row.exposure_s,
-            levels: Vec::new(),
-            full,
-            pixels,
-            fingerprint: fingerprint(&frame),
-        };
+        let (full, pixels) = self.count_full(frame, &labels);
         if pixels == 0 {
             return Err(Rejection::new(
                 "outside",
@@ -129,33 +134,43 @@ impl Ground<'_> {
                 format!("{full} of {pixels} pixels are full"),
             ));
         }
-        self.check_alive(&frame, &dark)?;
-        measured.levels = self.levels(&frame, &dark, &labels, row.exposure_s, None);
-        if let Some(outliers) = self.stray_full(&frame, &labels, &measured, &dark) {
-            measured.full -= outliers;
+        self.check_alive(frame, &dark)?;
+        let segments = self.sums(frame, &dark, &labels, None);
+        let mut sums = FrameSums {
+            segments,
+            full,
+            pixels,
+            fingerprint: fingerprint(frame),
+            below_full: None,
+        };
+        let measured = sums.measured(index, row.exposure_s, self.far, None);
+        if let Some(outliers) = self.stray_full(frame, &labels, &measured, &dark) {
+            sums.full -= outliers;
         }
-        if measured.is_clean() {
-            self.check_pattern(&frame, &dark, &labels, &measured)?;
+        match sums.full {
+            0 => self.check_pattern(frame, &dark, &labels, &measured)?,
+            _ => sums.below_full = self.measure_below_full(frame, &dark, labels),
         }
-        Ok(measured)
+        Ok(sums)
     }
 
-    /// Measures a frame with full pixels where no other exposure is left: only pixels that are
+    /// Measures a frame with full pixels, for poses without another exposure: only pixels that are
     /// expected to be well below full count, judged from the segment's median and the pixel's
     /// response, not from the pixel's own noisy count. Not for near rigs, where the rest of the field
     /// would stand for other directions.
-    pub(super) fn measure_below_full(&self, index: usize) -> Option<Measured> {
+    fn measure_below_full(
+        &self,
+        frame: &Frame,
+        dark: &Dark,
+        mut labels: Vec<u16>,
+    ) -> Option<BelowFull> {
         if !self.far {
             return None;
         }
-        let row = &self.calls.source.rows()[index];
-        let frame = load(&self.calls, index, self.sensor).ok()?;
-        let dark = self.darks.at(row.exposure_s);
-        let mut labels = self.segments.labels(row.pose(), &self.response.good);
         let before = labels.iter().filter(|l| **l != NOWHERE).count();
         for segment in 0..self.segments.len() {
             let rates = |pixel: usize| {
-                (dark.linear_dn(pixel, frame.pixels_dn()[pixel]) - f64::from(dark.level_dn[pixel]))
+                (f64::from(frame.pixels_dn()[pixel]) - f64::from(dark.level_dn[pixel]))
                     / f64::from(self.response.pixels[pixel])
             };
             let mut values: Vec<f64> = (0..labels.len())
@@ -176,7 +191,7 @@ impl Ground<'_> {
             for (pixel, label) in labels.iter_mut().enumerate() {
                 if *label as usize == segment {
                     let light = (usual + 5.0 * spread) * f64::from(self.response.pixels[pixel]);
-                    let due = dark.counted_dn(pixel, light);
+                    let due = f64::from(dark.level_dn[pixel]) + light;
                     let reachable = usual.is_finite() && due < self.sensor.saturation_dn;
                     if !reachable {
                         *label = NOWHERE;
@@ -184,18 +199,13 @@ impl Ground<'_> {
                 }
             }
         }
-        let (full, pixels) = self.count_full(&frame, &labels);
+        let (full, pixels) = self.count_full(frame, &labels);
         if pixels < 64.max(before / 50) || full * 1000 > pixels {
             return None;
         }
-        let levels = self.levels(&frame, &dark, &labels, row.exposure_s, Some(()));
-        Some(Measured {
-            index,
-            exposure_s: row.exposure_s,
-            levels,
-            full: 0,
+        Some(BelowFull {
+            segments: self.sums(frame, dark, &labels, Some(())),
             pixels,
-            fingerprint: fingerprint(&frame),
         })
     }
 
@@ -210,8 +220,8 @@ impl Ground<'_> {
             })
     }
 
-    /// A few full pixels far above the rest are hits, not the sample: they are left out and the
-    /// frame stays. How many, if they are that.
+    /// Returns the number of full pixels if they are few and far above the rest: then they are hits and not the sample, and
+    /// the frame is used without them.
     fn stray_full(
         &self,
         frame: &Frame,
@@ -233,12 +243,12 @@ impl Ground<'_> {
                 let due =
                     level.rate_dn_s * measured.exposure_s * f64::from(self.response.pixels[pixel]);
                 let scatter = (level.variance_pixels * level.n).sqrt() * measured.exposure_s;
-                dark.counted_dn(pixel, due + 12.0 * scatter) < self.sensor.saturation_dn
+                f64::from(dark.level_dn[pixel]) + due + 12.0 * scatter < self.sensor.saturation_dn
             });
         far.then_some(measured.full)
     }
 
-    /// A frame, or a part of one, without any noise was not exposed by this sensor.
+    /// Refuses a frame, or a part of one, without any noise: this sensor did not expose it.
     fn check_alive(&self, frame: &Frame, dark: &Dark) -> Result<(), Rejection> {
         if self.sensor.read_dn < 0.5 {
             return Ok(());
@@ -272,23 +282,23 @@ impl Ground<'_> {
         ))
     }
 
-    /// Levels of all segments. `clipped` says that full pixels were labelled away already.
-    fn levels(
+    /// Sums of all segments. `clipped` says that full pixels were labelled away already.
+    fn sums(
         &self,
         frame: &Frame,
         dark: &Dark,
         labels: &[u16],
-        exposure_s: f64,
         clipped: Option<()>,
-    ) -> Vec<Level> {
+    ) -> Vec<SegmentSums> {
         let segments = self.segments.len();
         let width = self.sensor.width;
         let cell_of = |pixel: usize| {
             (pixel / width * CELLS / self.sensor.height) * CELLS + pixel % width * CELLS / width
         };
         let response = |pixel: usize| f64::from(self.response.pixels[pixel]);
+        let flat = |pixel: usize| f64::from(self.response.flat(pixel));
         let own = |pixel: usize| {
-            (dark.linear_dn(pixel, frame.pixels_dn()[pixel]) - f64::from(dark.level_dn[pixel]))
+            (f64::from(frame.pixels_dn()[pixel]) - f64::from(dark.level_dn[pixel]))
                 / response(pixel)
         };
         let counts = |pixel: usize| {
@@ -296,9 +306,9 @@ impl Ground<'_> {
                 && (clipped.is_some() || !self.sensor.is_full(frame.pixels_dn()[pixel]))
         };
         let at = |pixel: usize| labels[pixel] as usize * CELLS * CELLS + cell_of(pixel);
-        let tamed = (!self.far).then(|| {
+        let despiked = (!self.far).then(|| {
             let value = |pixel| if counts(pixel) { own(pixel) } else { f64::NAN };
-            let field = Field {
+            let despiking = Despiking {
                 values: (0..labels.len()).map(value).collect(),
                 labels,
                 part: &at,
@@ -306,15 +316,15 @@ impl Ground<'_> {
                 response: &response,
                 sensor: self.sensor,
             };
-            field.tamed()
+            despiking.despiked()
         });
-        let value = |pixel: usize| tamed.as_ref().map_or_else(|| own(pixel), |v| v[pixel]);
+        let value = |pixel: usize| despiked.as_ref().map_or_else(|| own(pixel), |v| v[pixel]);
         let mut cells = vec![Cell::default(); segments * CELLS * CELLS];
         let mut inverse = vec![0.0; segments];
         let mut places = vec![[0.0; 2]; segments];
         for pixel in (0..labels.len()).filter(|p| counts(*p)) {
             let segment = labels[pixel] as usize;
-            cells[at(pixel)].add(value(pixel), response(pixel));
+            cells[at(pixel)].add(value(pixel), response(pixel), flat(pixel));
             inverse[segment] += response(pixel).powi(-2);
             if !self.far {
                 places[segment][0] += (pixel % width) as f64 + 0.5;
@@ -322,38 +332,30 @@ impl Ground<'_> {
             }
         }
         if self.far {
-            let reach = reach_of(&cells);
-            for pixel in (0..labels.len()).filter(|p| counts(*p)) {
-                let (centre, reach) = reach[at(pixel)];
-                if (own(pixel) - centre).abs() > reach {
-                    cells[at(pixel)].remove(own(pixel), response(pixel));
-                    inverse[labels[pixel] as usize] -= response(pixel).powi(-2);
-                }
-            }
+            let pixels = (0..labels.len()).filter(|p| counts(*p)).map(|pixel| Pixel {
+                cell: at(pixel),
+                v: own(pixel),
+                response: response(pixel),
+                flat: flat(pixel),
+            });
+            remove_outliers(&mut cells, pixels, |pixel| {
+                inverse[pixel.cell / (CELLS * CELLS)] -= pixel.response.powi(-2);
+            });
         }
         let noise = match self.far {
-            true => Vec::new(),
+            true => vec![None; segments],
             false => self.noise_on_slopes(labels, &counts, &value),
         };
         (0..segments)
             .map(|segment| {
                 let cells = &cells[segment * CELLS * CELLS..(segment + 1) * CELLS * CELLS];
-                let mut level = Level::of(cells, inverse[segment], exposure_s);
-                if !self.far {
-                    level.variance_texture = 0.0;
-                    if let Some(per_pixel) = noise[segment] {
-                        level.variance_pixels =
-                            per_pixel / (level.n.max(1.0) * exposure_s * exposure_s);
-                    }
-                    level.middle_px = places[segment].map(|sum| sum / level.n.max(1.0));
-                }
-                level
+                SegmentSums::new(cells, inverse[segment], noise[segment], places[segment])
             })
             .collect()
     }
 
-    /// Variance of a pixel of each segment about light that slopes over the field, as it does near a lamp or a camera: by
-    /// second differences along the rows, which have no slope. None of a segment with few of them.
+    /// Returns the variance of a pixel of each segment about light that slopes over the field, as it does near a lamp or a
+    /// camera: from second differences along the rows, which contain no slope. None for a segment with few of them.
     fn noise_on_slopes(
         &self,
         labels: &[u16],
@@ -383,7 +385,7 @@ impl Ground<'_> {
     fn shading(&self, frame: &Frame, dark: &Dark, labels: &[u16]) -> Shading {
         let pixels = frame.pixels_dn().iter().enumerate().map(|(pixel, dn)| {
             let response = self.response.pixels[pixel];
-            let counts = dark.linear_dn(pixel, *dn) - f64::from(dark.level_dn[pixel]);
+            let counts = f64::from(*dn) - f64::from(dark.level_dn[pixel]);
             (response > 0.0 && !self.sensor.is_full(*dn))
                 .then(|| (labels[pixel], counts, f64::from(response)))
         });
@@ -403,7 +405,7 @@ impl Ground<'_> {
             .iter()
             .map(|l| (l.rate_dn_s * measured.exposure_s) as f32)
             .collect();
-        // Near the lamp or the camera a lobe shades off over a segment, and the pattern with it.
+        // Near the lamp or the camera a lobe varies over a segment, and the pattern with it.
         let shading = (!self.far).then(|| self.shading(frame, dark, labels));
         let light: Vec<f32> = labels
             .iter()
@@ -413,7 +415,8 @@ impl Ground<'_> {
                 shaded.unwrap_or_else(|| due.get(*label as usize).copied().unwrap_or(0.0))
             })
             .collect();
-        // The response's noise goes with the light: of segments the brightest, under a steep lobe the mean of the squares.
+        // The noise of the response is proportional to the light: that of the brightest segment, or under a steep lobe the
+        // mean of the squares.
         let brightest = due.iter().fold(0.0_f32, |a, b| a.max(b.abs()));
         let lit = || light.iter().zip(labels).filter(|(_, l)| **l != NOWHERE);
         let squares: f64 = lit().map(|(x, _)| f64::from(*x).powi(2)).sum();
@@ -440,159 +443,33 @@ impl Ground<'_> {
     }
 }
 
-#[derive(Clone, Copy, Default)]
-struct Cell {
-    n: f64,
-    sum: f64,
-    sum2: f64,
-    counts: f64,
-    response: f64,
-}
-
-impl Cell {
-    /// A pixel: its counts over its response, and that response.
-    fn add(&mut self, v: f64, response: f64) {
-        self.n += 1.0;
-        self.sum += v;
-        self.sum2 += v * v;
-        self.counts += v * response;
-        self.response += response;
-    }
-
-    fn remove(&mut self, v: f64, response: f64) {
-        self.n -= 1.0;
-        self.sum -= v;
-        self.sum2 -= v * v;
-        self.counts -= v * response;
-        self.response -= response;
-    }
-
-    /// Counts at response 1. The mean of quotients would be too high by the responses' own noise squared (flats in
-    /// dim light have one of 10 % and more), a quotient of sums is not.
-    fn level(&self) -> f64 {
-        if self.response > 0.0 {
-            self.counts / self.response
-        } else {
-            self.mean()
-        }
-    }
-
-    fn mean(&self) -> f64 {
-        if self.n > 0.0 { self.sum / self.n } else { 0.0 }
-    }
-
-    fn variance(&self) -> f64 {
-        if self.n > 1.0 {
-            ((self.sum2 - self.sum * self.sum / self.n) / (self.n - 1.0)).max(0.0)
-        } else {
-            0.0
-        }
-    }
-}
-
-impl Level {
-    fn of(cells: &[Cell], inverse_response2: f64, exposure_s: f64) -> Level {
-        let n: f64 = cells.iter().map(|c| c.n).sum();
-        if n < 1.0 {
-            return Level::default();
-        }
-        let mean = cells.iter().map(|c| c.sum).sum::<f64>() / n;
-        let level = cells.iter().map(|c| c.n * c.level()).sum::<f64>() / n;
-        // Within cells the scatter is noise and fine texture; both average with the pixels.
-        let within = cells
-            .iter()
-            .map(|c| c.variance() * (c.n - 1.0).max(0.0))
-            .sum::<f64>()
-            / (n - cells.len() as f64).max(1.0);
-        // Between cells the mean square of well filled cells, weighted by pixels.
-        let filled: Vec<&Cell> = cells.iter().filter(|c| c.n > 0.0).collect();
-        let freedom = filled.len() as f64 - 1.0;
-        let texture = if freedom >= 3.0 {
-            let between = filled
-                .iter()
-                .map(|c| c.n * (c.mean() - mean).powi(2))
-                .sum::<f64>()
-                / freedom;
-            // Mean squares of white noise scatter by √(2/freedom): less than three of that is none.
-            if between > within * (1.0 + 3.0 * (2.0 / freedom).sqrt()) {
-                between - within
-            } else {
-                0.0
-            }
-        } else {
-            0.0
-        };
-        let scale = n * exposure_s * exposure_s;
-        Level {
-            slope: slope_of(cells, mean, within),
-            n,
-            rate_dn_s: level / exposure_s,
-            inverse_response2: inverse_response2 / n,
-            variance_pixels: within / scale,
-            variance_texture: texture / scale,
-            middle_px: [0.0; 2],
-        }
-    }
-}
-
-/// Each cell's mean, and how far from it a pixel is wild.
-fn reach_of(cells: &[Cell]) -> Vec<(f64, f64)> {
-    let mut deviations: Vec<f64> = cells
-        .iter()
-        .filter(|c| c.n > 8.0)
-        .map(|c| c.variance().sqrt())
-        .collect();
-    let usual = median(&mut deviations);
-    let reach = |c: &Cell| match usual > 0.0 {
-        true => WILD_SIGMAS * c.variance().sqrt().clamp(usual, 2.0 * usual),
-        false => f64::INFINITY,
-    };
-    cells.iter().map(|c| (c.mean(), reach(c))).collect()
-}
-
-/// Slope of the cells' means about `mean`, with `within` the variance of a pixel.
-fn slope_of(cells: &[Cell], mean: f64, within: f64) -> Slope {
-    if mean <= 0.0 || cells.iter().any(|c| c.n == 0.0) {
-        return Slope::default();
-    }
-    // Middles of the cells, from −1 at one edge of the frame to 1 at the other.
-    let place = |k: usize| (2 * k + 1) as f64 / CELLS as f64 - 1.0;
-    let along = |at: fn(usize) -> usize| {
-        let (mut top, mut below) = (0.0, 0.0);
-        for (k, cell) in cells.iter().enumerate() {
-            let x = place(at(k));
-            top += cell.n * x * (cell.mean() - mean);
-            below += cell.n * x * x;
-        }
-        (top / below / mean, (within / below).sqrt() / mean)
-    };
-    let (across, down) = (along(|k| k % CELLS), along(|k| k / CELLS));
-    Slope {
-        across: across.0,
-        down: down.0,
-        std: across.1.max(down.1),
-    }
-}
-
+/// FNV-1a over the counts: the same in every version of the program, since it is stored.
 fn fingerprint(frame: &Frame) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    frame.pixels_dn().hash(&mut hasher);
-    hasher.finish()
+    let step = |hash: u64, dn: &u16| (hash ^ u64::from(*dn)).wrapping_mul(0x0100_0000_01b3);
+    frame.pixels_dn().iter().fold(0xcbf2_9ce4_8422_2325, step)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// A frame's outcome: its sums, or why it is left out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) enum FrameOutcome {
+    /// It counts.
+    Reduced(FrameSums),
+    /// It does not.
+    LeftOut(Rejection),
+}
 
-    #[test]
-    fn noisy_responses_do_not_make_a_level_brighter() {
-        // A hundred counts at response 1, seen through responses that noise puts 30 % too high or too low by turns.
-        let mut cells = [Cell::default(); 4];
-        for pixel in 0..400 {
-            let told = if pixel % 2 == 0 { 1.3 } else { 0.7 };
-            cells[pixel % 4 / 2].add(100.0 / told, told);
+impl FrameOutcome {
+    /// Whether it is of that many segments: what was stored may be of anything.
+    pub(super) fn is_of(&self, segments: usize) -> bool {
+        match self {
+            FrameOutcome::Reduced(sums) => {
+                let below = sums
+                    .below_full
+                    .as_ref()
+                    .map_or(segments, |b| b.segments.len());
+                sums.segments.len() == segments && below == segments
+            }
+            FrameOutcome::LeftOut(_) => true,
         }
-        let level = Level::of(&cells, 400.0, 0.1);
-        assert!((level.rate_dn_s - 1000.0).abs() < 1e-9, "{level:?}");
     }
 }

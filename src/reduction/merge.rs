@@ -1,19 +1,20 @@
-//! Frames of one pose → one level: copies, blacks and outliers are named and left out, exposures are
-//! merged by their expected variance.
+//! Frames of one pose → one level. Copies, black frames and outliers are left out by name; exposures are merged by their
+//! expected variance.
 //!
-//! Two rules keep the mean free of bias. A frame with any full pixel in the region is left out as a
-//! whole while another exposure is there: dropping only the full pixels would drop bright noise
-//! and keep dark noise. And a frame's weight comes from the noise expected at the common level of
-//! its pose, never from its own counts.
+//! Two rules keep the mean free of bias. A frame with a full pixel in the region is left out as a whole if the pose has another
+//! exposure: dropping only the full pixels would drop bright noise and keep dark noise. And the weight of a frame comes from
+//! the noise expected at the common level of its pose, never from its own counts.
 //!
-//! *Conditioning.* Means weighted with 1/variance: positive weights over exposures that may differ by 1e12 without one term
-//! swamping the other in a difference. A pose without a usable pixel has no weight; it becomes no observation.
+//! *Conditioning.* Means are weighted with 1/variance: positive weights, over exposures that may differ by 1e12, without
+//! cancelling differences. A pose without a usable pixel has no weight and gives no observation.
 
 use std::collections::HashMap;
 
 use super::flats::SAME_ANGLE_DEG;
-use super::journal::{Journal, Rejection};
-use super::measure::{Ground, Measured};
+use super::levels::Level;
+use super::measure::Measured;
+use super::reduction_log::{ReductionLog, Rejection};
+use super::scale::Scale;
 use super::sensor::median;
 use crate::geometry::{Pose, group_angles, group_directions};
 use crate::material::Material;
@@ -24,7 +25,7 @@ use crate::wording::counted;
 
 /// Frames of one pose agree within this many standard errors …
 const AGREE_SIGMAS: f64 = 6.0;
-/// … plus this share of their level, for shutters and lamps that are not perfect.
+/// … plus this share of their level, for imperfect shutters and lamps.
 const AGREE_SHARE: f64 = 0.02;
 
 /// The level of one segment at one pose.
@@ -35,7 +36,7 @@ pub(super) struct Merged {
     pub(super) variance: f64,
     /// Mean column and row of the pixels, of near rigs.
     pub(super) middle_px: [f64; 2],
-    /// Part of the rate's standard uncertainty that the dark frames' noise has, which other poses share.
+    /// Part of the rate's standard uncertainty from the noise of the dark frames, which other poses share.
     pub(super) dark_std_dn_s: f64,
 }
 
@@ -44,10 +45,39 @@ pub(super) struct Merged {
 pub(super) struct PoseLevels {
     pub(super) pose: Pose,
     pub(super) segments: Vec<Merged>,
-    /// Its frames in the list.
+    /// Places of its frames in the list.
     pub(super) frames: Vec<usize>,
-    /// Mean time of its frames (s since 1970), where all bear one.
+    /// Mean time of its frames (s since 1970), if all have a time.
     pub(super) taken_s: Option<f64>,
+}
+
+/// What frames are merged with.
+#[derive(Clone, Copy)]
+pub(super) struct MergeContext<'a> {
+    pub(super) rows: &'a [FrameRow],
+    pub(super) material: Material,
+    pub(super) scale: &'a Scale,
+}
+
+impl MergeContext<'_> {
+    /// Variance of a segment's mean rate from counting and read noise at a level `rate_dn_s`, which
+    /// is not taken from the frame itself: weights made of noisy counts would favour low ones.
+    fn variance_model(&self, level: &Level, rate_dn_s: f64, exposure_s: f64) -> f64 {
+        let (dark, sensor) = (self.scale.darks.at(exposure_s), &self.scale.sensor);
+        let current = (dark.mean_dn - sensor.black_dn).max(0.0);
+        let count = rate_dn_s.max(0.0) * exposure_s;
+        let per_pixel = (sensor.variance_dn2(count + current) + dark.variance_dn2)
+            * level.inverse_response2.max(1.0)
+            + count * count * self.scale.response_variance;
+        per_pixel / (level.n.max(1.0) * exposure_s * exposure_s)
+    }
+
+    /// Standard uncertainty of a segment's mean rate from the dark frames' noise: the same in every frame of an exposure.
+    fn dark_std(&self, level: &Level, exposure_s: f64) -> f64 {
+        let variance_dn2 = self.scale.darks.at(exposure_s).variance_dn2;
+        let per_pixel = variance_dn2 * level.inverse_response2.max(1.0);
+        (per_pixel / level.n.max(1.0)).sqrt() / exposure_s
+    }
 }
 
 struct Group {
@@ -56,50 +86,49 @@ struct Group {
     clipped: Vec<Measured>,
 }
 
-/// Merges all measured frames by pose. Returns the levels and the lamp's relative scatter from
-/// frame to frame as the exposures show it.
+/// Merges all measured frames by pose. Returns the levels and the lamp's relative scatter from frame to frame.
 pub(super) fn merge(
-    ground: &Ground<'_>,
+    context: &MergeContext<'_>,
     measured: Vec<Measured>,
-    journal: &mut Journal,
+    log: &mut ReductionLog,
 ) -> (Vec<PoseLevels>, f64) {
-    let measured = without_copies(ground, measured, journal);
-    let mut groups = by_pose(ground, measured);
+    let measured = without_copies(context, measured, log);
+    let mut groups = by_pose(context, measured);
     let mut undecided = Vec::new();
     for (at, group) in groups.iter_mut().enumerate() {
-        rescue(ground, group, journal);
-        if !drop_outliers(ground, group, journal) {
+        rescue(group, log);
+        if !drop_outliers(context, group, log) {
             undecided.push(at);
         }
     }
     let mut lost: Vec<Pose> = Vec::new();
     for at in &undecided {
         let due = interpolated(&groups, &undecided, *at);
-        if !decide(ground, &mut groups[*at], due, journal) {
+        if !decide(context, &mut groups[*at], due, log) {
             lost.push(groups[*at].pose);
         }
     }
-    warn_of_contradictions(&lost, journal);
-    drop_black_poses(ground, &mut groups, journal);
-    let scatter = lamp_scatter(ground, &groups, journal);
+    warn_of_contradictions(&lost, log);
+    drop_black_poses(context, &mut groups, log);
+    let scatter = lamp_scatter(context, &groups, log);
     let levels = groups
         .iter()
         .filter(|g| !g.clean.is_empty())
-        .map(|g| merged(ground, g, scatter))
+        .map(|g| merged(context, g, scatter))
         .collect();
     (levels, scatter)
 }
 
-/// Frames with the same counts are copies; all but one are left out. The one that stays is the one
-/// that fits the other frames of its pose, or the earliest.
+/// Leaves out all but one of the frames with the same counts. The frame that agrees with the others of its pose stays, or the
+/// earliest.
 fn without_copies(
-    ground: &Ground<'_>,
+    context: &MergeContext<'_>,
     mut measured: Vec<Measured>,
-    journal: &mut Journal,
+    log: &mut ReductionLog,
 ) -> Vec<Measured> {
-    let rows = ground.calls.source.rows();
+    let rows = context.rows;
     let mut sets: HashMap<u64, Vec<usize>> = HashMap::new();
-    // A handful of pixels may count the same by chance.
+    // A few pixels may count the same by chance.
     for (at, m) in measured.iter().enumerate().filter(|(_, m)| m.pixels > 8) {
         sets.entry(m.fingerprint).or_default().push(at);
     }
@@ -119,7 +148,7 @@ fn without_copies(
                 .fold(None, |worst: Option<f64>, x| {
                     Some(worst.map_or(x, |w| w.max(x)))
                 })
-                // Nothing to compare with: neither for nor against.
+                // Without another frame of the pose: neutral.
                 .unwrap_or(AGREE_SHARE)
         };
         let mut order = set.clone();
@@ -133,9 +162,9 @@ fn without_copies(
         });
         let original = &rows[measured[order[0]].index].file;
         for at in &order[1..] {
-            journal.reject(
+            log.reject(
                 measured[*at].index,
-                Rejection::new("duplicate", format!("it has the very counts of {original}")),
+                Rejection::new("duplicate", format!("it has the same counts as {original}")),
             );
             out.push(measured[*at].index);
         }
@@ -149,8 +178,8 @@ fn same_pose(a: Pose, b: Pose) -> bool {
         && (a.phi_s - b.phi_s).deg().abs() <= SAME_ANGLE_DEG
 }
 
-fn by_pose(ground: &Ground<'_>, measured: Vec<Measured>) -> Vec<Group> {
-    let rows = ground.calls.source.rows();
+fn by_pose(context: &MergeContext<'_>, measured: Vec<Measured>) -> Vec<Group> {
+    let rows = context.rows;
     let poses: Vec<Pose> = measured.iter().map(|m| rows[m.index].pose()).collect();
     let of = |axis: fn(&Pose) -> Angle| poses.iter().map(axis).collect::<Vec<_>>();
     let within = Angle::from_deg(SAME_ANGLE_DEG);
@@ -184,7 +213,7 @@ fn by_pose(ground: &Ground<'_>, measured: Vec<Measured>) -> Vec<Group> {
     groups
 }
 
-/// Mean of poses that are alike.
+/// Returns the mean of poses that are nearly equal.
 fn mean_pose(mut poses: impl Iterator<Item = Pose>) -> Pose {
     let first = poses.next().expect("a group has a member");
     let (mut n, mut tilt, mut turn) = (1.0, 0.0, 0.0);
@@ -199,21 +228,21 @@ fn mean_pose(mut poses: impl Iterator<Item = Pose>) -> Pose {
     }
 }
 
-/// Names the clipped frames; where nothing else is left, the one with the shortest exposure is
-/// measured on the pixels that are expected below full count.
-fn rescue(ground: &Ground<'_>, group: &mut Group, journal: &mut Journal) {
+/// Leaves out the clipped frames. If a pose has no other, its shortest exposure is measured on the pixels that are expected
+/// below full count.
+fn rescue(group: &mut Group, log: &mut ReductionLog) {
     let clipped = std::mem::take(&mut group.clipped);
     for m in clipped {
         if group.clean.is_empty()
-            && let Some(part) = ground.measure_below_full(m.index)
+            && let Some(part) = &m.below_full
         {
-            journal.warn(
-                "at some poses even the shortest exposure has full pixels: they are measured on the others; add a shorter exposure".to_owned(),
+            log.warn(
+                "at some poses even the shortest exposure has full pixels: these poses are measured on the other pixels; add a shorter exposure".to_owned(),
             );
-            group.clean.push(part);
+            group.clean.push((**part).clone());
             continue;
         }
-        journal.reject(
+        log.reject(
             m.index,
             Rejection::new(
                 "partly saturated",
@@ -223,15 +252,15 @@ fn rescue(ground: &Ground<'_>, group: &mut Group, journal: &mut Journal) {
     }
 }
 
-/// Mean rate of a frame and the variance to expect of it at the level `at_rate`.
-fn rate_and_variance(ground: &Ground<'_>, m: &Measured, at_rate: f64) -> (f64, f64) {
+/// Returns the mean rate of a frame and its expected variance at the level `at_rate`.
+fn rate_and_variance(context: &MergeContext<'_>, m: &Measured, at_rate: f64) -> (f64, f64) {
     let total: f64 = m.levels.iter().map(|l| l.n).sum();
     let variance = m
         .levels
         .iter()
         .map(|l| {
             (l.n / total.max(1.0)).powi(2)
-                * ground
+                * context
                     .variance_model(l, at_rate, m.exposure_s)
                     .max(l.variance_pixels)
         })
@@ -243,8 +272,8 @@ fn agree(a: (f64, f64), b: (f64, f64)) -> bool {
     (a.0 - b.0).abs() <= AGREE_SIGMAS * (a.1 + b.1).sqrt() + AGREE_SHARE * a.0.abs().max(b.0.abs())
 }
 
-/// Leaves out frames that most others of the pose contradict; `false` where it stands even.
-fn drop_outliers(ground: &Ground<'_>, group: &mut Group, journal: &mut Journal) -> bool {
+/// Leaves out frames that most others of the pose contradict. Returns `false` without a majority.
+fn drop_outliers(context: &MergeContext<'_>, group: &mut Group, log: &mut ReductionLog) -> bool {
     if group.clean.len() < 2 {
         return true;
     }
@@ -253,7 +282,7 @@ fn drop_outliers(ground: &Ground<'_>, group: &mut Group, journal: &mut Journal) 
     let seen: Vec<(f64, f64)> = group
         .clean
         .iter()
-        .map(|m| rate_and_variance(ground, m, usual))
+        .map(|m| rate_and_variance(context, m, usual))
         .collect();
     let friends = |i: usize| seen.iter().filter(|other| agree(seen[i], **other)).count();
     let most = (0..seen.len()).map(friends).max().unwrap_or(0);
@@ -274,7 +303,7 @@ fn drop_outliers(ground: &Ground<'_>, group: &mut Group, journal: &mut Journal) 
         &seen,
         level,
         "the other exposures of its pose",
-        journal,
+        log,
     );
     true
 }
@@ -285,17 +314,17 @@ fn part_with(
     seen: &[(f64, f64)],
     level: f64,
     whom: &str,
-    journal: &mut Journal,
+    log: &mut ReductionLog,
 ) {
     for ((m, keep), (rate, variance)) in group.clean.iter().zip(keep).zip(seen) {
         if *keep {
             continue;
         }
         let dark = rate.abs() <= AGREE_SIGMAS * variance.sqrt() + 0.01 * level.abs();
-        journal.reject(
+        log.reject(
             m.index,
             if dark {
-                Rejection::new("black", format!("it shows no light where {whom} do"))
+                Rejection::new("black", format!("it shows no light, but {whom} do"))
             } else {
                 Rejection::new(
                     "level",
@@ -308,7 +337,7 @@ fn part_with(
     group.clean.retain(|_| *keep.next().expect("one flag each"));
 }
 
-/// Level to expect from the neighbours in φs at the same tilt, linearly, or else in θc.
+/// Returns the level interpolated linearly between the neighbours in φs at the same tilt.
 fn interpolated(groups: &[Group], undecided: &[usize], at: usize) -> Option<f64> {
     let here = groups[at].pose;
     let level = |g: &Group| g.clean.first().map(Measured::mean_rate);
@@ -331,21 +360,21 @@ fn interpolated(groups: &[Group], undecided: &[usize], at: usize) -> Option<f64>
     }
 }
 
-/// One sentence on the poses at which nothing tells which exposure is right.
-fn warn_of_contradictions(lost: &[Pose], journal: &mut Journal) {
+/// Warns once of the poses at which it is undecided which exposure is right.
+fn warn_of_contradictions(lost: &[Pose], log: &mut ReductionLog) {
     const SHOWN: usize = 8;
     let place = |pose: &Pose| format!("θc {}, φs {}", pose.theta_c, pose.phi_s);
     match lost {
         [] => {}
-        [pose] => journal.warn(format!(
-            "the exposures at {} contradict each other and nothing shows which is right: the pose is left out",
+        [pose] => log.warn(format!(
+            "the exposures at {} contradict each other and it is undecided which is right: the pose is left out",
             place(pose)
         )),
         poses => {
             let shown: Vec<String> = poses.iter().take(SHOWN).map(place).collect();
             let more = if poses.len() > SHOWN { "; …" } else { "" };
-            journal.warn(format!(
-                "the exposures at {} contradict each other and nothing shows which is right: these are left out ({}{more}); \
+            log.warn(format!(
+                "the exposures at {} contradict each other and it is undecided which is right: these poses are left out ({}{more}); \
                  check shutter, lamp and the camera's settings",
                 counted(poses.len(), "pose"),
                 shown.join("; ")
@@ -354,14 +383,19 @@ fn warn_of_contradictions(lost: &[Pose], journal: &mut Journal) {
     }
 }
 
-/// Frames of a pose that contradict each other evenly: the neighbouring poses decide, if they
-/// can; otherwise all are left out, and the answer is no.
-fn decide(ground: &Ground<'_>, group: &mut Group, due: Option<f64>, journal: &mut Journal) -> bool {
+/// Decides between frames of a pose that contradict each other without a majority, by the neighbouring poses. If these do not
+/// decide, all frames are left out; returns `false`.
+fn decide(
+    context: &MergeContext<'_>,
+    group: &mut Group,
+    due: Option<f64>,
+    log: &mut ReductionLog,
+) -> bool {
     let usual = due.unwrap_or(0.0);
     let seen: Vec<(f64, f64)> = group
         .clean
         .iter()
-        .map(|m| rate_and_variance(ground, m, usual))
+        .map(|m| rate_and_variance(context, m, usual))
         .collect();
     let far = |rate: f64| match due {
         Some(due) if due > 0.0 => (rate.max(1e-3 * due) / due).ln().abs(),
@@ -391,25 +425,22 @@ fn decide(ground: &Ground<'_>, group: &mut Group, due: Option<f64>, journal: &mu
         &seen,
         level,
         "its pose and the neighbouring ones",
-        journal,
+        log,
     );
     clear
 }
 
-/// Poses without light in the midst of bright ones: the lamp was off, or a cap was on.
-fn drop_black_poses(ground: &Ground<'_>, groups: &mut [Group], journal: &mut Journal) {
+/// Leaves out poses without light among bright ones: the lamp was off, or the lens was capped.
+fn drop_black_poses(context: &MergeContext<'_>, groups: &mut [Group], log: &mut ReductionLog) {
     let levels: Vec<Option<(f64, f64)>> = groups
         .iter()
         .map(|g| {
             let m = g.clean.last()?;
-            let (rate, variance) = rate_and_variance(ground, m, 0.0);
+            let (rate, variance) = rate_and_variance(context, m, 0.0);
             Some((rate, variance.sqrt()))
         })
         .collect();
-    let metal = matches!(
-        ground.calls.source.manifest().material(),
-        Material::Conductor { .. }
-    );
+    let metal = matches!(context.material, Material::Conductor { .. });
     let mut sorted: Vec<f64> = levels.iter().flatten().map(|l| l.0).collect();
     if sorted.len() < 4 {
         return;
@@ -425,32 +456,32 @@ fn drop_black_poses(ground: &Ground<'_>, groups: &mut [Group], journal: &mut Jou
             continue;
         }
         if metal {
-            journal.warn(format!(
-                "θc {}, φs {} shows no light where all other poses do; of a metal that may be so, and it counts: look at \
-                 lamp and cap if it is a surprise",
+            log.warn(format!(
+                "θc {}, φs {} shows no light, but all other poses do; a metal may be dark, so it counts: check lamp and \
+                 cap if it is unexpected",
                 groups[at].pose.theta_c, groups[at].pose.phi_s
             ));
             continue;
         }
         for m in groups[at].clean.drain(..) {
-            journal.reject(
+            log.reject(
                 m.index,
-                Rejection::new("black", "it shows no light where all other poses do"),
+                Rejection::new("black", "it shows no light, but all other poses do"),
             );
         }
     }
 }
 
-/// Relative scatter of the level between frames of one pose, counting noise taken out.
-fn lamp_scatter(ground: &Ground<'_>, groups: &[Group], journal: &mut Journal) -> f64 {
+/// Returns the relative scatter of the level between frames of one pose beyond counting noise.
+fn lamp_scatter(context: &MergeContext<'_>, groups: &[Group], log: &mut ReductionLog) -> f64 {
     let mut squares = Vec::new();
     let mut noise = Vec::new();
     let mut ratios: HashMap<(u64, u64), Vec<(f64, f64)>> = HashMap::new();
     for group in groups {
         for pair in group.clean.windows(2) {
             let level = pair[1].mean_rate();
-            let a = rate_and_variance(ground, &pair[0], level);
-            let b = rate_and_variance(ground, &pair[1], level);
+            let a = rate_and_variance(context, &pair[0], level);
+            let b = rate_and_variance(context, &pair[1], level);
             let variance = (a.1 + b.1) / (level * level);
             if level > 0.0 && variance < 1e-6 {
                 let ratio = a.0 / b.0 - 1.0;
@@ -471,7 +502,7 @@ fn lamp_scatter(ground: &Ground<'_>, groups: &[Group], journal: &mut Journal) ->
         let middle = median(&mut values);
         let error = (pairs.iter().map(|p| p.1).sum::<f64>()).sqrt() / pairs.len() as f64;
         if pairs.len() >= 5 && middle.abs() > 0.003 && middle.abs() > 5.0 * error {
-            journal.warn(format!(
+            log.warn(format!(
                 "exposures of {} s and {} s disagree by {:+.2} %: check the shutter's timing and the camera's linearity",
                 f64::from_bits(key.0),
                 f64::from_bits(key.1),
@@ -492,10 +523,10 @@ fn lamp_scatter(ground: &Ground<'_>, groups: &[Group], journal: &mut Journal) ->
     }
 }
 
-fn merged(ground: &Ground<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
+fn merged(context: &MergeContext<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
     let frames = &group.clean;
     let segments = frames[0].levels.len();
-    let rows = ground.calls.source.rows();
+    let rows = context.rows;
     let pose = mean_pose(frames.iter().map(|m| rows[m.index].pose()));
     let segments = (0..segments)
         .map(|s| {
@@ -509,13 +540,13 @@ fn merged(ground: &Ground<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
             let mut dark = 0.0;
             for m in frames.iter().filter(|m| m.levels[s].n > 0.0) {
                 let level = &m.levels[s];
-                let model = ground.variance_model(level, common, m.exposure_s);
+                let model = context.variance_model(level, common, m.exposure_s);
                 let w = 1.0 / model;
                 weight += w;
                 rate += w * level.rate_dn_s;
                 own += w * w * model.max(level.variance_pixels);
                 texture += w * level.variance_texture;
-                dark += w * ground.dark_std(level, m.exposure_s);
+                dark += w * context.dark_std(level, m.exposure_s);
             }
             if weight <= 0.0 {
                 return Merged::default();
@@ -540,7 +571,7 @@ fn merged(ground: &Ground<'_>, group: &Group, lamp_scatter: f64) -> PoseLevels {
     }
 }
 
-/// Mean time of frames (s since 1970); `None` where one bears none, or there are no frames.
+/// Returns the mean time of frames (s since 1970); `None` if one has no time, or without frames.
 pub(super) fn mean_time<'r>(frames: impl Iterator<Item = &'r FrameRow>) -> Option<f64> {
     let times: Vec<f64> = frames.map(FrameRow::taken_s).collect::<Option<_>>()?;
     (!times.is_empty()).then(|| times.iter().sum::<f64>() / times.len() as f64)

@@ -1,47 +1,60 @@
-//! Frames → observations: what the fit reads, with honest uncertainties and every frame that was
-//! left out by name.
+//! Frames → observations with uncertainties, and a list of all frames that were left out.
 //!
-//! Call [`reduce`]. The steps, one file each: dark frames and their hot pixels; the camera's curve by exposures of one pose
-//! (`detector`), which all counts are corrected for; flats, the pixels'
-//! response and defects; the region's pixels at each pose; each sample frame's level; frames of a
-//! pose merged. Frames are read, measured and dropped one by one on all cores, so memory does not
-//! grow with the series and time grows in proportion to it.
+//! [`reduce`] reads every frame once. Dark frames give dark levels and hot pixels (`darks`), flats the response of the pixels
+//! and their defects (`flats`). Each sample frame becomes sums over the pixels of each segment (`measure`, `levels`), which a
+//! [`ReductionCache`] keeps: the next reduction of the same frames merges the sums and reads nothing. Exposures of one pose
+//! determine the camera's curve (`detector`), which is applied to the sums (`scale`); then the frames of each pose are merged
+//! (`merge`). Frames are read and dropped one by one on all cores, so memory does not grow with the series; only the dark and
+//! flat frames of one calibration are held, up to 256 MB.
 //!
 //! The signal is in units of radiance for a lamp irradiance of 1 on a surface facing it, under the
-//! provisional assumption that the flats hold no stray light: signal = gain · (L + s), flat = gain ·
-//! (ρ/π cos θi + s) with gain near 1. What the stray light s, the gain and the tilt's zero are is for
-//! the fit to settle from flats and samples together; nothing here knows a reflectance model.
+//! provisional assumption that the flats contain no stray light: signal = gain · (L + s), flat = gain ·
+//! (ρ/π cos θi + s) with gain near 1. The fit determines the stray light s, the gain and the tilt's zero from
+//! flats and samples together. This module knows no reflectance model.
 
+mod cache;
 mod calibration;
+mod calibration_sums;
+mod camera_calibration;
 mod darks;
 mod detector;
 mod flats;
-mod journal;
+mod levels;
 mod load;
 mod measure;
 mod merge;
+mod outcomes;
+mod outlier_pixels;
 mod pattern;
+mod reduction_log;
 mod region;
 mod register;
+mod remembering;
+mod scale;
 mod sensor;
+mod series_context;
 mod shading;
-mod sloping;
+mod shading_check;
 mod viewing;
-mod wild;
 
 use std::sync::atomic::AtomicBool;
 
-use rayon::prelude::*;
-
-pub use self::calibration::{CameraCalibration, DarkLevel, calibrate};
+pub use self::cache::{CalibrationText, FrameText, ReductionCache, ReductionTexts};
+pub use self::camera_calibration::{CameraCalibration, DarkLevel, calibrate};
+pub use self::remembering::Remembering;
+pub use self::series_context::calibration_keys;
 pub use crate::series::FrameReadError;
 
-use self::journal::{Journal, Rejection};
-use self::load::Calls;
-use self::measure::{Ground, Measured};
-use self::merge::{Merged, PoseLevels};
-use self::region::{Board, Region, Segments};
+use self::cache::Kept;
+use self::calibration_sums::Calibration;
+use self::load::{Calls, HeldFrames};
+use self::merge::{MergeContext, Merged, PoseLevels};
+use self::outcomes::{Outcomes, Wanted};
+use self::reduction_log::{ReductionLog, Rejection};
+use self::region::{Board, Placement, Region, Segments};
+use self::scale::Scale;
 use self::sensor::median;
+use self::series_context::SeriesContext;
 use self::viewing::{Part, Viewing};
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
@@ -50,20 +63,17 @@ use crate::series::{FrameRow, Manifest, RigFacts, Series};
 use crate::units::Angle;
 use crate::wording::counted;
 
-/// Standard uncertainty of a stage beyond what a fit solves for: of its zero, and of its error at the ends of the range of
-/// tilts or once round, as good rotation stages have it. Where the manifest states none.
+/// Standard uncertainty of a stage's zero, and of its error at the ends of the tilts or over one turn, if the manifest states
+/// none: the value of good rotation stages.
 const ANGLE_STD_DEFAULT_DEG: f64 = 0.02;
-/// Relative drift of the lamp between white reference and sample, where the manifest states none and nothing measured says
-/// more.
+/// Relative drift of the lamp between white reference and sample, if the manifest states none and the frames show no more.
 const LAMP_DRIFT_DEFAULT: f64 = 1e-3;
-/// Standard uncertainty of the stray light before the flats are looked at, as a share of the
-/// largest signal: what a blackened mount leaves.
+/// Prior standard uncertainty of the stray light as a share of the largest signal: the value of a blackened mount.
 const STRAY_SHARE: f64 = 0.02;
 
-/// Where frames come from: a recorded series, or a scan in the store.
+/// A source of frames: a recorded series, or a scan in the store.
 ///
-/// [`read`](FrameSource::read) is called from several threads at once, and may be called more than
-/// once for a frame.
+/// [`read`](FrameSource::read) is called from several threads at once.
 pub trait FrameSource: Sync {
     /// Rig, camera, references and nominal material.
     fn manifest(&self) -> &Manifest;
@@ -72,10 +82,26 @@ pub trait FrameSource: Sync {
     /// Frame `index` of the list.
     ///
     /// # Errors
-    /// [`FrameReadError`] if it cannot be had; the reduction then goes on without it.
+    /// [`FrameReadError`] if it cannot be read; the reduction then leaves it out.
     fn read(&self, index: usize) -> Result<Frame, FrameReadError>;
 
-    /// Where the list says that the sample was seen, a pose per frame.
+    /// Returns the number of a frame, which stays the same while frames are added to the list.
+    fn frame_id(&self, index: usize) -> i64 {
+        index as i64
+    }
+
+    /// Returns what earlier reductions computed of these frames. Without a cache every reduction reads all frames.
+    fn reductions(&self) -> Option<&ReductionCache> {
+        None
+    }
+
+    /// Returns whether more frames will come. Then the sample does not replace missing flats: each new frame would change
+    /// the response that all others were measured with.
+    fn is_growing(&self) -> bool {
+        false
+    }
+
+    /// Returns the poses of the sample frames in the list.
     fn sample_poses(&self) -> Vec<Pose> {
         let samples = self
             .rows()
@@ -99,11 +125,11 @@ impl FrameSource for Series {
     }
 }
 
-/// Why a series gives no observations.
+/// Why a series has no observations.
 #[derive(Debug, thiserror::Error)]
 pub enum ReductionError {
-    /// The sample has patches and none was chosen.
-    #[error("this sample has regions with lean directions of their own; choose one: {}", available.join(", "))]
+    /// The sample has patches and no region was chosen.
+    #[error("this sample has regions, each with its own lean direction; choose one: {}", available.join(", "))]
     RegionNeeded {
         /// Names of the regions.
         available: Vec<String>,
@@ -116,9 +142,9 @@ pub enum ReductionError {
         /// Names of the regions there are.
         available: Vec<String>,
     },
-    /// Lamp or camera are near and the size of the field is not stated.
+    /// Lamp or camera is near and the size of the field is not stated.
     #[error(
-        "{what}: every pixel has its own directions, which takes camera.field_width_mm and the distances in the manifest"
+        "{what}: every pixel has its own directions; state camera.field_width_mm and the distances in the manifest"
     )]
     FieldUnknown {
         /// What the manifest says.
@@ -127,12 +153,12 @@ pub enum ReductionError {
     /// No sample frame could be used.
     #[error("no observation is left: {why}")]
     NoObservations {
-        /// What became of the frames.
+        /// Why the frames were left out.
         why: String,
     },
-    /// Most frames of a kind hold counts that the stated converter cannot give.
+    /// Most frames of a kind contain counts that the stated converter cannot give.
     #[error(
-        "{frames} of {of} {kind} frames hold counts that the camera cannot give; of {first} {detail}"
+        "{frames} of {of} {kind} frames contain counts that the camera cannot give; of {first} {detail}"
     )]
     ImpossibleCounts {
         /// Kind of the frames.
@@ -146,8 +172,8 @@ pub enum ReductionError {
         /// Its counts, and the remedy.
         detail: String,
     },
-    /// Frames that could be read a moment ago cannot be read any more.
-    #[error("{what} went away while they were read; is the folder being changed?")]
+    /// Frames that could be read before cannot be read now.
+    #[error("{what} disappeared while they were read; check whether the folder is being changed")]
     Vanished {
         /// Which frames.
         what: &'static str,
@@ -157,13 +183,13 @@ pub enum ReductionError {
     Cancelled,
 }
 
-/// The rig as its pixels see it.
+/// Returns the rig's geometry by pixel.
 fn viewing(manifest: &Manifest) -> Result<Viewing, ReductionError> {
     Viewing::new(manifest)
         .filter(|viewing| manifest.is_telecentric() || !viewing.is_far())
         .ok_or_else(|| {
             let rig = &manifest.rig;
-            let told = |word: &Option<String>, mm: Option<f64>| match (word.as_deref(), mm) {
+            let distance = |word: &Option<String>, mm: Option<f64>| match (word.as_deref(), mm) {
                 (Some("infinity"), _) | (None, None) => "infinity".to_owned(),
                 (_, Some(mm)) => format!("{mm} mm"),
                 (Some(word), None) => word.to_owned(),
@@ -172,14 +198,14 @@ fn viewing(manifest: &Manifest) -> Result<Viewing, ReductionError> {
                 what: format!(
                     "projection \"{}\", light at {}, camera at {}",
                     manifest.camera.projection,
-                    told(&rig.light_distance, rig.light_distance_mm),
-                    told(&rig.camera_distance, manifest.camera_distance_mm()),
+                    distance(&rig.light_distance, rig.light_distance_mm),
+                    distance(&rig.camera_distance, manifest.camera_distance_mm()),
                 ),
             }
         })
 }
 
-/// What [`reduce`] refuses before it reads a frame.
+/// Checks what [`reduce`] refuses before it reads a frame.
 ///
 /// # Errors
 /// [`ReductionError`].
@@ -190,21 +216,21 @@ pub fn check(source: &dyn FrameSource) -> Result<(), ReductionError> {
         return Ok(());
     }
     let why = match of(FrameKind::Dark) + of(FrameKind::Flat) {
-        0 => "the list holds no sample frame".to_owned(),
+        0 => "the list has no sample frame".to_owned(),
         calibration => format!(
-            "the list holds no sample frame, only {} (dark or white reference), which scans of a sample use: fit one of those",
+            "the list has no sample frame, only {} (dark or white reference) for scans of a sample; fit one of those",
             counted(calibration, "calibration frame")
         ),
     };
     Err(ReductionError::NoObservations { why })
 }
 
-/// Without the times of all frames nothing tells of a lamp that drifts.
-fn warn_of_unread_times(rows: &[FrameRow], journal: &mut Journal) {
+/// Warns of unreadable times: without the times of all frames a drift of the lamp cannot be detected.
+fn warn_of_unread_times(rows: &[FrameRow], log: &mut ReductionLog) {
     let unread = |row: &&FrameRow| !row.timestamp.trim().is_empty() && row.taken_s().is_none();
     if let Some(first) = rows.iter().find(unread) {
-        journal.warn(format!(
-            "the timestamp of {} cannot be read ({:?} on {} is no time like 2026-01-31T12:00:00Z): a lamp that drifts may not be noticed",
+        log.warn(format!(
+            "the timestamp of {} cannot be read ({:?} on {}; expected a time like 2026-01-31T12:00:00Z): a drift of the lamp may go undetected",
             counted(rows.iter().filter(unread).count(), "frame"),
             first.timestamp,
             first.file,
@@ -213,10 +239,10 @@ fn warn_of_unread_times(rows: &[FrameRow], journal: &mut Journal) {
 }
 
 /// Reduces the frames of a series to observations of the sample, or of one `region` of it.
-/// `cancel` is looked at between frames.
+/// `cancel` is checked between frames.
 ///
 /// # Errors
-/// [`ReductionError`]. Frames that cannot be used are no error: they are in `rejected_frames`.
+/// [`ReductionError`]. Frames that cannot be used are listed in `rejected_frames`.
 pub fn reduce(
     source: &dyn FrameSource,
     region: Option<&str>,
@@ -224,64 +250,81 @@ pub fn reduce(
 ) -> Result<ObservationSet, ReductionError> {
     check(source)?;
     let manifest = source.manifest();
-    let calls = Calls { source, cancel };
-    let mut journal = Journal::default();
-    warn_of_unread_times(source.rows(), &mut journal);
-    let (mut segments, chosen) = segments(manifest, region)?;
-    let viewing = viewing(manifest)?;
-    let rig = manifest.rig_geometry();
-    let uniform = matches!(segments, Segments::Whole) && viewing.is_far();
-    let mut camera = calibration::prepare(&calls, uniform, &mut journal)?;
-    viewing.take_out_lamp(&mut camera);
-    let (sensor, darks, flats) = (camera.sensor, &camera.darks, &camera.flats);
-    if let Segments::Patches { board, .. } = &mut segments {
-        register::register(&calls, &sensor, darks, &flats.response, board, &mut journal)?;
-    }
-    let ground = Ground {
-        calls,
-        sensor: &sensor,
-        darks,
-        response: &flats.response,
-        segments: &segments,
-        far: viewing.is_far(),
+    let calls = Calls {
+        source,
+        cancel,
+        held: &HeldFrames::default(),
     };
-    let measured = measure_all(&ground, &mut journal)?;
-    load::refuse_impossible(&calls, FrameKind::Sample, &journal)?;
-    if uniform {
+    let (segments, chosen) = segments(manifest, region)?;
+    let series = SeriesContext::new(source)?;
+    let far = series.viewing.is_far();
+    let own = ReductionCache::default();
+    let mut kept = source.reductions().unwrap_or(&own).lock();
+    let seen = look(&calls, &series, &mut kept, region, segments)?;
+    drop(kept);
+    let Look {
+        segments,
+        calibration,
+        outcomes,
+        scale,
+        log: of_board,
+    } = seen;
+
+    let mut log = ReductionLog::default();
+    warn_of_unread_times(source.rows(), &mut log);
+    scale::log_calibration(source, &series, &calibration, &scale.detector, &mut log);
+    log.extend(&of_board);
+    let mut measured = Vec::with_capacity(outcomes.sums.len());
+    for (index, outcome) in &outcomes.sums {
+        if log.has_rejected(*index) {
+            continue;
+        }
+        match scale.measured(source.rows(), *index, outcome) {
+            Ok(frame) => measured.push(frame),
+            Err(rejection) => log.reject(*index, rejection),
+        }
+    }
+    load::refuse_impossible(&calls, FrameKind::Sample, &log)?;
+    if far && matches!(segments, Segments::Whole) {
         let clean = measured.iter().filter(|m| m.is_clean());
         let slopes = clean.filter_map(|m| m.levels.first().map(|level| level.slope));
-        sloping::warn(slopes, &mut journal);
+        shading_check::warn(slopes, &mut log);
     }
-    let (mut poses, lamp_scatter) = merge::merge(&ground, measured, &mut journal);
-    // Patches of a near rig differ by where they lie: neither worn nor uncertain for that.
-    if viewing.is_far() {
-        leave_out_worn_patches(&segments, chosen, &mut poses, &mut journal);
+    let context = MergeContext {
+        rows: source.rows(),
+        material: manifest.material(),
+        scale: &scale,
+    };
+    let (mut poses, lamp_scatter) = merge::merge(&context, measured, &mut log);
+    // Patches of a near rig differ by their place, which makes them neither worn nor uncertain.
+    if far {
+        leave_out_worn_patches(&segments, chosen, &mut poses, &mut log);
     }
-    warn_of_lost_poses(&calls, &poses, &mut journal);
+    warn_of_lost_poses(&calls, &poses, &mut log);
 
-    let reference = camera.reference;
-    // A pose of which no pixel is left (all of them full or wild), or whose numbers left the range of doubles, is
-    // none: an observation of 0 ± 0 would outweigh all others.
+    let reference = scale.reference;
+    // A pose without a usable pixel, or with numbers beyond the range of doubles, is left out: an observation of 0 ± 0
+    // would outweigh all others.
     let levels: Vec<(&PoseLevels, Merged)> = poses
         .iter()
-        .map(|p| (p, over_segments(p, viewing.is_far())))
+        .map(|p| (p, over_segments(p, far)))
         .filter(|(_, level)| is_level(level))
         .collect();
     if levels.len() < poses.len() {
-        journal.warn(format!(
+        log.warn(format!(
             "{} left out: no usable pixel, or no finite level",
             counted(poses.len() - levels.len(), "pose")
         ));
-        leave_out_levelless(source.rows(), &poses, viewing.is_far(), &mut journal);
+        leave_out_levelless(source.rows(), &poses, far, &mut log);
     }
     let largest = levels
         .iter()
         .map(|(_, l)| l.rate_dn_s)
         .fold(0.0_f64, f64::max);
     // Without a white reference the brightest level is 1.
-    let unit = camera.unit_dn_s.unwrap_or(largest);
+    let unit = scale.unit_dn_s.unwrap_or(largest);
     if levels.is_empty() || !(unit.is_finite() && unit > 0.0) {
-        let (rejected, _) = journal.close(source.rows());
+        let (rejected, _) = log.close(source.rows());
         return Err(ReductionError::NoObservations {
             why: match rejected.first() {
                 Some(first) => format!(
@@ -293,18 +336,18 @@ pub fn reduce(
                         detail => format!("{}: {detail}", first.reason),
                     }
                 ),
-                None => "the list holds no sample frame with light".to_owned(),
+                None => "the list has no sample frame with light".to_owned(),
             },
         });
     }
-    let seen = flats.lamp_scatter.unwrap_or(0.0).max(lamp_scatter);
+    let seen = scale.lamp_scatter.unwrap_or(0.0).max(lamp_scatter);
     let facts = &manifest.rig;
-    tell_what_is_assumed(facts, seen, &mut journal);
+    warn_of_defaults(facts, seen, &mut log);
     let drift = facts.lamp_drift_std.unwrap_or(LAMP_DRIFT_DEFAULT).max(seen);
     let zero = |stated: Option<f64>| Angle::from_deg(stated.unwrap_or(ANGLE_STD_DEFAULT_DEG));
     let (tilts_zero, turns_zero) = (zero(facts.theta_c_std_deg), zero(facts.phi_s_std_deg));
     let began_s = zero_of_time(source.rows(), &poses);
-    let of_detector = detector::shares(source.rows(), &camera, &levels);
+    let of_detector = detector::shares(source.rows(), &scale, &levels);
     let observations: Vec<Observation> = levels
         .iter()
         .zip(of_detector)
@@ -333,8 +376,8 @@ pub fn reduce(
     let dark = levels.iter().map(|(_, level)| level.dark_std_dn_s / unit);
     let dark_std = dark.sum::<f64>() / levels.len() as f64;
     let used: u32 = observations.iter().map(|o| o.n_frames).sum();
-    let (rejected_frames, warnings) = journal.close(source.rows());
-    let views = if viewing.is_far() {
+    let (rejected_frames, warnings) = log.close(source.rows());
+    let views = if far {
         Vec::new()
     } else {
         levels
@@ -348,15 +391,15 @@ pub fn reduce(
                         middle_px: s.middle_px,
                     })
                     .collect();
-                viewing.views(&segments, pose.pose, &parts)
+                series.viewing.views(&segments, pose.pose, &parts)
             })
             .collect()
     };
     Ok(ObservationSet {
-        rig,
+        rig: manifest.rig_geometry(),
         views,
         material: manifest.material(),
-        flats: camera.flat_observations(),
+        flats: calibration::flat_observations(&scale.levels, scale.unit_dn_s),
         white_reference: reference,
         background: Prior {
             mean: 0.0,
@@ -371,22 +414,21 @@ pub fn reduce(
             .map(|(mean, std)| Prior { mean, std }),
         flat_times_s: flat_times(source.rows(), began_s),
         lamp: None,
-        detector: darks.detector.as_ref().and_then(|detector| detector.told),
+        detector: scale.detector.bent,
         region: region.map(str::to_owned),
         region_azimuth: match (chosen, &manifest.sample.layout) {
             (Some(chosen), Some(layout)) => layout.lean_azimuth(chosen.is_odd()),
             _ => Angle::ZERO,
         },
-        n_frames_used: used + darks.n_frames + flats.n_frames,
+        n_frames_used: used + calibration.sums.n_darks + scale.n_flats,
         observations,
         rejected_frames,
         warnings,
     })
 }
 
-/// Says in one sentence which parts of the budget rest on no statement and no measurement; `seen` is the lamp's relative
-/// scatter as the frames show it.
-fn tell_what_is_assumed(rig: &RigFacts, seen: f64, journal: &mut Journal) {
+/// Warns of the parts of the budget that rest on defaults; `seen` is the lamp's relative scatter in the frames.
+fn warn_of_defaults(rig: &RigFacts, seen: f64, log: &mut ReductionLog) {
     let stages = [
         ("theta_c_std_deg", rig.theta_c_std_deg),
         ("phi_s_std_deg", rig.phi_s_std_deg),
@@ -396,7 +438,7 @@ fn tell_what_is_assumed(rig: &RigFacts, seen: f64, journal: &mut Journal) {
     let mut assumed: Vec<String> = Vec::new();
     if !keys.is_empty() {
         assumed.push(format!(
-            "{ANGLE_STD_DEFAULT_DEG}° for a stage's angle, its zero as well as its error over the range"
+            "{ANGLE_STD_DEFAULT_DEG}° for a stage's angle (its zero and its error over the range)"
         ));
     }
     if rig.lamp_drift_std.is_none() && seen < LAMP_DRIFT_DEFAULT {
@@ -404,7 +446,7 @@ fn tell_what_is_assumed(rig: &RigFacts, seen: f64, journal: &mut Journal) {
         assumed.push(format!("{LAMP_DRIFT_DEFAULT} for the lamp"));
     }
     if !keys.is_empty() {
-        journal.warn(format!(
+        log.warn(format!(
             "the manifest states no [rig] {}: standard uncertainties of {} are assumed",
             keys.join(", "),
             assumed.join(", and of ")
@@ -412,19 +454,19 @@ fn tell_what_is_assumed(rig: &RigFacts, seen: f64, journal: &mut Journal) {
     }
 }
 
-/// Names the frames of the poses that give no level.
-fn leave_out_levelless(rows: &[FrameRow], poses: &[PoseLevels], far: bool, journal: &mut Journal) {
+/// Leaves out the frames of the poses that give no level.
+fn leave_out_levelless(rows: &[FrameRow], poses: &[PoseLevels], far: bool, log: &mut ReductionLog) {
     let without = |pose: &&PoseLevels| !is_level(&over_segments(pose, far));
     for index in poses.iter().filter(without).flat_map(|pose| &pose.frames) {
         let exposure_s = rows[*index].exposure_s;
         let detail = format!(
-            "all pixels of its pose are full, wild or left out, or {exposure_s:?} s of exposure give no finite level"
+            "all pixels of its pose are full, outliers or left out, or {exposure_s:?} s of exposure give no finite level"
         );
-        journal.reject(*index, Rejection::new("no level", detail));
+        log.reject(*index, Rejection::new("no level", detail));
     }
 }
 
-/// Whether a level is one: its pose has a usable pixel, and numbers within the range of doubles.
+/// Returns whether a level is valid: its pose has a usable pixel, and its numbers are within the range of doubles.
 fn is_level(level: &Merged) -> bool {
     level.n > 0.0
         && level.rate_dn_s.is_finite()
@@ -432,7 +474,7 @@ fn is_level(level: &Merged) -> bool {
         && level.variance.is_finite()
 }
 
-/// When the white reference was seen (s since 1970), or the sample where no flat bears a time.
+/// Returns the mean time of the white reference (s since 1970), or of the sample if a flat has no time.
 fn zero_of_time(rows: &[FrameRow], poses: &[PoseLevels]) -> Option<f64> {
     let flats = rows.iter().filter(|row| row.kind == FrameKind::Flat);
     merge::mean_time(flats).or_else(|| {
@@ -441,7 +483,7 @@ fn zero_of_time(rows: &[FrameRow], poses: &[PoseLevels]) -> Option<f64> {
     })
 }
 
-/// Times of the white reference's frames after the zero of time; none where one bears none.
+/// Returns the times of the flats after the zero of time; empty if one has no time.
 fn flat_times(rows: &[FrameRow], began_s: Option<f64>) -> Vec<f64> {
     let flats = rows.iter().filter(|row| row.kind == FrameKind::Flat);
     let times: Option<Vec<f64>> = flats.map(|row| Some(row.taken_s()? - began_s?)).collect();
@@ -474,33 +516,67 @@ fn segments(
     }
 }
 
-fn measure_all(
-    ground: &Ground<'_>,
-    journal: &mut Journal,
-) -> Result<Vec<Measured>, ReductionError> {
-    let results: Vec<(usize, Result<Measured, Rejection>)> = ground
-        .calls
-        .rows_of(FrameKind::Sample)
-        .into_iter()
-        .filter(|index| !journal.has_rejected(*index))
-        .collect::<Vec<_>>()
-        .par_iter()
-        .map(|index| {
-            ground.calls.check_cancel()?;
-            Ok((*index, ground.measure(*index)))
-        })
-        .collect::<Result<_, ReductionError>>()?;
-    let mut measured = Vec::with_capacity(results.len());
-    for (index, result) in results {
-        match result {
-            Ok(m) => measured.push(m),
-            Err(rejection) => journal.reject(index, rejection),
-        }
-    }
-    Ok(measured)
+/// The measured frames of a series, before poses are merged.
+struct Look {
+    segments: Segments,
+    calibration: Calibration,
+    outcomes: Outcomes,
+    scale: Scale,
+    /// Frames left out and warnings about the board.
+    log: ReductionLog,
 }
 
-fn warn_of_lost_poses(calls: &Calls<'_>, poses: &[PoseLevels], journal: &mut Journal) {
+/// Measures the frames that the cache lacks, finds the board, and compares exposures for the camera's curve.
+fn look(
+    calls: &Calls<'_>,
+    series: &SeriesContext,
+    kept: &mut Kept,
+    region: Option<&str>,
+    mut segments: Segments,
+) -> Result<Look, ReductionError> {
+    let source = calls.source;
+    let base = outcomes::calibration(calls, series, kept, None)?;
+    let measure = |segments: &Segments, calibration: &Calibration, kept: &mut Kept| {
+        let part = cache::part_of(region, &segments.placement());
+        let wanted = Wanted {
+            sums: Some((segments, &part)),
+            pictures: matches!(segments, Segments::Patches { .. }),
+        };
+        outcomes::outcomes(calls, series, kept, (&base, calibration), wanted)
+    };
+    // The board is expected where it was last, so that its frames are read once unless it moved.
+    segments.place(kept.placement);
+    let mut seen = measure(&segments, &base, kept)?;
+    let mut log = ReductionLog::default();
+    if let Segments::Patches { board, .. } = &mut segments {
+        let before = board.placement;
+        board.placement = Placement::default();
+        register::register(source.rows(), &seen.pictures, board, &mut log);
+        if source.is_growing() && board.placement.is_near(&before, board) {
+            board.placement = before;
+        }
+        kept.placement = board.placement;
+        if board.placement != before {
+            seen = measure(&segments, &base, kept)?;
+        }
+    }
+    let detector = outcomes::detector(source, &base, &seen);
+    let mut calibration = base.clone();
+    if let Some(judged) = scale::judged_otherwise(source, series, &base, &detector) {
+        calibration = outcomes::calibration(calls, series, kept, Some(judged))?;
+        seen = measure(&segments, &calibration, kept)?;
+    }
+    let scale = Scale::of(source, series, &calibration, &detector);
+    Ok(Look {
+        segments,
+        calibration,
+        outcomes: seen,
+        scale,
+        log,
+    })
+}
+
+fn warn_of_lost_poses(calls: &Calls<'_>, poses: &[PoseLevels], log: &mut ReductionLog) {
     let mut lost: Vec<String> = Vec::new();
     for index in calls.rows_of(FrameKind::Sample) {
         let pose = calls.source.rows()[index].pose();
@@ -519,19 +595,19 @@ fn warn_of_lost_poses(calls: &Calls<'_>, poses: &[PoseLevels], journal: &mut Jou
     if !lost.is_empty() {
         let shown = lost.iter().take(8).cloned().collect::<Vec<_>>().join(", ");
         let more = if lost.len() > 8 { ", …" } else { "" };
-        journal.warn(format!(
-            "{} without a usable frame, so no observation: {shown}{more}",
+        log.warn(format!(
+            "{} without a usable frame give no observation: {shown}{more}",
             counted(lost.len(), "pose")
         ));
     }
 }
 
-/// Patches that disagree with the rest of their kind (worn, dirty, damaged) leave `even` and `odd`.
+/// Leaves out of `even` and `odd` the patches that disagree with the others: worn, dirty or damaged.
 fn leave_out_worn_patches(
     segments: &Segments,
     chosen: Option<Region>,
     poses: &mut [PoseLevels],
-    journal: &mut Journal,
+    log: &mut ReductionLog,
 ) {
     /// A patch is worn beyond this many times the usual deviation …
     const TIMES: f64 = 4.0;
@@ -571,8 +647,8 @@ fn leave_out_worn_patches(
     for (label, rms) in rms.iter().enumerate() {
         if *rms > (TIMES * usual).max(SHARE) {
             let (i, j) = patches[label];
-            journal.warn(format!(
-                "patch-{i}-{j} disagrees with the other {kind} patches ({:.1} % of the brightest level, rms over the poses) and is left out of `{kind}`; look whether it is worn or dirty",
+            log.warn(format!(
+                "patch-{i}-{j} disagrees with the other {kind} patches ({:.1} % of the brightest level, rms over the poses) and is left out of `{kind}`; check whether it is worn or dirty",
                 rms * 100.0
             ));
             for pose in poses.iter_mut() {
@@ -582,8 +658,8 @@ fn leave_out_worn_patches(
     }
 }
 
-/// Pixel-weighted mean of the segments of a pose. Patches that scatter more than their own
-/// uncertainties say make the mean as uncertain as they show, if they should be `alike`.
+/// Returns the pixel-weighted mean of the segments of a pose. If they should be `alike`, patches that scatter more than their
+/// uncertainties raise the uncertainty of the mean to their scatter.
 fn over_segments(pose: &PoseLevels, alike: bool) -> Merged {
     let used: Vec<&Merged> = pose.segments.iter().filter(|s| s.n > 0.0).collect();
     let n: f64 = used.iter().map(|s| s.n).sum();

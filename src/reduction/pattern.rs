@@ -1,27 +1,26 @@
-//! Does a frame carry the sensor's own fingerprint in the right place?
+//! Checks whether a frame has the sensor's fixed pattern in its place.
 //!
-//! Every pixel differs a little from its neighbour, always in the same way: dark level and response
-//! are known from darks and flats. A frame that was shifted, torn or put together from two carries
-//! that pattern elsewhere. Differences between neighbouring pixels are compared, since they leave
-//! out whatever the sample shows over more than a pixel; where a lobe slopes over the field, second differences, which
-//! leave out the slope as well.
+//! Neighbouring pixels differ in dark level and response, which darks and flats determine. A frame that was shifted, torn or
+//! composed of two has that pattern elsewhere. Differences between neighbouring pixels are compared, since they contain nothing
+//! that the sample shows over more than a pixel. Where a lobe slopes over the field, second differences are used, which
+//! contain no slope either.
 
 /// Tiles per edge for the search of torn frames.
 const TILES: usize = 4;
-/// A pattern that stands this many standard errors above nothing can be tested.
+/// Smallest strength of a pattern that can be tested, in standard errors.
 const TESTABLE_SIGMAS: f64 = 10.0;
-/// How far a displaced pattern is searched, as a share of the frame's edge.
+/// Range of the search for a displaced pattern, as a share of the frame's edge.
 const SEARCH_SHARE: usize = 4;
 
-/// What the frame should look like up to noise, and where that may be asked.
+/// The expected frame up to noise, and the pixels that may be compared.
 pub(super) struct Expected<'a> {
-    /// Counts per pixel without light from the sample.
+    /// Counts per pixel without light.
     pub(super) dark_dn: &'a [f32],
-    /// Response per pixel, and counts that the light makes in a pixel of response 1. Light is taken as even over a
-    /// difference: only the sensor's pattern is expected, never an edge or a slope of what the sample shows.
+    /// Response per pixel, and counts of the light in a pixel of response 1. Light is taken as even over a difference: the
+    /// sensor's pattern is expected, but no edge or slope of the sample.
     pub(super) response: &'a [f32],
     pub(super) light_dn: &'a [f32],
-    /// Variance that the expected counts themselves have left from the darks and flats.
+    /// Variance of the expected counts, from the noise of the darks and flats.
     pub(super) variance_dn2: f64,
     /// Pixels of equal label may be compared; `u16::MAX` is left out.
     pub(super) labels: &'a [u16],
@@ -41,7 +40,7 @@ impl Expected<'_> {
     }
 }
 
-/// What of a row of pixels is compared.
+/// The differences along a row that are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Differences {
     /// Between neighbours.
@@ -82,16 +81,16 @@ impl Differences {
     }
 }
 
-/// What the comparison says.
+/// The result of the comparison.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Verdict {
-    /// The pattern is there, or is too weak to tell.
+    /// The pattern is in its place, or too weak to be tested.
     InPlace,
-    /// It is there, displaced by (columns, rows).
+    /// It is displaced by (columns, rows).
     Shifted(i32, i32),
-    /// It is not there, and not nearby.
+    /// It was not found.
     Absent,
-    /// It is there but for some tiles of the frame.
+    /// It is missing in some tiles of the frame.
     Torn { tiles: usize },
 }
 
@@ -185,7 +184,7 @@ pub(super) fn compare(dn: &[u16], expected: &Expected<'_>) -> Verdict {
     }
 }
 
-/// Searches the displacement at which the pattern fits best. Only for frames that failed.
+/// Searches the displacement at which the pattern fits best, for frames that failed.
 fn locate(dn: &[u16], expected: &Expected<'_>) -> Verdict {
     let width = expected.width;
     let height = dn.len() / width;

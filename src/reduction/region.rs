@@ -1,14 +1,14 @@
-//! Which pixels see which part of the sample: the whole field, or the patches of a board that turns
-//! with φs about the rotation axis and foreshortens with θc.
+//! Assigns pixels to parts of the sample: the whole field, or the patches of a board that turns with φs about the rotation axis
+//! and foreshortens with θc.
 
 use crate::geometry::{Imaging, Pose};
 use crate::series::{LayoutFacts, Manifest};
 use crate::units::Angle;
 
-/// Label of a pixel that belongs to no segment.
+/// Label of a pixel in no segment.
 pub(super) const NOWHERE: u16 = u16::MAX;
 
-/// What the user asked for.
+/// A region of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Region {
     Even,
@@ -59,7 +59,7 @@ impl Region {
     }
 }
 
-/// How a board lies on the table, beyond what the manifest says; found in the frames.
+/// Placement of a board on the table relative to the manifest, found in the frames.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Placement {
     /// Added to the recorded azimuth.
@@ -70,7 +70,26 @@ pub(super) struct Placement {
     pub(super) centre_mm: [f64; 2],
 }
 
-/// The drawing of a board in the frame.
+impl Placement {
+    /// Its numbers in full, to tell one from another.
+    pub(super) fn words(&self) -> String {
+        let [right, down] = self.axis_px;
+        let [x, y] = self.centre_mm;
+        format!("{} {right} {down} {x} {y}", self.turn.rad())
+    }
+
+    /// Whether patches drawn by either hold nearly the same pixels.
+    pub(super) fn is_near(&self, other: &Placement, board: &Board) -> bool {
+        const NEAR_PX: f64 = 0.3;
+        const NEAR_DEG: f64 = 0.1;
+        let apart = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+        (self.turn - other.turn).deg().abs() < NEAR_DEG
+            && apart(self.axis_px, other.axis_px) < NEAR_PX
+            && apart(self.centre_mm, other.centre_mm) < NEAR_PX * board.pixel_mm[0]
+    }
+}
+
+/// Draws a board in the frame.
 #[derive(Debug, Clone)]
 pub(super) struct Board {
     pub(super) layout: LayoutFacts,
@@ -81,7 +100,7 @@ pub(super) struct Board {
     pub(super) placement: Placement,
 }
 
-/// Where a pixel lies on a board.
+/// Place of a pixel on a board.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Spot {
     /// Patch (i, j), at least the margin away from its border.
@@ -108,12 +127,12 @@ impl Board {
         }
     }
 
-    /// Distance kept from borders: the pixels' own width, half a pixel of registration, blur.
+    /// Returns the margin at borders: for the pixels' width, half a pixel of registration, and blur.
     pub(super) fn margin_mm(&self) -> f64 {
         2.5 * self.pixel_mm[0].max(self.pixel_mm[1]) + 0.04 * self.layout.patch_size_mm
     }
 
-    /// The rig's points with the rotation axis where the frames have it.
+    /// Returns the rig's imaging with the rotation axis as found in the frames.
     pub(super) fn imaging(&self) -> Imaging {
         let [column, row] = self.imaging.rotation_axis_px;
         let [right, down] = self.placement.axis_px;
@@ -128,7 +147,7 @@ impl Board {
         pose.phi_s + self.azimuth_zero + self.placement.turn
     }
 
-    /// The board as a recorded pose shows it, with `margin_mm` left free along every border.
+    /// Returns the board at a recorded pose, with a margin of `margin_mm` at every border.
     pub(super) fn at(&self, pose: Pose, margin_mm: f64) -> Drawing {
         let layout = &self.layout;
         let (sin, cos) = self.azimuth(pose).sin_cos();
@@ -161,7 +180,7 @@ impl Board {
     }
 }
 
-/// A board seen at one pose.
+/// A board at one pose.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Drawing {
     imaging: Imaging,
@@ -176,7 +195,7 @@ pub(super) struct Drawing {
 }
 
 impl Drawing {
-    /// What lies at a column and row; whole numbers are the pixels' corners.
+    /// Returns the place at a column and row; integers are the pixels' corners.
     pub(super) fn spot(&self, column: f64, row: f64) -> Spot {
         let place = self.imaging.place(column, row, self.theta_c);
         let [x, y] = [0, 1].map(|k| place[k] - self.axis_mm[k]);
@@ -200,7 +219,7 @@ impl Drawing {
     }
 }
 
-/// The segments over which a frame is averaged.
+/// The segments of a frame, each of which is averaged.
 #[derive(Debug, Clone)]
 pub(super) enum Segments {
     /// The sample fills the field.
@@ -228,6 +247,21 @@ impl Segments {
         }
     }
 
+    /// Returns the placement of the board; the default without a board.
+    pub(super) fn placement(&self) -> Placement {
+        match self {
+            Segments::Whole => Placement::default(),
+            Segments::Patches { board, .. } => board.placement,
+        }
+    }
+
+    /// Sets the placement of the board.
+    pub(super) fn place(&mut self, placement: Placement) {
+        if let Segments::Patches { board, .. } = self {
+            board.placement = placement;
+        }
+    }
+
     pub(super) fn len(&self) -> usize {
         match self {
             Segments::Whole => 1,
@@ -235,7 +269,7 @@ impl Segments {
         }
     }
 
-    /// Label of every pixel at a recorded pose; [`NOWHERE`] for defects and what is no segment.
+    /// Returns the label of every pixel at a recorded pose; [`NOWHERE`] for defects and pixels in no segment.
     pub(super) fn labels(&self, pose: Pose, good: &[bool]) -> Vec<u16> {
         let mut labels = vec![NOWHERE; good.len()];
         match self {
@@ -331,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_read_back_and_strangers_are_not() {
+    fn names_are_read_back_and_others_are_refused() {
         let layout = board().layout;
         for name in Region::names(&layout) {
             assert!(Region::parse(&name, &layout).is_some(), "{name}");

@@ -1,71 +1,136 @@
-//! Where the board really lies: turned against the recorded azimuth, beside the stated axis, and in
-//! which frames it lies elsewhere than in the others.
+//! Finds the board: its turn against the recorded azimuth, its displacement from the stated axis, and the frames in which it
+//! was moved.
 //!
-//! A placement is good if the patches and the mount that it draws explain the picture: the sum of
-//! squares left within them is smallest. The turn is searched in a few frames together; the
-//! displacement in each frame alone, and what all frames share is told from what one has alone.
+//! A placement is good if its patches and mount explain the image: the sum of squares within them is smallest. The turn is
+//! searched in a few frames together, the displacement in each frame. A displacement that all frames share is the board's; one
+//! of a single frame is a fault.
 
+use std::sync::Arc;
+
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD as BASE64;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
-use super::ReductionError;
-use super::darks::Darks;
+use super::darks::Dark;
 use super::flats::Response;
-use super::journal::{Journal, Rejection};
-use super::load::{Calls, load};
+use super::reduction_log::{ReductionLog, Rejection};
 use super::region::{Board, Spot};
 use super::sensor::{Sensor, median};
-use crate::frame::FrameKind;
+use crate::frame::Frame;
 use crate::geometry::Pose;
+use crate::series::FrameRow;
 use crate::units::Angle;
 
-/// A picture is looked at in about so many points.
+/// Approximate number of points of a picture.
 const POINTS: usize = 6000;
 /// Frames in which the turn is searched.
 const FRAMES_FOR_TURN: usize = 8;
 /// The turn is searched this far to both sides.
 const TURN_DEG: f64 = 20.0;
-/// Smaller corrections are left alone: the margin at the borders covers them.
+/// Smaller corrections are not applied: the margin at the borders covers them.
 const TURN_DEG_MIN: f64 = 0.3;
 const SHIFT_PX_MIN: f64 = 1.0;
-/// A frame whose board lies this far from the others' is shifted.
+/// Displacement from the other frames' board beyond which a frame is shifted.
 const SHIFTED_PX: f64 = 2.5;
 
-struct Picture {
+/// A frame in a few thousand points.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(from = "StoredPicture", into = "StoredPicture")]
+pub(super) struct Picture {
+    /// Columns and rows from point to point.
+    stride: usize,
+    /// Points in a row.
+    across: usize,
+    /// By point, row by row: 0 for one that is a defect, else 1 more than the level's steps.
+    levels: Vec<u16>,
+}
+
+/// A picture as text: two bytes a point, base64.
+#[derive(Serialize, Deserialize)]
+struct StoredPicture {
+    stride: usize,
+    across: usize,
+    levels: String,
+}
+
+impl From<StoredPicture> for Picture {
+    fn from(stored: StoredPicture) -> Picture {
+        let bytes = BASE64.decode(stored.levels).unwrap_or_default();
+        let levels = bytes
+            .chunks_exact(2)
+            .map(|b| u16::from_le_bytes([b[0], b[1]]));
+        Picture {
+            stride: stored.stride.max(1),
+            across: stored.across.max(1),
+            levels: levels.collect(),
+        }
+    }
+}
+
+impl From<Picture> for StoredPicture {
+    fn from(picture: Picture) -> StoredPicture {
+        let bytes: Vec<u8> = picture
+            .levels
+            .iter()
+            .flat_map(|l| l.to_le_bytes())
+            .collect();
+        StoredPicture {
+            stride: picture.stride,
+            across: picture.across,
+            levels: BASE64.encode(bytes),
+        }
+    }
+}
+
+impl Picture {
+    /// Column, row and level of the points. Only differences of levels count, so their unit is any.
+    fn points(&self) -> Vec<[f64; 3]> {
+        let point = |(at, level): (usize, &u16)| {
+            let place = |k: usize| (k * self.stride) as f64 + 0.5;
+            let steps = level.checked_sub(1)?;
+            Some([
+                place(at % self.across),
+                place(at / self.across),
+                f64::from(steps),
+            ])
+        };
+        self.levels.iter().enumerate().filter_map(point).collect()
+    }
+}
+
+/// The points of a frame at its pose.
+struct Points {
     index: usize,
     pose: Pose,
-    /// Column, row and level of the points.
     points: Vec<[f64; 3]>,
 }
 
-/// Finds the board's placement and names the frames in which it is displaced.
+/// Finds the board's placement and names the frames in which it is displaced; `pictures` are those of the sample frames.
 pub(super) fn register(
-    calls: &Calls<'_>,
-    sensor: &Sensor,
-    darks: &Darks,
-    response: &Response,
+    rows: &[FrameRow],
+    pictures: &[(usize, Arc<Option<Picture>>)],
     board: &mut Board,
-    journal: &mut Journal,
-) -> Result<(), ReductionError> {
-    let pictures: Vec<Picture> = calls
-        .rows_of(FrameKind::Sample)
-        .into_par_iter()
-        .map(|index| {
-            calls.check_cancel()?;
-            Ok(picture(calls, index, sensor, darks, response))
+    log: &mut ReductionLog,
+) {
+    let points = |(index, picture): &(usize, Arc<Option<Picture>>)| {
+        let picture = (**picture).as_ref()?;
+        Some(Points {
+            index: *index,
+            pose: rows[*index].pose(),
+            points: picture.points(),
         })
-        .collect::<Result<Vec<_>, ReductionError>>()?
-        .into_iter()
-        .flatten()
-        .collect();
+    };
+    let pictures: Vec<Points> = pictures.iter().filter_map(points).collect();
     if pictures.len() < 3 {
-        return Ok(());
+        return;
     }
     let turn = find_turn(&pictures, board);
     if turn.deg().abs() > TURN_DEG_MIN {
         board.placement.turn = turn;
-        journal.warn(format!(
-            "the board lies {:+.1}° turned against the recorded azimuth; its patches are taken where they are seen",
+        log.warn(format!(
+            "the board is turned by {:+.1}° against the recorded azimuth; its patches are taken where the frames show them",
             turn.deg()
         ));
     }
@@ -78,12 +143,12 @@ pub(super) fn register(
         let due = common.at(picture.pose, board);
         let off = [shift[0] - due[0], shift[1] - due[1]];
         if off[0].hypot(off[1]) > SHIFTED_PX {
-            journal.reject(
+            log.reject(
                 picture.index,
                 Rejection::new(
                     "shifted",
                     format!(
-                        "the board lies {:+.1} columns, {:+.1} rows from where the other frames have it",
+                        "the board is displaced by {:+.1} columns, {:+.1} rows from its place in the other frames",
                         off[0], off[1]
                     ),
                 ),
@@ -95,54 +160,58 @@ pub(super) fn register(
     if size > SHIFT_PX_MIN || centre_px > SHIFT_PX_MIN {
         board.placement.axis_px = common.axis_px;
         board.placement.centre_mm = common.centre_mm;
-        journal.warn(format!(
-            "the rotation axis lies {:+.1} columns, {:+.1} rows from where the manifest has it and the board {:+.2}, {:+.2} mm from its stated centre; both are corrected",
+        log.warn(format!(
+            "the rotation axis is displaced by {:+.1} columns, {:+.1} rows from its place in the manifest and the board by {:+.2}, {:+.2} mm from its stated centre; both are corrected",
             common.axis_px[0], common.axis_px[1], common.centre_mm[0], common.centre_mm[1]
         ));
     }
-    Ok(())
 }
 
-/// A frame in a few thousand points; none if it is unusable or shows nothing.
-fn picture(
-    calls: &Calls<'_>,
-    index: usize,
+/// A frame in a few thousand points; none if it shows nothing.
+pub(super) fn picture(
+    frame: &Frame,
+    dark: &Dark,
     sensor: &Sensor,
-    darks: &Darks,
     response: &Response,
 ) -> Option<Picture> {
-    let row = &calls.source.rows()[index];
-    let frame = load(calls, index, sensor).ok()?;
-    let dark = darks.at(row.exposure_s);
     let stride = ((sensor.pixels() as f64 / POINTS as f64).sqrt().ceil() as usize).max(1);
     let mut points = Vec::with_capacity(POINTS);
     let mut full = 0;
     for r in (0..sensor.height).step_by(stride) {
         for c in (0..sensor.width).step_by(stride) {
             let pixel = r * sensor.width + c;
-            if response.good[pixel] {
+            points.push(response.good[pixel].then(|| {
                 let dn = frame.pixels_dn()[pixel];
                 full += usize::from(sensor.is_full(dn));
-                let level = (dark.linear_dn(pixel, dn) - f64::from(dark.level_dn[pixel]))
-                    / f64::from(response.pixels[pixel]);
-                points.push([c as f64 + 0.5, r as f64 + 0.5, level]);
-            }
+                (f64::from(dn) - f64::from(dark.level_dn[pixel]))
+                    / f64::from(response.pixels[pixel])
+            }));
         }
     }
-    let n = points.len() as f64;
-    let mean = points.iter().map(|p| p[2]).sum::<f64>() / n;
-    let spread = (points.iter().map(|p| (p[2] - mean).powi(2)).sum::<f64>() / n).sqrt();
+    let levels = || points.iter().flatten().copied();
+    let n = levels().count();
+    let mean = levels().sum::<f64>() / n as f64;
+    let spread = (levels().map(|l| (l - mean).powi(2)).sum::<f64>() / n as f64).sqrt();
     let noise = sensor.variance_dn2(mean).sqrt();
-    let tells = n > 500.0 && full * 2 < points.len() && spread > 3.0 * noise;
-    tells.then_some(Picture {
-        index,
-        pose: row.pose(),
-        points,
+    if !(n > 500 && full * 2 < n && spread > 3.0 * noise) {
+        return None;
+    }
+    let (low, high) = levels().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), level| {
+        (low.min(level), high.max(level))
+    });
+    let steps = |level: f64| 1 + ((level - low) / (high - low) * STEPS).round() as u16;
+    Some(Picture {
+        stride,
+        across: sensor.width.div_ceil(stride),
+        levels: points.iter().map(|level| level.map_or(0, steps)).collect(),
     })
 }
 
-/// Share of the picture's sum of squares that the board, displaced by `shift`, leaves unexplained.
-fn unexplained(picture: &Picture, board: &Board, shift: [f64; 2]) -> f64 {
+/// Steps from the darkest to the brightest point.
+const STEPS: f64 = 65_000.0;
+
+/// Returns the share of the picture's sum of squares that the board, displaced by `shift`, does not explain.
+fn unexplained(picture: &Points, board: &Board, shift: [f64; 2]) -> f64 {
     let drawing = board.at(picture.pose, 0.5 * board.pixel_mm[0]);
     let ny = board.layout.patches_y as usize;
     // The last place is the mount's: count, sum, sum of squares.
@@ -168,9 +237,9 @@ fn unexplained(picture: &Picture, board: &Board, shift: [f64; 2]) -> f64 {
     if total > 0.0 { within / total } else { 1.0 }
 }
 
-fn find_turn(pictures: &[Picture], board: &Board) -> Angle {
+fn find_turn(pictures: &[Points], board: &Board) -> Angle {
     let step = pictures.len().div_ceil(FRAMES_FOR_TURN);
-    let some: Vec<&Picture> = pictures.iter().step_by(step).collect();
+    let some: Vec<&Points> = pictures.iter().step_by(step).collect();
     let misfit = |deg: f64| {
         let mut turned = board.clone();
         turned.placement.turn = Angle::from_deg(deg);
@@ -194,8 +263,8 @@ fn find_turn(pictures: &[Picture], board: &Board) -> Angle {
     Angle::from_deg(at)
 }
 
-/// Displacement of one frame's board in columns and rows.
-fn find_shift(picture: &Picture, board: &Board) -> [f64; 2] {
+/// Returns the displacement of the board in one frame, in columns and rows.
+fn find_shift(picture: &Points, board: &Board) -> [f64; 2] {
     let mut at = [0.0, 0.0];
     let mut best = unexplained(picture, board, at);
     let mut step = 8.0;
@@ -263,7 +332,7 @@ fn design(pose: Pose, board: &Board) -> [[f64; 4]; 2] {
 }
 
 /// Least squares, repeated without the frames that lie far off.
-fn common_shift(pictures: &[Picture], shifts: &[[f64; 2]], board: &Board) -> Common {
+fn common_shift(pictures: &[Points], shifts: &[[f64; 2]], board: &Board) -> Common {
     let mut keep: Vec<usize> = (0..pictures.len()).collect();
     let mut common = Common {
         axis_px: [0, 1].map(|k| median(&mut shifts.iter().map(|s| s[k]).collect::<Vec<_>>())),

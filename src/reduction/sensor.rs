@@ -9,7 +9,7 @@ use crate::series::Manifest;
 /// Variance of rounding to whole counts.
 const ROUNDING_DN2: f64 = 1.0 / 12.0;
 
-/// What is known of the camera before any frame is read.
+/// The camera as the manifest describes it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sensor {
     pub(super) width: usize,
@@ -18,13 +18,13 @@ pub(super) struct Sensor {
     pub(super) gain_dn: f64,
     /// Standard deviation of one read, in counts.
     pub(super) read_dn: f64,
-    /// Count without light, used where no dark frame says better.
+    /// Count without light, used without dark frames.
     pub(super) black_dn: f64,
     /// A pixel at this count or above is full.
     pub(super) saturation_dn: f64,
     /// Bits of the converter, where they are stated.
     pub(super) bit_depth: Option<u32>,
-    /// Largest count that they allow, or that a file can hold.
+    /// Largest count that they allow, or that a file can contain.
     pub(super) count_max: u16,
 }
 
@@ -52,7 +52,7 @@ impl Sensor {
         self.gain_dn * above_black_dn.max(0.0) + self.read_dn * self.read_dn + ROUNDING_DN2
     }
 
-    /// Whether a count tells no more than "at least this".
+    /// Returns whether a count is saturated.
     pub(super) fn is_full(&self, dn: u16) -> bool {
         f64::from(dn) >= self.saturation_dn
     }

@@ -1,7 +1,7 @@
-//! Counts at response 1 as they change over a frame near a lamp or camera, block by block and segment by segment.
+//! Counts at response 1 over a frame of a near rig, by block and segment.
 //!
-//! Blocks are large enough to leave the sensor's pattern out of their mean. Segments that meet in a block differ in
-//! brightness, so each has means of its own.
+//! Blocks are large enough for the sensor's pattern to average out. Segments that meet in a block differ in brightness, so each
+//! has its own means.
 
 use super::region::NOWHERE;
 
@@ -19,8 +19,8 @@ pub(super) struct Shading {
 }
 
 impl Shading {
-    /// Of a frame of so many pixels across and down, with so many segments. `pixels` are a pixel's segment, counts above
-    /// dark and response, in the frame's order; none where it does not count.
+    /// Sums a frame of `width` × `height` pixels with `segments` segments. `pixels` gives each pixel's segment, counts above
+    /// dark and response in the frame's order, or none for a pixel that is left out.
     pub(super) fn new(
         [width, height]: [usize; 2],
         segments: usize,
@@ -47,8 +47,8 @@ impl Shading {
         }
     }
 
-    /// The level at a pixel of a segment, between those of the blocks around it that have any of the segment; none
-    /// where none has.
+    /// Interpolates the level at a pixel of a segment between the blocks around it that contain the segment; none without
+    /// such a block.
     pub(super) fn at(&self, pixel: usize, segment: u16) -> Option<f32> {
         let place = |at: usize, count: usize| {
             let along = ((at as f64 + 0.5) / self.edge as f64 - 0.5).clamp(0.0, (count - 1) as f64);
@@ -87,7 +87,7 @@ mod tests {
         let shading = Shading::new([40, 24], 1, pixels);
         for pixel in 0..40 * 24 {
             let (x, y) = middle(pixel);
-            // Beyond the outermost middles nothing is known, so nothing changes.
+            // Beyond the outermost centres the level is constant.
             let expected = ramp(x.clamp(4.0, 36.0), y.clamp(4.0, 20.0));
             let found = f64::from(shading.at(pixel, 0).unwrap());
             assert!(

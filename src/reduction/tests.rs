@@ -12,6 +12,7 @@ use super::*;
 mod board;
 mod curve;
 mod made;
+mod once;
 
 fn recorded(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -1,7 +1,7 @@
 //! What the pixels of an observation see: the directions over which it averages, and the lamp's pattern on the white
 //! reference. Where a pixel looks is [`Imaging`]'s.
 
-use super::calibration::Prepared;
+use super::flats::Flats;
 use super::region::{Board, Segments};
 use crate::geometry::{Directions, Imaging, Pose};
 use crate::observation::View;
@@ -88,13 +88,13 @@ impl Viewing {
 
     /// Takes the lamp's pattern out of the response, which then is the camera's alone, and brings
     /// the flats' levels to the centre of tilt.
-    pub(super) fn take_out_lamp(&self, camera: &mut Prepared) {
-        if self.imaging.light_mm.is_none() || camera.flats.levels.is_empty() {
+    pub(super) fn take_out_lamp(&self, flats: &mut Flats) {
+        if self.imaging.light_mm.is_none() || flats.levels.is_empty() {
             return;
         }
-        let flats = &mut camera.flats;
         let whole: f64 = flats.levels.iter().map(|l| l.rate_dn_s).sum();
         let response = &mut flats.response;
+        response.flat = Some(response.pixels.clone());
         for (pixel, r) in response.pixels.iter_mut().enumerate() {
             let pattern: f64 = flats
                 .levels
@@ -119,11 +119,11 @@ impl Viewing {
         for r in &mut response.pixels {
             *r = (f64::from(*r) / mean) as f32;
         }
-        for (level, share) in flats.levels.iter_mut().zip(levels) {
+        for (level, share) in flats.levels.iter_mut().zip(&levels) {
             level.rate_dn_s /= share;
             level.sigma_dn_s /= share;
         }
-        camera.settle_unit(&self.imaging.rig);
+        flats.lamp_shares = levels;
     }
 
     /// The directions over which an observation at a recorded pose averages; `parts` are its segments.

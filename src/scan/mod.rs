@@ -1,22 +1,21 @@
-//! A scan: a plan that is data, the states it goes through, the events that tell its story.
+//! A scan: its plan, its states and its events.
 //!
-//! [`Plan`] is what a person asks for; [`Plan::check`] lists everything that is wrong with it and
-//! [`Plan::steps`] puts it in an order that saves motion, both before anything moves.
-//! [`ScanState`] is the one state machine. What happens is told in [`Event`]s and nowhere else:
-//! page, log and store see the same ones. [`runner::run`] carries a plan out. This room knows no database, no HTTP and no simulator.
+//! [`Plan`] is what a user requests. [`Plan::check`] lists all its errors, and [`Plan::steps`] orders its points to save
+//! motion; both run before anything moves. [`ScanState`] is the state machine. [`runner::run`] carries a plan out and reports
+//! everything as [`Event`]s: page, log and store receive the same ones. This module knows no database, no HTTP and no simulator.
 
 pub mod event;
+mod frame_history;
 pub mod plan;
-pub mod reach;
 pub mod recorder;
 pub mod rig;
 pub mod runner;
-mod seen;
+pub mod stage_access;
 pub mod state;
 pub mod visit;
 
 pub use event::{Event, OperatorAction, Progress, RecordedEvent};
 pub use plan::{Plan, PlanError, PlanRequest, Shot, Step, TravelLimits};
-pub use reach::{Reach, StageLink};
 pub use rig::Rig;
+pub use stage_access::{StageAccess, StageLink};
 pub use state::ScanState;

@@ -1,4 +1,4 @@
-//! What a runner tells, and who makes it durable: a finished visit to a point, and the [`Recorder`].
+//! What a runner reports, and the [`Recorder`] that makes it durable.
 
 use futures::future::BoxFuture;
 use time::OffsetDateTime;
@@ -15,32 +15,32 @@ use crate::geometry::Pose;
 pub struct Visit {
     /// The point.
     pub shot: Shot,
-    /// 0, then one more for each retake.
+    /// 0 for the first visit, then one more for each retake.
     pub attempt: u32,
     /// Position read back, in the turn the plan states.
     pub pose: Pose,
-    /// Frames in the order taken, with exposure and number of the repeat.
+    /// Frames in the order taken.
     pub frames: Vec<TakenFrame>,
-    /// Why it does not count.
+    /// Why it is rejected.
     pub rejected: Option<Rejected>,
-    /// When the first exposure began.
+    /// Start of the first exposure.
     pub taken_at: OffsetDateTime,
 }
 
 pub(super) const BLACK: &str =
-    "black: no light in the longest exposure; look at lamp, shutter and lens cap";
+    "black: no light in the longest exposure; check lamp, shutter and lens cap";
 
-/// Why the frames of a point do not count.
+/// Why the frames of a point are rejected.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Rejected {
-    /// The sample shows no light. It may be so, once somebody has looked.
+    /// The sample shows no light. Accepted once the operator has confirmed it.
     #[error("{}", BLACK)]
     BlackSample,
-    /// The sample fills the camera over the whole plan. It may be so, once somebody has looked.
+    /// The sample saturates the camera over the whole plan. Accepted once the operator has confirmed it.
     #[error(
         "full: at {poses} of the plan's {of} poses, most of them or those furthest apart, most pixels are full in the \
-         shortest exposure; look at lamp and camera, or plan a new scan of shorter exposures (this one takes no pose \
-         again that it has)"
+         shortest exposure; check lamp and camera, or plan a new scan with shorter exposures (this scan does not repeat \
+         accepted poses)"
     )]
     FullSample {
         /// How many so far.
@@ -48,13 +48,13 @@ pub enum Rejected {
         /// How many there are.
         of: usize,
     },
-    /// The camera gave a picture that it had given before.
+    /// The camera returned an image that it had returned before.
     #[error(
-        "the same picture as before, bit for bit: the camera takes no new ones; look at it and its program (for a \
-         camera that has no noise, read_noise_electrons_rms = 0 says so)"
+        "the camera returned the same image twice, bit for bit; check the camera and its capture program (for a camera \
+         without noise set read_noise_electrons_rms = 0)"
     )]
     SameFrame,
-    /// Anything else, in words.
+    /// Any other fault.
     #[error("{0}")]
     Otherwise(String),
 }
@@ -75,15 +75,15 @@ pub struct TakenFrame {
 /// Why something could not be recorded.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// There is no room for it.
+    /// The disk is full.
     #[error("{0}")]
     DiskFull(String),
-    /// Anything else.
+    /// Any other error.
     #[error("{0}")]
     Failed(String),
 }
 
-/// Who makes durable what the runner tells.
+/// Makes durable what the runner reports.
 pub trait Recorder: Send {
     /// The scan changed its state.
     fn state<'a>(
@@ -94,16 +94,16 @@ pub trait Recorder: Send {
         progress: Progress,
     ) -> BoxFuture<'a, Result<(), RecordError>>;
 
-    /// A point was visited; the pose is where the stages stand now.
+    /// A point was visited; the pose is the current position of the stages.
     fn visit(&mut self, visit: Visit, progress: Progress)
     -> BoxFuture<'_, Result<(), RecordError>>;
 
-    /// All points of one kind are durable; told again by every run that finds them so.
+    /// All points of one kind are durable. Every run that finds them so calls it again.
     fn phase_done(&mut self, kind: FrameKind) -> BoxFuture<'_, Result<(), RecordError>>;
 
-    /// A person should look.
+    /// Raises an alarm for the operator.
     fn alarm<'a>(&'a mut self, code: &'a str, message: &'a str) -> BoxFuture<'a, ()>;
 
-    /// Bytes that may still be written.
+    /// Returns the bytes that may still be written.
     fn free_bytes(&self) -> Result<u64, RecordError>;
 }

@@ -1,69 +1,68 @@
-//! The stages and the camera, as the one owner holds them.
+//! Stages and camera, as their single owner holds them.
 //!
-//! Whoever has the [`Rig`] may move and take frames; it cannot be had twice. Others only get its
-//! [`Reach`], to ask where the stages are and to stop them.
+//! The owner of the [`Rig`] moves the stages and takes frames; the type cannot be cloned. Everyone else gets its
+//! [`StageAccess`], which reads positions and stops the stages.
 
 use std::collections::BTreeSet;
 
-use super::reach::{Reach, StageLink};
+use super::stage_access::{StageAccess, StageLink};
 use crate::bench::stage::{Stage, StageError};
 use crate::bench::{AxisName, Camera};
 
 /// The stages and the camera of one rig.
 pub struct Rig {
-    reach: Reach,
-    /// Takes the frames.
+    access: StageAccess,
+    /// The camera.
     pub camera: Box<dyn Camera>,
 }
 
 impl Rig {
-    /// A rig that is not connected yet.
+    /// Makes a rig that is not connected yet.
     #[must_use]
     pub fn new(link: StageLink, camera: Box<dyn Camera>) -> Self {
         Rig {
-            reach: Reach::new(link),
+            access: StageAccess::new(link),
             camera,
         }
     }
 
-    /// How the stages are reached.
+    /// Returns the address and settings of the stages.
     #[must_use]
     pub fn link(&self) -> &StageLink {
-        self.reach.link()
+        self.access.link()
     }
 
-    /// The way to the stages, for those who only look or stop.
+    /// Returns the access that reads positions and stops the stages.
     #[must_use]
-    pub fn reach(&self) -> &Reach {
-        &self.reach
+    pub fn access(&self) -> &StageAccess {
+        &self.access
     }
 
-    /// The connected stage; connects if there is none.
+    /// Returns the connected stage; connects first if necessary.
     ///
     /// # Errors
-    /// Why the port or the controller cannot be had.
+    /// [`StageError`] where port or controller cannot be opened.
     pub async fn connect(&mut self) -> Result<Stage, StageError> {
-        self.reach.connect().await
+        self.access.connect().await
     }
 
-    /// A stage that answers and knows its reference: connects, and homes what has none and what is `doubted`. Drivers
-    /// that are off are switched on, and parked axes unparked, only where a person has just asked for motion
-    /// (`by_a_person`).
+    /// Returns a stage that answers and has its reference: connects, then homes axes without a reference and axes that are
+    /// `doubted`. Drivers are switched on and parked axes unparked only if a user has just requested motion (`by_a_person`).
     ///
     /// # Errors
-    /// What connecting or homing says; a lost link is let go, so that the next call connects anew.
-    /// [`StageError::Stopped`], and nothing is homed, after a stop since it was called.
+    /// [`StageError`] of connecting or homing. A lost link is dropped, so that the next call connects again. After a stop
+    /// since the call: [`StageError::Stopped`], and no axis is homed.
     pub async fn make_ready(
         &mut self,
         doubted: &BTreeSet<AxisName>,
         by_a_person: bool,
     ) -> Result<Stage, StageError> {
-        let asked_after = self.reach.stops();
+        let asked_after = self.access.stops();
         let stage = self.connect().await?;
-        // Taken first: a stop from here on overtakes the homing, one before shows in the count.
+        // Read first: a later stop interrupts the homing, an earlier one shows in the count.
         let stops_of_stage = stage.stops();
         let ready = async {
-            if self.reach.stops() != asked_after {
+            if self.access.stops() != asked_after {
                 return Err(StageError::Stopped);
             }
             if by_a_person {
@@ -88,10 +87,10 @@ impl Rig {
         }
     }
 
-    /// Forgets the stage if the error says that the link is gone.
+    /// Drops the stage if the error says that the link is lost.
     pub fn let_go_if_lost(&self, error: &StageError) {
         if error.is_disconnect() {
-            self.reach.let_go();
+            self.access.let_go();
         }
     }
 }

@@ -1,9 +1,8 @@
-//! Carries a plan out: moves, waits, takes frames, hands them on, and tells what happened.
+//! Carries out a plan: moves, waits, takes frames, passes them to the recorder, and reports.
 //!
-//! [`run`] owns the rig until it returns. It never says that a point is there before the recorder
-//! has made frames, angles and row durable; a move that failed, was interrupted or was stopped is
-//! never a success. What goes wrong at the rig pauses the scan, so that a person can put it right
-//! and resume; what contradicts the plan fails it.
+//! [`run`] owns the rig until it returns. It reports a point only after the recorder has made frames, angles and row durable.
+//! A move that failed, was interrupted or was stopped is never a success. A fault of the rig pauses the scan, so that the
+//! operator can fix it and resume; a contradiction to the plan fails the scan.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -12,55 +11,55 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 
 use super::event::{OperatorAction, Progress};
+use super::frame_history::{FrameHistory, FrameSummary};
 use super::plan::{Shot, Step};
 use super::recorder::{RecordError, Recorder, Visit};
 use super::rig::Rig;
-use super::seen::{Looked, Seen};
 use super::state::ScanState;
-use super::visit::{self, Trouble};
+use super::visit::{self, VisitError};
 use crate::bench::AxisName;
 use crate::bench::stage::{Stage, StageError};
 use crate::clock::Clock;
 use crate::frame::Frame;
 use crate::geometry::Pose;
 
-/// What a person or the daemon asks of a running scan.
+/// A command to a running scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Order {
-    /// Finish the point, then hold.
+pub enum ScanCommand {
+    /// Finish the point, then pause.
     Pause,
-    /// Go on.
+    /// Continue after a pause.
     Resume,
-    /// The operator's step is done, whichever it is.
+    /// The current operator step is done.
     Continue,
-    /// This step of the operator's is done. Whoever did another one has not placed what the next frames are to show.
+    /// This operator step is done. Refused if the scan waits for another step.
     Done(OperatorAction),
     /// Stop at once and end.
     Abort,
-    /// Stop at once and hold: the stop button.
+    /// Stop at once and pause: the stop button.
     Stop,
-    /// The daemon ends: stop at once and leave the rest for later.
+    /// The daemon ends: stop at once; the scan can be resumed.
     ShutDown,
 }
 
-/// An order with the way back: the state it led to, or the state that did not permit it.
-pub struct OrderSlip {
-    /// What is asked.
-    pub order: Order,
-    /// Answered when the order has taken effect.
+/// A command with its reply channel.
+pub struct CommandRequest {
+    /// The command.
+    pub command: ScanCommand,
+    /// Receives the new state once the command has taken effect, or the state that did not permit it.
     pub reply: oneshot::Sender<Result<ScanState, ScanState>>,
 }
 
-/// What the runner needs to know beside the plan.
+/// Settings of the runner.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunnerSettings {
-    /// Visits to one point before the scan pauses.
+    /// Largest number of visits to one point before the scan pauses.
     pub attempts_max: u32,
-    /// Space that is left alone.
+    /// Disk space that stays free.
     pub disk_reserve_bytes: u64,
-    /// Most bytes one frame can take.
+    /// Largest size of one frame's file.
     pub frame_bytes_max: u64,
-    /// What a frame must look like.
+    /// Rules that an accepted frame satisfies.
     pub frame: visit::FrameRules,
 }
 
@@ -76,14 +75,14 @@ pub struct RunEnd {
 }
 
 /// A scan to be run.
-pub struct Job {
+pub struct ScanRun {
     /// Steps in order.
     pub steps: Vec<Step>,
-    /// Points that are durable from an earlier run.
+    /// Points that earlier runs made durable.
     pub done: BTreeSet<u32>,
-    /// Those of the sample among them that fill the camera.
+    /// Those of the sample among them that saturate the camera.
     pub full: BTreeSet<u32>,
-    /// Frames of the last of these; empty where it is the first run.
+    /// Frames of the last of these; empty in the first run.
     pub last_frames: Vec<Frame>,
     /// Time that earlier runs spent.
     pub elapsed_s: f64,
@@ -93,23 +92,23 @@ pub struct Job {
     pub clock: Arc<dyn Clock>,
 }
 
-/// Runs a scan to an end, to `interrupted`, or to where it cannot even say so.
+/// Runs a scan to its end or to `interrupted`.
 ///
 /// # Errors
-/// Only if the state itself could not be recorded; everything else is a state.
+/// [`RecordError`] if the state itself could not be recorded. Every other failure is a state.
 pub async fn run(
-    job: Job,
+    run: ScanRun,
     rig: &mut Rig,
     recorder: &mut dyn Recorder,
-    orders: &mut mpsc::Receiver<OrderSlip>,
+    commands: &mut mpsc::Receiver<CommandRequest>,
 ) -> Result<RunEnd, RecordError> {
-    let before_s = job.elapsed_s;
-    let mut runner = Runner::new(job, rig, recorder, orders);
+    let before_s = run.elapsed_s;
+    let mut runner = Runner::new(run, rig, recorder, commands);
     let state = match runner.drive().await {
         Ok(()) => {
-            runner.ledger.progress.phase = None;
-            runner.ledger.progress.fraction = 1.0;
-            runner.ledger.progress.time_left_s = Some(0.0);
+            runner.totals.progress.phase = None;
+            runner.totals.progress.fraction = 1.0;
+            runner.totals.progress.time_left_s = Some(0.0);
             runner.enter(ScanState::Completed, None).await?;
             ScanState::Completed
         }
@@ -118,16 +117,16 @@ pub async fn run(
     };
     Ok(RunEnd {
         state,
-        elapsed_s: runner.ledger.progress.elapsed_s - before_s,
-        ideal_s: runner.ledger.ideal_s,
+        elapsed_s: runner.totals.progress.elapsed_s - before_s,
+        ideal_s: runner.totals.ideal_s,
     })
 }
 
-/// Why the steps are left before their end.
+/// Why the steps ended early.
 enum Ending {
     /// The scan is in this state, and that is recorded.
     Recorded(ScanState),
-    /// Nothing can be recorded any more.
+    /// Recording failed.
     Record(RecordError),
 }
 
@@ -138,84 +137,89 @@ impl From<RecordError> for Ending {
 }
 
 struct Runner<'a> {
-    job: Job,
+    run: ScanRun,
     rig: &'a mut Rig,
     recorder: &'a mut dyn Recorder,
-    orders: &'a mut mpsc::Receiver<OrderSlip>,
+    commands: &'a mut mpsc::Receiver<CommandRequest>,
     state: ScanState,
-    /// Knows how fast the axes are, once connected.
+    /// The connected stage, which knows the speeds of the axes.
     stage: Option<Stage>,
     /// Predicted time of all points.
     predicted_total_s: f64,
-    /// The share of each in it: one that is taken out of turn has a longer way, and no more of the plan in it.
+    /// Predicted time of each point in the order of the plan. A point taken out of turn has a longer way but the same share.
     in_turn_s: BTreeMap<u32, f64>,
-    /// What the visits have shown.
-    seen: Seen,
-    /// Axes that are not to be trusted until they are homed: something blocked them, or lost their place.
+    /// What the visits showed.
+    history: FrameHistory,
+    /// Axes that must be homed: they were blocked, or lost their position.
     doubted: BTreeSet<AxisName>,
-    ledger: Ledger,
+    totals: ProgressState,
 }
 
-/// What grows with every point; put back as a whole if a point could not be recorded.
+/// State that grows with every point. Restored as a whole if a point could not be recorded.
 #[derive(Clone, Copy, Default)]
-struct Ledger {
+struct ProgressState {
     progress: Progress,
-    /// Predicted time of the points that are done, from earlier runs too.
+    /// Predicted time of the finished points, with those of earlier runs.
     predicted_done_s: f64,
-    /// Predicted time of the points done in this run, retakes included.
+    /// Predicted time of the points of this run, retakes included.
     ideal_s: f64,
-    /// Where the stages were last read; `None` when not known.
+    /// Last position read from the stages; `None` when unknown.
     at: Option<Pose>,
 }
 
 impl<'a> Runner<'a> {
     fn new(
-        job: Job,
+        run: ScanRun,
         rig: &'a mut Rig,
         recorder: &'a mut dyn Recorder,
-        orders: &'a mut mpsc::Receiver<OrderSlip>,
+        commands: &'a mut mpsc::Receiver<CommandRequest>,
     ) -> Self {
-        let rules = &job.settings.frame;
-        let seen =
-            Seen::of(&job.steps).after(&job.last_frames, &job.steps, &job.done, &job.full, rules);
+        let rules = &run.settings.frame;
+        let history = FrameHistory::of(&run.steps).after(
+            &run.last_frames,
+            &run.steps,
+            &run.done,
+            &run.full,
+            rules,
+        );
         let mut runner = Runner {
             rig,
             recorder,
-            orders,
+            commands,
             state: ScanState::Planned,
             stage: None,
             predicted_total_s: 0.0,
             in_turn_s: BTreeMap::new(),
-            seen,
+            history,
             doubted: BTreeSet::new(),
-            ledger: Ledger::default(),
-            job,
+            totals: ProgressState::default(),
+            run,
         };
-        runner.ledger = runner.count_what_is_left();
+        runner.totals = runner.count_what_is_left();
         runner
     }
 
-    /// Totals of the plan, and what of it is done from earlier runs.
-    fn count_what_is_left(&mut self) -> Ledger {
-        let mut ledger = Ledger::default();
-        ledger.progress.elapsed_s = self.job.elapsed_s;
+    /// Returns the totals of the plan and of the points that earlier runs finished.
+    fn count_what_is_left(&mut self) -> ProgressState {
+        let mut totals = ProgressState::default();
+        totals.progress.elapsed_s = self.run.elapsed_s;
         self.predicted_total_s = 0.0;
         let mut at = None;
-        for step in &self.job.steps {
+        for step in &self.run.steps {
             let Step::Shot(shot) = step else { continue };
-            ledger.progress.shots_total += 1;
-            ledger.progress.frames_total += shot.n_frames();
+            totals.progress.shots_total += 1;
+            totals.progress.frames_total += shot.n_frames();
             let predicted = self.predict(at, shot);
             at = shot.target.or(at);
             self.predicted_total_s += predicted;
             self.in_turn_s.insert(shot.index, predicted);
-            if self.job.done.contains(&shot.index) {
-                ledger.progress.shots_done += 1;
-                ledger.progress.frames_done += shot.n_frames();
-                ledger.predicted_done_s += predicted;
+            if self.run.done.contains(&shot.index) {
+                totals.progress.shots_done += 1;
+                totals.progress.frames_done += shot.n_frames();
+                totals.predicted_done_s += predicted;
             }
         }
-        ledger
+        totals
     }
 
     fn predict(&self, at: Option<Pose>, shot: &Shot) -> f64 {
@@ -232,30 +236,30 @@ impl<'a> Runner<'a> {
     async fn drive(&mut self) -> Result<(), Ending> {
         self.enter(ScanState::Running, None).await?;
         self.make_ready(true).await?;
-        // Now that the speeds are known.
-        let at = self.ledger.at;
-        self.ledger = self.count_what_is_left();
-        self.ledger.at = at;
-        let steps = std::mem::take(&mut self.job.steps);
+        // Again, now with the speeds of the connected axes.
+        let at = self.totals.at;
+        self.totals = self.count_what_is_left();
+        self.totals.at = at;
+        let steps = std::mem::take(&mut self.run.steps);
         for (i, step) in steps.iter().enumerate() {
             match step {
                 Step::Operator(action) => {
                     let rest = &steps[i + 1..];
                     if self.anything_left(*action, rest) {
-                        self.ledger.progress.phase = Some(action.kind());
+                        self.totals.progress.phase = Some(action.kind());
                         self.wait_for_operator(*action).await?;
                     }
                 }
                 Step::Shot(shot) => {
-                    if !self.job.done.contains(&shot.index) {
+                    if !self.run.done.contains(&shot.index) {
                         if self.state != ScanState::Running {
                             self.enter(ScanState::Running, None).await?;
                         }
-                        self.ledger.progress.phase = Some(shot.kind);
+                        self.totals.progress.phase = Some(shot.kind);
                         self.take(shot).await?;
                         self.decide(&steps).await?;
                     }
-                    // An earlier run may have taken the last one and ended before it said so.
+                    // An earlier run may have taken the last one and ended before it reported so.
                     let more = steps[i + 1..]
                         .iter()
                         .any(|step| matches!(step, Step::Shot(next) if next.kind == shot.kind));
@@ -268,9 +272,9 @@ impl<'a> Runner<'a> {
         Ok(())
     }
 
-    /// Takes the poses that tell a lobe from a series that is too bright before their turn, where it may be either.
+    /// Takes the poses that distinguish a lobe from a series that is too bright, out of turn.
     async fn decide(&mut self, steps: &[Step]) -> Result<(), Ending> {
-        while let Some(index) = self.seen.undecided(&self.job.settings.frame) {
+        while let Some(index) = self.history.undecided(&self.run.settings.frame) {
             let pose = steps.iter().find_map(|step| match step {
                 Step::Shot(shot) if shot.index == index => Some(shot),
                 Step::Shot(_) | Step::Operator(_) => None,
@@ -284,20 +288,20 @@ impl<'a> Runner<'a> {
     fn anything_left(&self, action: OperatorAction, rest: &[Step]) -> bool {
         rest.iter().any(|step| {
             matches!(step, Step::Shot(shot)
-                if shot.kind == action.kind() && !self.job.done.contains(&shot.index))
+                if shot.kind == action.kind() && !self.run.done.contains(&shot.index))
         })
     }
 
     async fn enter(&mut self, next: ScanState, reason: Option<&str>) -> Result<(), RecordError> {
         self.recorder
-            .state(next, reason, None, self.ledger.progress)
+            .state(next, reason, None, self.totals.progress)
             .await?;
         self.state = next;
         Ok(())
     }
 
-    /// Connects and homes; a rig that cannot be had pauses the scan until it is resumed. `by_a_person`: whether somebody
-    /// has just asked for motion, and stands clear of the stages.
+    /// Connects and homes. A rig that is unavailable pauses the scan until it is resumed. `by_a_person`: a user has just
+    /// requested motion and is clear of the stages.
     async fn make_ready(&mut self, mut by_a_person: bool) -> Result<(), Ending> {
         loop {
             let (rig, doubted) = (&mut *self.rig, &self.doubted);
@@ -310,156 +314,156 @@ impl<'a> Runner<'a> {
                 Ok((stage, status)) => {
                     self.doubted.clear();
                     self.stage = Some(stage);
-                    self.ledger.at = Some(status.pose());
+                    self.totals.at = Some(status.pose());
                     return Ok(());
                 }
                 Err(error) => {
                     self.doubted.extend(error.axis_to_home());
-                    self.hold(&Trouble::Stage(error)).await?;
+                    self.hold(&VisitError::Stage(error)).await?;
                     by_a_person = true;
                 }
             }
         }
     }
 
-    /// Takes one point, again where it does not count, until it does or a person is needed.
+    /// Takes one point, and again while it is rejected, until it is accepted or the operator is needed.
     async fn take(&mut self, shot: &Shot) -> Result<(), Ending> {
         let mut attempt = 0;
         loop {
             self.check_disk(shot).await?;
-            let before = self.ledger;
-            let started = self.job.clock.now();
+            let before = self.totals;
+            let started = self.run.clock.now();
             let Some(outcome) = self.visit(shot, attempt).await? else {
-                // It was stopped and resumed; what was waited is nobody's motion.
+                // It was stopped and resumed; the waiting time counts as no motion.
                 continue;
             };
             attempt += 1;
-            let trouble = match outcome {
+            let error = match outcome {
                 Ok(mut visit) => {
-                    let rules = &self.job.settings.frame;
-                    let looked = Looked::at(&visit, rules);
+                    let rules = &self.run.settings.frame;
+                    let summary = FrameSummary::at(&visit, rules);
                     if visit.rejected.is_none() {
-                        visit.rejected = self.seen.fault(&looked, rules);
+                        visit.rejected = self.history.fault(&summary, rules);
                     }
                     let rejected = visit.rejected.clone();
                     self.count(shot, rejected.is_none());
-                    match self.recorder.visit(visit, self.ledger.progress).await {
+                    match self.recorder.visit(visit, self.totals.progress).await {
                         Ok(()) => {}
                         Err(RecordError::DiskFull(why)) => {
-                            // The point is not there; it is taken again once there is room.
-                            self.ledger = before;
+                            // The point was not recorded; it is taken again once there is room.
+                            self.totals = before;
                             self.hold_with(&why, Some("disk-full"), None).await?;
                             continue;
                         }
                         Err(error) => return Err(error.into()),
                     }
-                    let took = self.job.clock.now().saturating_sub(started);
-                    self.ledger.progress.elapsed_s += took.as_secs_f64();
+                    let took = self.run.clock.now().saturating_sub(started);
+                    self.totals.progress.elapsed_s += took.as_secs_f64();
                     match rejected {
                         None => {
-                            self.seen.remember(looked);
-                            self.job.done.insert(shot.index);
+                            self.history.remember(summary);
+                            self.run.done.insert(shot.index);
                             return self.pause_if_asked().await;
                         }
-                        Some(why) => Trouble::Frames(why),
+                        Some(why) => VisitError::Frames(why),
                     }
                 }
-                Err(trouble) => trouble,
+                Err(error) => error,
             };
-            if let Trouble::Stage(error) = &trouble {
+            if let VisitError::Stage(error) = &error {
                 self.doubted.extend(error.axis_to_home());
-                // A handle that is kept keeps the port, and nobody could connect or stop anew.
+                // A kept handle keeps the port open, which would block the next connection.
                 if error.is_disconnect() {
                     self.stage = None;
                 }
                 self.rig.let_go_if_lost(error);
             }
-            if trouble.contradicts_the_plan() {
-                let why = trouble.to_string();
+            if error.contradicts_the_plan() {
+                let why = error.to_string();
                 self.enter(ScanState::Failed, Some(&why)).await?;
                 return Err(Ending::Recorded(ScanState::Failed));
             }
-            let ask = !trouble.may_be_retried() || attempt >= self.job.settings.attempts_max;
+            let ask = !error.may_be_retried() || attempt >= self.run.settings.attempts_max;
             if ask {
-                self.hold(&trouble).await?;
+                self.hold(&error).await?;
                 attempt = 0;
-                // Somebody has looked at a black sample and says to go on: some are. Who resumes after any
-                // other trouble has not looked.
-                if let Trouble::Frames(rejected) = &trouble {
-                    self.job.settings.frame.looked_at.note(rejected);
+                // By resuming after this fault the operator confirms the sample. Resuming after another fault confirms
+                // nothing.
+                if let VisitError::Frames(rejected) = &error {
+                    self.run.settings.frame.confirmed.note(rejected);
                 }
             }
-            if matches!(trouble, Trouble::Stage(_)) {
+            if matches!(error, VisitError::Stage(_)) {
                 self.make_ready(ask).await?;
             }
         }
     }
 
     fn count(&mut self, shot: &Shot, accepted: bool) {
-        let predicted = self.predict(self.ledger.at, shot);
-        let ledger = &mut self.ledger;
-        ledger.ideal_s += predicted;
-        ledger.at = shot.target.or(ledger.at);
+        let predicted = self.predict(self.totals.at, shot);
+        let totals = &mut self.totals;
+        totals.ideal_s += predicted;
+        totals.at = shot.target.or(totals.at);
         if !accepted {
             return;
         }
-        let progress = &mut ledger.progress;
+        let progress = &mut totals.progress;
         progress.shots_done += 1;
         progress.frames_done += shot.n_frames();
         let in_turn_s = self.in_turn_s.get(&shot.index).copied();
-        let done_s = ledger.predicted_done_s + in_turn_s.unwrap_or(predicted);
-        ledger.predicted_done_s = done_s.min(self.predicted_total_s);
+        let done_s = totals.predicted_done_s + in_turn_s.unwrap_or(predicted);
+        totals.predicted_done_s = done_s.min(self.predicted_total_s);
         if self.predicted_total_s > 0.0 {
-            progress.fraction = ledger.predicted_done_s / self.predicted_total_s;
+            progress.fraction = totals.predicted_done_s / self.predicted_total_s;
         }
-        // The pace of this run so far; the first point has none yet.
-        let spent_s = progress.elapsed_s - self.job.elapsed_s;
-        let pace = if spent_s > 0.0 && ledger.ideal_s > predicted {
-            spent_s / (ledger.ideal_s - predicted)
+        // Pace of this run so far; the first point has none.
+        let spent_s = progress.elapsed_s - self.run.elapsed_s;
+        let pace = if spent_s > 0.0 && totals.ideal_s > predicted {
+            spent_s / (totals.ideal_s - predicted)
         } else {
             1.0
         };
-        progress.time_left_s = Some((self.predicted_total_s - ledger.predicted_done_s) * pace);
+        progress.time_left_s = Some((self.predicted_total_s - totals.predicted_done_s) * pace);
     }
 
-    /// Moves and captures, listening to orders all the while; `None` where it was stopped, and resumed since. The
-    /// outer error ends the scan.
+    /// Moves and captures while it listens to commands; `None` where it was stopped and resumed. The outer error ends the
+    /// scan.
     async fn visit(
         &mut self,
         shot: &Shot,
         attempt: u32,
-    ) -> Result<Option<Result<Visit, Trouble>>, Ending> {
+    ) -> Result<Option<Result<Visit, VisitError>>, Ending> {
         let stage = match self.rig.connect().await {
             Ok(stage) => stage,
-            Err(error) => return Ok(Some(Err(Trouble::Stage(error)))),
+            Err(error) => return Ok(Some(Err(VisitError::Stage(error)))),
         };
-        let rules = self.job.settings.frame.clone();
+        let rules = self.run.settings.frame.clone();
         let camera = self.rig.camera.as_mut();
         let mut work = Box::pin(visit::visit(&stage, camera, shot, attempt, &rules));
         let cut = loop {
             tokio::select! {
                 biased;
-                slip = self.orders.recv() => {
-                    let slip = slip.unwrap_or_else(shut_down);
-                    match (slip.order, self.state) {
-                        (Order::Pause, ScanState::Running) => {
-                            self.recorder.state(ScanState::Pausing, None, None, self.ledger.progress).await?;
+                request = self.commands.recv() => {
+                    let request = request.unwrap_or_else(shut_down);
+                    match (request.command, self.state) {
+                        (ScanCommand::Pause, ScanState::Running) => {
+                            self.recorder.state(ScanState::Pausing, None, None, self.totals.progress).await?;
                             self.state = ScanState::Pausing;
-                            slip.reply.send(Ok(self.state)).ok();
+                            request.reply.send(Ok(self.state)).ok();
                         }
-                        (Order::Resume, ScanState::Pausing) => {
-                            self.recorder.state(ScanState::Running, None, None, self.ledger.progress).await?;
+                        (ScanCommand::Resume, ScanState::Pausing) => {
+                            self.recorder.state(ScanState::Running, None, None, self.totals.progress).await?;
                             self.state = ScanState::Running;
-                            slip.reply.send(Ok(self.state)).ok();
+                            request.reply.send(Ok(self.state)).ok();
                         }
-                        (Order::Stop | Order::Abort | Order::ShutDown, _) => break slip,
-                        _ => { slip.reply.send(Err(self.state)).ok(); }
+                        (ScanCommand::Stop | ScanCommand::Abort | ScanCommand::ShutDown, _) => break request,
+                        _ => { request.reply.send(Err(self.state)).ok(); }
                     }
                 }
                 outcome = &mut work => {
                     drop(work);
                     if outcome.is_err() {
-                        self.ledger.at = None;
+                        self.totals.at = None;
                     }
                     return Ok(Some(outcome));
                 }
@@ -469,10 +473,10 @@ impl<'a> Runner<'a> {
         if let Err(error) = stage.stop().await {
             tracing::error!(%error, "the stop of a scan did not reach the stage: {error}");
         }
-        self.ledger.at = None;
-        match cut.order {
-            Order::Stop => {
-                self.hold_with(Trouble::STOPPED, None, Some(cut)).await?;
+        self.totals.at = None;
+        match cut.command {
+            ScanCommand::Stop => {
+                self.hold_with(VisitError::STOPPED, None, Some(cut)).await?;
                 self.make_ready(true).await?;
                 Ok(None)
             }
@@ -480,22 +484,26 @@ impl<'a> Runner<'a> {
         }
     }
 
-    async fn end_by<T>(&mut self, order: Order, slip: OrderSlip) -> Result<T, Ending> {
+    async fn end_by<T>(
+        &mut self,
+        order: ScanCommand,
+        request: CommandRequest,
+    ) -> Result<T, Ending> {
         let (state, reason) = match order {
-            Order::Abort => (ScanState::Aborted, "aborted by the operator"),
+            ScanCommand::Abort => (ScanState::Aborted, "aborted by the operator"),
             _ => (
                 ScanState::Interrupted,
-                "the daemon was stopped; resume it to go on",
+                "the daemon was stopped; resume the scan to continue",
             ),
         };
         self.enter(state, Some(reason)).await?;
-        slip.reply.send(Ok(state)).ok();
+        request.reply.send(Ok(state)).ok();
         Err(Ending::Recorded(state))
     }
 
-    /// Holds until there is room for all frames of a point.
+    /// Pauses until there is room for all frames of a point.
     async fn check_disk(&mut self, shot: &Shot) -> Result<(), Ending> {
-        let settings = &self.job.settings;
+        let settings = &self.run.settings;
         let needed =
             settings.disk_reserve_bytes + u64::from(shot.n_frames()) * settings.frame_bytes_max;
         loop {
@@ -520,17 +528,17 @@ impl<'a> Runner<'a> {
         Ok(())
     }
 
-    async fn hold(&mut self, trouble: &Trouble) -> Result<(), Ending> {
-        let code = trouble.code();
-        let reason = match trouble {
-            // What stages and camera say of themselves knows of no scan that waits.
-            Trouble::Stage(error) if error.axis_to_home().is_some() => {
-                format!("{trouble}; put it right, then resume: the scan homes it first")
+    async fn hold(&mut self, error: &VisitError) -> Result<(), Ending> {
+        let code = error.code();
+        let reason = match error {
+            // Errors of stages and camera do not mention the scan that waits.
+            VisitError::Stage(error) if error.axis_to_home().is_some() => {
+                format!("{error}; fix it, then resume: the scan homes the axis first")
             }
-            Trouble::Stage(_) | Trouble::Camera(_) if code.is_some() => {
-                format!("{trouble}; put it right, then resume")
+            VisitError::Stage(_) | VisitError::Camera(_) if code.is_some() => {
+                format!("{error}; fix it, then resume")
             }
-            _ => trouble.to_string(),
+            _ => error.to_string(),
         };
         self.hold_with(&reason, code, None).await
     }
@@ -540,35 +548,37 @@ impl<'a> Runner<'a> {
         &mut self,
         reason: &str,
         code: Option<&str>,
-        slip: Option<OrderSlip>,
+        request: Option<CommandRequest>,
     ) -> Result<(), Ending> {
-        // First, so that whoever sees the scan paused finds the alarm that says why.
+        // Before the state: a client that sees the scan paused finds the alarm with the reason.
         if let Some(code) = code {
             self.recorder.alarm(code, reason).await;
         }
         self.enter(ScanState::Paused, Some(reason)).await?;
-        if let Some(slip) = slip {
-            slip.reply.send(Ok(ScanState::Paused)).ok();
+        if let Some(request) = request {
+            request.reply.send(Ok(ScanState::Paused)).ok();
         }
         self.wait_for_resume().await
     }
 
     async fn wait_for_resume(&mut self) -> Result<(), Ending> {
         loop {
-            let slip = self.orders.recv().await.unwrap_or_else(shut_down);
-            match slip.order {
-                Order::Resume | Order::Continue => {
+            let request = self.commands.recv().await.unwrap_or_else(shut_down);
+            match request.command {
+                ScanCommand::Resume | ScanCommand::Continue => {
                     self.enter(ScanState::Running, None).await?;
-                    slip.reply.send(Ok(self.state)).ok();
+                    request.reply.send(Ok(self.state)).ok();
                     return Ok(());
                 }
-                Order::Abort | Order::ShutDown => return self.end_by(slip.order, slip).await,
-                Order::Stop | Order::Pause => {
-                    slip.reply.send(Ok(self.state)).ok();
+                ScanCommand::Abort | ScanCommand::ShutDown => {
+                    return self.end_by(request.command, request).await;
                 }
-                // What was done is another matter than why it holds.
-                Order::Done(_) => {
-                    slip.reply.send(Err(self.state)).ok();
+                ScanCommand::Stop | ScanCommand::Pause => {
+                    request.reply.send(Ok(self.state)).ok();
+                }
+                // An operator step does not resume a pause.
+                ScanCommand::Done(_) => {
+                    request.reply.send(Err(self.state)).ok();
                 }
             }
         }
@@ -582,29 +592,31 @@ impl<'a> Runner<'a> {
                         ScanState::WaitingForOperator,
                         None,
                         Some(action),
-                        self.ledger.progress,
+                        self.totals.progress,
                     )
                     .await?;
                 self.state = ScanState::WaitingForOperator;
             }
-            let slip = self.orders.recv().await.unwrap_or_else(shut_down);
-            match slip.order {
-                Order::Done(other) if other != action => {
-                    slip.reply.send(Err(self.state)).ok();
+            let request = self.commands.recv().await.unwrap_or_else(shut_down);
+            match request.command {
+                ScanCommand::Done(other) if other != action => {
+                    request.reply.send(Err(self.state)).ok();
                 }
-                Order::Continue | Order::Resume | Order::Done(_) => {
+                ScanCommand::Continue | ScanCommand::Resume | ScanCommand::Done(_) => {
                     self.enter(ScanState::Running, None).await?;
-                    slip.reply.send(Ok(self.state)).ok();
+                    request.reply.send(Ok(self.state)).ok();
                     return Ok(());
                 }
-                Order::Abort | Order::ShutDown => return self.end_by(slip.order, slip).await,
-                Order::Pause | Order::Stop => {
-                    let reason = match slip.order {
-                        Order::Stop => Some(Trouble::STOPPED),
+                ScanCommand::Abort | ScanCommand::ShutDown => {
+                    return self.end_by(request.command, request).await;
+                }
+                ScanCommand::Pause | ScanCommand::Stop => {
+                    let reason = match request.command {
+                        ScanCommand::Stop => Some(VisitError::STOPPED),
                         _ => None,
                     };
                     self.enter(ScanState::Paused, reason).await?;
-                    slip.reply.send(Ok(self.state)).ok();
+                    request.reply.send(Ok(self.state)).ok();
                     self.wait_for_resume().await?;
                 }
             }
@@ -612,10 +624,10 @@ impl<'a> Runner<'a> {
     }
 }
 
-/// What a closed order book means: whoever held it is gone.
-fn shut_down() -> OrderSlip {
-    OrderSlip {
-        order: Order::ShutDown,
+/// The command that a closed channel stands for: its sender is gone.
+fn shut_down() -> CommandRequest {
+    CommandRequest {
+        command: ScanCommand::ShutDown,
         reply: oneshot::channel().0,
     }
 }

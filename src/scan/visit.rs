@@ -1,4 +1,4 @@
-//! One visit to a point: move, capture, check what came.
+//! One visit to a point: move, capture, check the frames.
 
 use super::plan::Shot;
 use super::recorder::{BLACK, Rejected, TakenFrame, Visit};
@@ -8,32 +8,31 @@ use crate::bench::{Camera, CameraError, CaptureRequest};
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 
-/// What a frame must look like to be believed.
+/// Rules that an accepted frame satisfies.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameRules {
-    /// Width and height the camera is set to.
+    /// Width and height of the camera's images.
     pub size_px: (u32, u32),
     /// Counts without light.
     pub black_level_dn: f64,
     /// Read noise in counts.
     pub read_noise_dn: f64,
-    /// How far above the black level, in standard deviations of the read noise, a frame's mean must
-    /// be to show light at all.
+    /// Smallest mean above the black level, in standard deviations of the read noise, that counts as light.
     pub dark_sigmas: f64,
     /// Count at which a pixel is full.
     pub saturation_dn: u16,
-    /// What counts because a person has looked.
-    pub looked_at: LookedAt,
-    /// How far above the black level the mean of a capped frame may be.
+    /// Faults that the operator has confirmed to be as intended.
+    pub confirmed: Confirmed,
+    /// Largest mean of a capped frame above the black level.
     pub capped: CappedLimit,
 }
 
-/// How far above the black level the mean of a frame under the cap may be: dark current grows with the exposure.
+/// Largest mean of a capped frame above the black level. Dark current grows with the exposure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CappedLimit {
     /// Counts at any exposure.
     pub mean_dn_max: f64,
-    /// Counts of dark current in a second.
+    /// Counts of dark current per second.
     pub dark_dn_per_s: f64,
 }
 
@@ -44,30 +43,31 @@ impl CappedLimit {
     }
 }
 
-/// What may be as it should, and may be a fault: a person looks once, and who resumes then says that it counts.
+/// Observations that may be a fault or intended. The scan pauses once; by resuming, the operator confirms that they are
+/// intended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct LookedAt {
-    /// A sample without light: a metal may show none, but so does a cap that was left on.
+pub struct Confirmed {
+    /// A sample without light: a metal may show none, and neither does a sample under a lens cap.
     pub black_sample: bool,
-    /// A sample that fills the camera at every pose.
+    /// A sample that saturates the camera at every pose.
     pub full_sample: bool,
 }
 
-impl LookedAt {
-    /// Notes that a person has looked at this.
+impl Confirmed {
+    /// Notes that the operator has confirmed this.
     pub(super) fn note(&mut self, rejected: &Rejected) {
         match rejected {
             Rejected::BlackSample => self.black_sample = true,
             Rejected::FullSample { .. } => self.full_sample = true,
-            // Noise repeats itself for nobody.
+            // Confirming does not repair these.
             Rejected::SameFrame | Rejected::Otherwise(_) => {}
         }
     }
 }
 
-/// Why a visit did not give frames that count.
+/// Why a visit gave no accepted frames.
 #[derive(Debug, thiserror::Error)]
-pub enum Trouble {
+pub enum VisitError {
     /// The stage.
     #[error("{0}")]
     Stage(StageError),
@@ -75,42 +75,42 @@ pub enum Trouble {
     #[error("{0}")]
     Camera(CameraError),
     /// The frames, after several visits.
-    #[error("{0}; put it right, then resume")]
+    #[error("{0}; fix it, then resume")]
     Frames(Rejected),
 }
 
-impl Trouble {
+impl VisitError {
     /// Reason of a scan that was stopped by the stop button.
-    pub const STOPPED: &'static str = "stopped; resume to go on";
+    pub const STOPPED: &'static str = "stopped; resume to continue";
 
-    /// Whether another visit may help without a person.
+    /// Returns whether another visit may succeed without the operator.
     pub(super) fn may_be_retried(&self) -> bool {
         match self {
-            Trouble::Stage(error) => stage_may_be_retried(error),
-            Trouble::Camera(CameraError::TimedOut { .. } | CameraError::NotAFrame(_))
-            | Trouble::Frames(_) => true,
-            Trouble::Camera(CameraError::Failed(_)) => false,
+            VisitError::Stage(error) => stage_may_be_retried(error),
+            VisitError::Camera(CameraError::TimedOut { .. } | CameraError::NotAFrame(_))
+            | VisitError::Frames(_) => true,
+            VisitError::Camera(CameraError::Failed(_)) => false,
         }
     }
 
-    /// Whether the plan asks for what the rig cannot do.
+    /// Returns whether the plan requests what the rig cannot do.
     pub(super) fn contradicts_the_plan(&self) -> bool {
-        matches!(self, Trouble::Stage(StageError::OutsideLimits { .. }))
+        matches!(self, VisitError::Stage(StageError::OutsideLimits { .. }))
     }
 
-    /// Code of the alarm; `None` for what a person did on purpose.
+    /// Returns the code of the alarm; `None` for a stop by the user.
     pub(super) fn code(&self) -> Option<&'static str> {
         match self {
-            Trouble::Stage(StageError::Stopped) => None,
-            Trouble::Stage(error) => Some(stage_code(error)),
-            Trouble::Camera(_) => Some("camera-failed"),
-            Trouble::Frames(_) => Some("frames-rejected"),
+            VisitError::Stage(StageError::Stopped) => None,
+            VisitError::Stage(error) => Some(stage_code(error)),
+            VisitError::Camera(_) => Some("camera-failed"),
+            VisitError::Frames(_) => Some("frames-rejected"),
         }
     }
 }
 
-/// Whether the same move may be tried again without a person: what the line or the settling spoilt,
-/// not what somebody or something did to the axis. Targets are absolute, so trying again is safe.
+/// Returns whether the same move may be repeated without the operator: after errors of the line or of settling, not after
+/// interference with the axis. Targets are absolute, so a repetition is safe.
 fn stage_may_be_retried(error: &StageError) -> bool {
     match error {
         StageError::Missed { .. }
@@ -142,7 +142,7 @@ fn stage_may_be_retried(error: &StageError) -> bool {
     }
 }
 
-/// Stable word for what a stage reports.
+/// Returns the stable code of a stage error.
 #[must_use]
 pub fn stage_code(error: &StageError) -> &'static str {
     match error {
@@ -176,19 +176,18 @@ pub fn stage_code(error: &StageError) -> &'static str {
     }
 }
 
-/// Moves to a point and takes its frames. Dropping the future leaves the stage to be stopped by the
-/// caller.
+/// Moves to a point and takes its frames. A caller that drops the future has to stop the stage.
 pub(super) async fn visit(
     stage: &Stage,
     camera: &mut dyn Camera,
     shot: &Shot,
     attempt: u32,
     rules: &FrameRules,
-) -> Result<Visit, Trouble> {
+) -> Result<Visit, VisitError> {
     let arrived = match shot.target {
-        // The stage checks the limits again before it moves.
-        Some(target) => stage.move_pose(target).await.map_err(Trouble::Stage)?,
-        None => stage.status().await.map_err(Trouble::Stage)?.pose(),
+        // The stage checks the limits before it moves.
+        Some(target) => stage.move_pose(target).await.map_err(VisitError::Stage)?,
+        None => stage.status().await.map_err(VisitError::Stage)?.pose(),
     };
     let pose = in_the_plans_turn(arrived, shot);
     let mut frames = Vec::with_capacity(shot.n_frames() as usize);
@@ -200,7 +199,7 @@ pub(super) async fn visit(
                 exposure_s,
                 repeat,
             };
-            let captured = camera.capture(&request).await.map_err(Trouble::Camera)?;
+            let captured = camera.capture(&request).await.map_err(VisitError::Camera)?;
             frames.push(TakenFrame {
                 captured,
                 exposure_s,
@@ -213,7 +212,7 @@ pub(super) async fn visit(
         .first()
         .map(|frame| frame.captured.started_utc)
         .expect("a checked plan has frames at every point");
-    let still = stage.status().await.map_err(Trouble::Stage)?;
+    let still = stage.status().await.map_err(VisitError::Stage)?;
     let settings = stage.settings();
     let drift = (still.theta_c.position - arrived.theta_c)
         .abs()
@@ -241,7 +240,7 @@ pub(super) async fn visit(
     })
 }
 
-/// The position read back, in the turn the plan states: angles in the record are the plan's.
+/// Returns the position read back, in the turn of the plan: recorded angles are those of the plan.
 fn in_the_plans_turn(arrived: Pose, shot: &Shot) -> Pose {
     match (shot.pose, shot.target) {
         (Some(asked), Some(target)) if asked.phi_s != target.phi_s => Pose {
@@ -252,7 +251,7 @@ fn in_the_plans_turn(arrived: Pose, shot: &Shot) -> Pose {
     }
 }
 
-/// What is wrong with the frames of a point; `None` if nothing is.
+/// Returns what is wrong with the frames of a point; `None` if they are accepted.
 fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<Rejected> {
     for taken in frames {
         let frame = &taken.captured.frame;
@@ -265,7 +264,7 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<R
         }
     }
     match kind {
-        FrameKind::Sample if rules.looked_at.black_sample => None,
+        FrameKind::Sample if rules.confirmed.black_sample => None,
         FrameKind::Dark => frames
             .iter()
             .map(|taken| {
@@ -277,8 +276,8 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<R
                 Rejected::Otherwise(format!(
                     "not dark: {above:.0} DN above the black level in {exposure_s} s, and at most {:.0} DN are allowed \
                      (scan.capped_mean_dn_max, {} DN, and what camera.dark_current_electrons_per_s makes in that time, \
-                     {:.0} DN); is the cap on the lens? If it is, this is dark current, which grows with the exposure: \
-                     state the camera's, or plan shorter exposures",
+                     {:.0} DN); check the lens cap; if it is on, this is dark current: state \
+                     camera.dark_current_electrons_per_s, or plan shorter exposures",
                     rules.capped.at(exposure_s),
                     rules.capped.mean_dn_max,
                     rules.capped.dark_dn_per_s * exposure_s,
@@ -320,7 +319,7 @@ pub(super) mod tests {
             read_noise_dn: 4.0,
             dark_sigmas: 10.0,
             saturation_dn: 4000,
-            looked_at: LookedAt::default(),
+            confirmed: Confirmed::default(),
             capped: CappedLimit {
                 mean_dn_max: 50.0,
                 dark_dn_per_s: 0.0,
@@ -328,7 +327,7 @@ pub(super) mod tests {
         }
     }
 
-    /// As bright all over, but for noise that is drawn from the number.
+    /// An even frame with noise seeded by its count.
     pub fn taken(dn: u16, exposure_s: f64) -> TakenFrame {
         let mut state = u32::from(dn);
         let noise = std::iter::repeat_with(|| {
@@ -359,7 +358,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn light_under_the_cap_and_darkness_without_it_are_named() {
+    fn light_under_the_cap_and_a_black_sample_are_named() {
         let fault = |dn, kind| fault(&[taken(dn, 0.1)], kind, &rules());
         assert_eq!(fault(201, FrameKind::Dark), None);
         let words = |dn, kind| fault(dn, kind).unwrap().to_string();
@@ -367,13 +366,13 @@ pub(super) mod tests {
         assert_eq!(fault(900, FrameKind::Sample), None);
         assert_eq!(fault(200, FrameKind::Sample), Some(Rejected::BlackSample));
         assert!(words(200, FrameKind::Sample).starts_with("black"));
-        // A white reference is never black, whoever has looked at a sample.
+        // A confirmed black sample does not make a black white reference acceptable.
         assert!(words(200, FrameKind::Flat).starts_with("black"));
         assert_ne!(fault(200, FrameKind::Flat), Some(Rejected::BlackSample));
     }
 
     #[test]
-    fn dark_current_is_allowed_as_long_as_the_exposure_and_light_is_not() {
+    fn dark_current_grows_with_the_exposure_and_more_is_light() {
         let mut rules = rules();
         rules.capped.dark_dn_per_s = 100.0;
         let fault = |dn, exposure_s| fault(&[taken(dn, exposure_s)], FrameKind::Dark, &rules);

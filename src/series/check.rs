@@ -1,4 +1,4 @@
-//! The text of a manifest, checked: its form, its keys by `keys`, and each value by `values`.
+//! Checks the text of a manifest: its form, its keys (`keys`), and each value (`values`).
 
 use super::SeriesError;
 use super::keys::{slips, stray};
@@ -9,7 +9,7 @@ use crate::material::Material;
 use crate::wording::refusals::plain;
 use crate::wording::toml_text::line_at;
 
-/// The name of another form with a manifest: a goniometer's table.
+/// Schema name of the manifest of a goniometer's table.
 pub const TABLE_SCHEMA: &str = "brdf-table-1";
 
 impl Manifest {
@@ -21,8 +21,8 @@ impl Manifest {
         Manifest::read(text, file, false)
     }
 
-    /// The same of a series that comes from outside, where whoever wrote it can still correct it: every key also stands
-    /// where it is read, and the values fit each other. What is in a store already is read as it was taken.
+    /// Reads the manifest of a series that comes from outside, whose author can still correct it: additionally, every key must
+    /// be where it is read, and the values must agree with each other. A manifest in a store is read as it was taken.
     ///
     /// # Errors
     /// As [`Manifest::from_toml`].
@@ -30,7 +30,7 @@ impl Manifest {
         Manifest::read(text, file, true)
     }
 
-    /// The nominal material that a section `[sample]` states by itself, at a wavelength that counts for a metal by name.
+    /// Returns the nominal material that a section `[sample]` states, at the wavelength for a metal by name.
     ///
     /// # Errors
     /// [`SeriesError::Invalid`] names key, cause and remedy, and no line.
@@ -84,7 +84,7 @@ impl Manifest {
             });
         }
         if from_outside && let Some(stray) = stray(&table, "", &table) {
-            return Err(stray.told(text, file));
+            return Err(stray.error(text, file));
         }
         slips(&table, text, file)?;
         let manifest: Manifest = toml::from_str(text).map_err(|error| {
@@ -108,7 +108,7 @@ impl Manifest {
             true => values::check_fit(&manifest),
             false => Ok(()),
         });
-        checked.map_err(|problem| problem.told(text, file))?;
+        checked.map_err(|problem| problem.error(text, file))?;
         Ok(manifest)
     }
 }
@@ -308,7 +308,7 @@ mod tests {
     #[test]
     fn a_lean_direction_that_cannot_be_read_is_refused() {
         let words = "\"(i+j) even: lean direction v at phi_s (ridges run along u = v x n)\"";
-        let with = |told: &str| CHECKER.replacen(words, &format!("\"{told}\""), 1);
+        let with = |value: &str| CHECKER.replacen(words, &format!("\"{value}\""), 1);
         for told in [
             "leans left",
             "v at phi_s + ninety deg",

@@ -102,7 +102,7 @@ pub(super) struct Stray {
 }
 
 impl Stray {
-    pub(super) fn told(self, text: &str, file: &str) -> SeriesError {
+    pub(super) fn error(self, text: &str, file: &str) -> SeriesError {
         let Stray { section, key, home } = self;
         // An inline table has no header: its own line then.
         let (outer, name) = section.rsplit_once('.').unwrap_or(("", &section));
@@ -274,7 +274,7 @@ mod tests {
                     "section [notes] if",
                 ],
             ),
-            // It is read there by nobody who names a metal.
+            // It has no effect beside the name of a metal.
             (
                 "rotation = \"phi_s about +z, counter-clockwise seen from +z\"\nwavelength_nm = 550.0\n",
                 "",

@@ -1,10 +1,9 @@
 //! A recorded series (`gonio-series-1`): a folder with `manifest.toml`, `frames.csv` and frames of
 //! 16-bit grey, PNG or TIFF.
 //!
-//! [`Series::open`] reads and checks the two text files; frames are read one by one, so a series
-//! of any length needs the memory of one frame. [`write()`] makes such a folder, frames bit for
-//! bit. What the counts mean is the reduction's business, not this room's: nothing here looks at
-//! a pixel.
+//! [`Series::open`] reads and checks the two text files. Frames are read one by one, so a series of any length needs the memory
+//! of one frame. [`write()`] makes such a folder and keeps the frames bit for bit. This module does not interpret counts; the
+//! reduction does.
 
 mod check;
 mod imaging;
@@ -31,20 +30,20 @@ use std::path::{Path, PathBuf};
 use crate::frame::{Frame, FrameError};
 use crate::wording::sheet::decoded;
 
-/// A file of more bytes than this is no frame list and no manifest.
+/// Largest size of a frame list or manifest, bytes.
 const TEXT_BYTES_MAX: u64 = 64 << 20;
 
 /// Why a folder is not a series. The text names file, place, cause and remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum SeriesError {
     /// There is no such folder, or it is a file.
-    #[error("{folder} is not a folder; give the folder that holds manifest.toml and frames.csv")]
+    #[error("{folder} is not a folder; give the folder that contains manifest.toml and frames.csv")]
     NoFolder {
         /// The path that was given.
         folder: String,
     },
-    /// A file that every series has is not there.
-    #[error("{folder} holds no {file}, so it is not a recorded series; {remedy}")]
+    /// A file that every series has is missing.
+    #[error("{folder} has no {file}, so it is not a recorded series; {remedy}")]
     MissingFile {
         /// The folder.
         folder: String,
@@ -53,7 +52,7 @@ pub enum SeriesError {
         /// What to do.
         remedy: String,
     },
-    /// A file is there and cannot be read.
+    /// A file cannot be read.
     #[error("{file} cannot be read: {source}; check its permissions")]
     Unreadable {
         /// The file.

@@ -1,7 +1,7 @@
-//! The files that a list names, where a file's system writes their names otherwise.
+//! Finds the files of a list where the file system spells their names differently.
 //!
-//! macOS decomposes letters with accents (NFD) where lists compose them (NFC), and Windows does not tell capitals from small
-//! letters. A name that is there as it is listed always counts; else the one file counts that differs in nothing but these.
+//! macOS decomposes letters with accents (NFD), lists compose them (NFC), and Windows ignores the case of letters. A file with
+//! the exact name always counts; otherwise the only file that differs in nothing else counts.
 
 use std::collections::HashMap;
 use std::ffi::OsString;
@@ -9,12 +9,12 @@ use std::path::{Component, Path, PathBuf};
 
 use unicode_normalization::UnicodeNormalization;
 
-/// What a name is compared by.
+/// Returns the form of a name that is compared.
 fn key(name: &str) -> String {
     name.to_lowercase().nfc().collect()
 }
 
-/// The names in a folder by their keys; those of a key that several have are left out.
+/// The names in a folder by their keys, without the keys that several names have.
 type Listing = HashMap<String, Option<OsString>>;
 
 fn listing(folder: &Path) -> Listing {

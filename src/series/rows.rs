@@ -33,7 +33,7 @@ pub struct FrameRow {
     pub timestamp: String,
 }
 
-/// Azimuths count on over some turns, as stages do; so far none does.
+/// Largest angle: azimuths may exceed one turn, as those of stages do.
 const TURNS_MAX_DEG: f64 = 3600.0;
 const REQUIRED: [&str; 5] = ["file", "kind", "theta_c_deg", "phi_s_deg", "exposure_s"];
 const OPTIONAL: [&str; 2] = ["repeat", "timestamp"];
@@ -45,7 +45,7 @@ impl FrameRow {
         Pose::from_deg(self.theta_c_deg, self.phi_s_deg)
     }
 
-    /// Seconds since 1970 at which it was taken; `None` where the timestamp is none of RFC 3339.
+    /// Returns the time of the frame, s since 1970; `None` if the timestamp is not valid RFC 3339.
     #[must_use]
     pub fn taken_s(&self) -> Option<f64> {
         let time = OffsetDateTime::parse(&self.timestamp, &Rfc3339).ok()?;
@@ -390,7 +390,7 @@ mod tests {
             said.to_string().contains("line 2: column `exposure_s`"),
             "{said}"
         );
-        // A comma for both is not to be told apart.
+        // A comma for both is ambiguous.
         let said = FrameRow::read_all(&german.replace(';', ","), "frames.csv").unwrap_err();
         assert!(
             said.to_string().contains("decimals follow a point"),

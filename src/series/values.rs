@@ -1,4 +1,4 @@
-//! What the values of a manifest may be: each in its range, then what belongs together.
+//! Checks the values of a manifest: each in its range, then those that must agree.
 
 use super::SeriesError;
 use super::manifest::{Manifest, SCHEMA, SampleKind, is_lean};
@@ -6,7 +6,7 @@ use super::rows::path_problem;
 use super::text::{line_of, path_of};
 use crate::limits::{self, Limit};
 
-/// A value that may not be.
+/// An invalid value.
 #[derive(Debug)]
 pub(super) struct Problem {
     pub section: &'static str,
@@ -16,7 +16,7 @@ pub(super) struct Problem {
 }
 
 impl Problem {
-    pub(super) fn told(self, text: &str, file: &str) -> SeriesError {
+    pub(super) fn error(self, text: &str, file: &str) -> SeriesError {
         SeriesError::Invalid {
             file: file.to_owned(),
             line: line_of(text, self.section, self.key),

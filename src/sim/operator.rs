@@ -9,7 +9,7 @@ use super::world::{OnTable, World};
 use crate::lab::{Lab, LabError};
 use crate::material::Material;
 use crate::model::{Surface, Variant};
-use crate::scan::runner::Order;
+use crate::scan::runner::ScanCommand;
 use crate::scan::{Event, OperatorAction};
 use crate::store::samples::{NewSample, SimulatedSurface};
 
@@ -63,7 +63,7 @@ impl SimulatedRig {
             while let Some((scan_id, action)) = steps.recv().await {
                 act(&lab, &world, &on_table, scan_id, action).await;
                 if and_continue {
-                    let continued = lab.order(scan_id, Order::Continue).await;
+                    let continued = lab.order(scan_id, ScanCommand::Continue).await;
                     if let Err(error) = continued {
                         tracing::debug!(scan_id, %error, "nothing to continue: {error}");
                     }

@@ -25,6 +25,7 @@ pub mod jobs;
 pub mod observations;
 mod page;
 mod recovery;
+mod reductions;
 pub mod samples;
 pub mod scans;
 
@@ -69,6 +70,8 @@ struct Inner {
     disk: Arc<dyn Disk>,
     clock: Arc<dyn Clock>,
     holds: Arc<holds::Holds>,
+    /// What reductions computed, of the scans that were reduced last.
+    reductions: Mutex<reductions::Shared>,
     /// Held while this process writes; `None` for a reader beside a running daemon.
     lock: Mutex<Option<File>>,
 }
@@ -185,6 +188,7 @@ impl Store {
                 disk,
                 clock,
                 holds: Arc::default(),
+                reductions: Mutex::default(),
                 lock: Mutex::new(lock),
             }),
         })

@@ -10,7 +10,7 @@ use ridged::lab::{LabError, RigParts, ScanRequest, StoredSeries};
 use ridged::reduction::{FrameSource, reduce};
 use ridged::scan::event::RigActivity;
 use ridged::scan::plan::FlatRequest;
-use ridged::scan::runner::Order;
+use ridged::scan::runner::ScanCommand;
 use ridged::scan::{OperatorAction, PlanRequest, Rig, ScanState, StageLink};
 use ridged::store::disk::RealDisk;
 
@@ -165,7 +165,11 @@ async fn a_scan_of_other_settings_is_not_resumed_and_they_are_named() {
     bench.end().await;
     let gain = |parts: &mut RigParts| parts.settings.camera.gain_dn_per_electron = 0.25;
     let bench = opened(folder.path(), HOUR, gain).await;
-    let refused = bench.lab.order(scan.id, Order::Resume).await.unwrap_err();
+    let refused = bench
+        .lab
+        .order(scan.id, ScanCommand::Resume)
+        .await
+        .unwrap_err();
     assert!(
         matches!(refused, LabError::NotOfThisRig { .. }),
         "{refused}"
@@ -186,7 +190,7 @@ async fn a_scan_of_other_settings_is_not_resumed_and_they_are_named() {
     bench.end().await;
     // With the settings as they were it goes on.
     let bench = opened(folder.path(), HOUR, |_| {}).await;
-    bench.lab.order(scan.id, Order::Resume).await.unwrap();
+    bench.lab.order(scan.id, ScanCommand::Resume).await.unwrap();
     assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
     bench.end().await;
 }

@@ -397,6 +397,73 @@ fn monitors_see_scans_frames_the_line_and_requests_by_a_few_names() {
     assert!(daemon.terminate().success());
 }
 
+#[test]
+fn every_frame_is_decoded_once_for_a_scan_and_all_its_answers() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut daemon = Daemon::start(folder.path(), &["--simulated-rig", "--time-scale", "20"]);
+    let decoded = |daemon: &Daemon| -> f64 {
+        let text = String::from_utf8(daemon.bytes("/metrics").1).unwrap();
+        let line = text
+            .lines()
+            .find(|line| line.starts_with("ridged_frames_decoded_total"));
+        line.map_or(0.0, |line| {
+            line.rsplit(' ').next().unwrap().parse().unwrap()
+        })
+    };
+    let begun = daemon.post("/scans", r#"{"sample_id": 2, "plan": {"preset": "paper"}}"#);
+    assert_eq!(begun.0, 202, "{}", begun.1);
+    let mut frames = 0.0;
+    daemon.follow(|daemon, event| match event["type"].as_str() {
+        Some("scan") if event["state"] == "waiting-for-operator" => {
+            daemon.post("/scans/1/continue", "");
+            true
+        }
+        Some("frame") => {
+            frames += 1.0;
+            true
+        }
+        _ => event["state"] != "completed",
+    });
+    // The live fit has read what was there when it looked.
+    assert!(decoded(&daemon) > 0.0);
+    let specification = r#"{"name": "part", "limits": {"theta_r_deg": {"lower": 5, "upper": 15}}}"#;
+    let verdict = format!(r#"{{"scan_id": 1, "specification": {specification}}}"#);
+    let scan = r#"{"scan_id": 1}"#;
+    for (kind, request) in [
+        ("fits", scan),
+        ("contrasts", scan),
+        ("verdicts", &verdict),
+        ("fits", scan),
+    ] {
+        let (status, mut answer) = daemon.post(&format!("/{kind}"), request);
+        assert_eq!(status, 202, "{answer}");
+        let path = format!("/{kind}/{}", answer["id"]);
+        while answer["state"] == "running" {
+            std::thread::sleep(Duration::from_millis(50));
+            answer = daemon.get(&path).1;
+        }
+        assert_eq!(answer["state"], "completed", "{answer}");
+        // Each frame is used, so each was decoded; the total says that none was decoded twice.
+        if kind == "fits" {
+            assert_eq!(answer["n_frames_used"], frames, "{answer}");
+        }
+        assert_eq!(decoded(&daemon), frames, "{kind}");
+    }
+    assert_eq!(daemon.get("/scans/1/observations").0, 200);
+    assert_eq!(decoded(&daemon), frames);
+    // After another start the sums are in the store.
+    assert!(daemon.terminate().success());
+    let mut daemon = Daemon::start(folder.path(), &["--simulated-rig"]);
+    let contrast = daemon.post("/contrasts", scan).1;
+    let path = format!("/contrasts/{}", contrast["id"]);
+    while daemon.get(&path).1["state"] == "running" {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert_eq!(daemon.get(&path).1["state"], "completed");
+    assert_eq!(decoded(&daemon), 0.0);
+    assert!(daemon.terminate().success());
+}
+
 /// A daemon as a process of its own.
 pub(crate) struct Daemon {
     child: Child,

@@ -12,7 +12,7 @@ use futures::FutureExt;
 use ridged::bench::stage::AxisName;
 use ridged::lab::{LabError, ScanRequest};
 use ridged::scan::event::RigActivity;
-use ridged::scan::runner::Order;
+use ridged::scan::runner::ScanCommand;
 use ridged::scan::{Event, PlanRequest, ScanState};
 use ridged::sim::world::AxisFault;
 use ridged::store::PageRequest;
@@ -64,12 +64,12 @@ async fn a_scan_that_cannot_be_resumed_says_so_and_can_be_later() {
         "CREATE TRIGGER full BEFORE INSERT ON scan_states BEGIN SELECT RAISE(ABORT, 'full'); END",
     )
     .await;
-    let resumed = tokio::time::timeout(NEVER, bench.lab.order(scan.id, Order::Resume)).await;
+    let resumed = tokio::time::timeout(NEVER, bench.lab.order(scan.id, ScanCommand::Resume)).await;
     let refused = resumed.expect("an answer comes").unwrap_err();
     assert_eq!(refused.code(), "store-failed", "{refused}");
     by_hand(folder.path(), "DROP TRIGGER full").await;
     let state = loop {
-        match bench.lab.order(scan.id, Order::Resume).await {
+        match bench.lab.order(scan.id, ScanCommand::Resume).await {
             Ok(state) => break state,
             // The owner is about to have the rig back.
             Err(LabError::Busy { .. } | LabError::NotNow { .. }) => tokio::task::yield_now().await,
@@ -83,21 +83,21 @@ async fn a_scan_that_cannot_be_resumed_says_so_and_can_be_later() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_scan_whose_orders_could_not_be_written_takes_them_once_they_can() {
     for (order, state) in [
-        (Order::Abort, ScanState::Aborted),
-        (Order::Resume, ScanState::Running),
+        (ScanCommand::Abort, ScanState::Aborted),
+        (ScanCommand::Resume, ScanState::Running),
     ] {
         let folder = tempfile::tempdir().unwrap();
         let bench = BenchInABox::open(folder.path(), Arc::new(RealDisk), false).await;
         let scan = bench.start(small(&[0.0], &[0.0])).await;
         bench.until(scan.id, ScanState::WaitingForOperator).await;
-        bench.lab.order(scan.id, Order::Pause).await.unwrap();
+        bench.lab.order(scan.id, ScanCommand::Pause).await.unwrap();
         by_hand(
             folder.path(),
             "CREATE TRIGGER full BEFORE INSERT ON scan_states BEGIN SELECT RAISE(ABORT, 'full'); END",
         )
         .await;
         // Not that it stands where it cannot be aborted: what keeps it from being written.
-        for order in [order, Order::Abort, Order::Resume] {
+        for order in [order, ScanCommand::Abort, ScanCommand::Resume] {
             let answer = tokio::time::timeout(NEVER, bench.lab.order(scan.id, order)).await;
             let refused = answer.expect("an answer comes").unwrap_err();
             assert_eq!(refused.code(), "store-failed", "{refused}");
@@ -174,7 +174,7 @@ async fn a_database_that_another_program_writes_to_for_a_moment_is_waited_for() 
         tokio::time::sleep(Duration::from_millis(300)).await;
         sqlx::query("COMMIT").execute(&mut other).await.unwrap();
     };
-    let (paused, ()) = futures::join!(bench.lab.order(scan.id, Order::Pause), for_a_moment);
+    let (paused, ()) = futures::join!(bench.lab.order(scan.id, ScanCommand::Pause), for_a_moment);
     assert_eq!(paused.unwrap(), ScanState::Paused);
     other.close().await.unwrap();
     bench.end().await;

@@ -15,7 +15,7 @@ use ridged::lab::{
 use ridged::reduction::FrameSource;
 use ridged::scan::event::RigActivity;
 use ridged::scan::plan::Preset;
-use ridged::scan::runner::Order;
+use ridged::scan::runner::ScanCommand;
 use ridged::scan::{Event, OperatorAction, PlanRequest, ScanState};
 use ridged::sim::world::AxisFault;
 use ridged::store::PageRequest;
@@ -161,7 +161,7 @@ async fn a_scan_is_fitted_while_it_runs_and_its_uncertainty_falls() {
         }
     }
     disk.let_in(1000);
-    lab.order(scan.id, Order::Abort).await.ok();
+    lab.order(scan.id, ScanCommand::Abort).await.ok();
     bench.finish(scan.id).await;
     let [(few, early_s, wide), (many, late_s, narrow)] = fitted_at[..] else {
         panic!("{fitted_at:?}");
@@ -236,15 +236,15 @@ async fn a_scan_that_was_stopped_while_it_waited_says_so() {
     let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
     let scan = bench.start(small(&[0.0], &[0.0])).await;
     for (order, reason) in [
-        (Order::Stop, Some("stopped; resume to go on")),
-        (Order::Pause, None),
+        (ScanCommand::Stop, Some("stopped; resume to continue")),
+        (ScanCommand::Pause, None),
     ] {
         bench.until(scan.id, ScanState::WaitingForOperator).await;
         bench.lab.order(scan.id, order).await.unwrap();
         let paused = bench.lab.store().scan(scan.id).await.unwrap();
         assert_eq!(paused.state, ScanState::Paused);
         assert_eq!(paused.reason.as_deref(), reason);
-        bench.lab.order(scan.id, Order::Resume).await.unwrap();
+        bench.lab.order(scan.id, ScanCommand::Resume).await.unwrap();
     }
     bench.end().await;
 }
@@ -258,14 +258,14 @@ async fn a_scan_waits_for_its_operator_pauses_and_goes_on() {
     // Nobody else gets the rig meanwhile, but everybody may stop it.
     let refused = lab.move_axis(AxisName::ThetaC, Angle::ZERO).await;
     assert!(matches!(refused, Err(LabError::Busy { .. })), "{refused:?}");
-    assert!(lab.order(scan.id, Order::Resume).await.is_err());
+    assert!(lab.order(scan.id, ScanCommand::Resume).await.is_err());
     assert_eq!(
-        lab.order(scan.id, Order::Pause).await.unwrap(),
+        lab.order(scan.id, ScanCommand::Pause).await.unwrap(),
         ScanState::Paused
     );
     // Somebody comes to the rig; the step is asked for once more.
     let hands = bench.rig.operate(lab, true);
-    lab.order(scan.id, Order::Resume).await.unwrap();
+    lab.order(scan.id, ScanCommand::Resume).await.unwrap();
     assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
     hands.abort();
     bench.end().await;
@@ -291,7 +291,7 @@ async fn what_was_put_right_is_homed_and_the_scan_goes_on() {
             reason.contains(code) && reason.contains("the scan homes it first"),
             "{reason}"
         );
-        bench.lab.order(scan.id, Order::Resume).await.unwrap();
+        bench.lab.order(scan.id, ScanCommand::Resume).await.unwrap();
         let goes_on = bench.until(scan.id, ScanState::Completed);
         tokio::time::timeout(Duration::from_secs(60), goes_on)
             .await
@@ -305,9 +305,9 @@ async fn an_aborted_scan_gives_the_rig_back() {
     let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
     let scan = bench.start(small(&[0.0], &[0.0])).await;
     bench.until(scan.id, ScanState::WaitingForOperator).await;
-    let state = bench.lab.order(scan.id, Order::Abort).await.unwrap();
+    let state = bench.lab.order(scan.id, ScanCommand::Abort).await.unwrap();
     assert_eq!(state, ScanState::Aborted);
-    assert!(bench.lab.order(scan.id, Order::Resume).await.is_err());
+    assert!(bench.lab.order(scan.id, ScanCommand::Resume).await.is_err());
     // Free again at once: that it has ended is told to be acted on.
     let next = bench.start(small(&[0.0], &[0.0])).await;
     bench.until(next.id, ScanState::WaitingForOperator).await;
@@ -393,7 +393,7 @@ async fn a_daemon_that_ends_leaves_the_scan_to_be_resumed() {
     assert!(before_s > 0.0);
     let kept = bench.lab.store().shots_done(scan.id).await.unwrap().len();
     assert!(kept >= 7, "{kept} points are kept");
-    bench.lab.order(scan.id, Order::Resume).await.unwrap();
+    bench.lab.order(scan.id, ScanCommand::Resume).await.unwrap();
     assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
     // Its time goes on from where it was.
     let told = bench.lab.store().events_after(0, 1000).await.unwrap();
@@ -492,7 +492,7 @@ async fn a_full_disk_pauses_the_scan_and_loses_nothing() {
     );
     // Room again: it goes on with the point that was lost.
     disk.files_left.store(1000, Ordering::Relaxed);
-    bench.lab.order(scan.id, Order::Resume).await.unwrap();
+    bench.lab.order(scan.id, ScanCommand::Resume).await.unwrap();
     assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
     assert_eq!(
         bench.lab.store().shots_done(scan.id).await.unwrap().len(),

@@ -11,7 +11,7 @@ use ridged::frame::{Frame, FrameKind};
 use ridged::geometry::Pose;
 use ridged::lab::RigParts;
 use ridged::scan::recorder::{RecordError, Recorder, Visit};
-use ridged::scan::runner::{self, Job, Order, OrderSlip, RunEnd, RunnerSettings};
+use ridged::scan::runner::{self, CommandRequest, RunEnd, RunnerSettings, ScanCommand, ScanRun};
 use ridged::scan::{OperatorAction, Progress, Rig, ScanState, Shot, Step};
 use ridged::sim::rig::{SimulatedRig, Simulation};
 use tokio::sync::{mpsc, oneshot};
@@ -40,7 +40,7 @@ struct CuedCamera {
     hangs: bool,
     last: Option<Frame>,
     cues: BTreeMap<u32, Cue>,
-    orders: mpsc::Sender<OrderSlip>,
+    orders: mpsc::Sender<CommandRequest>,
     asked: u32,
 }
 
@@ -65,7 +65,10 @@ impl Camera for CuedCamera {
                 return Box::pin(std::future::ready(Err(failed)));
             }
             Some(Cue::Stop) => {
-                self.orders.try_send(slip(Order::Stop)).ok().unwrap();
+                self.orders
+                    .try_send(command_request(ScanCommand::Stop))
+                    .ok()
+                    .unwrap();
                 return Box::pin(std::future::pending());
             }
         }
@@ -87,9 +90,9 @@ impl Camera for CuedCamera {
     }
 }
 
-fn slip(order: Order) -> OrderSlip {
-    OrderSlip {
-        order,
+fn command_request(command: ScanCommand) -> CommandRequest {
+    CommandRequest {
+        command,
         reply: oneshot::channel().0,
     }
 }
@@ -97,7 +100,7 @@ fn slip(order: Order) -> OrderSlip {
 /// Notes what it is told, and has somebody come after an hour who resumes whatever is paused.
 struct Notebook {
     clock: Arc<dyn Clock>,
-    orders: mpsc::Sender<OrderSlip>,
+    orders: mpsc::Sender<CommandRequest>,
     free_bytes: u64,
     states: Vec<ScanState>,
     alarms: Vec<String>,
@@ -120,7 +123,10 @@ impl Recorder for Notebook {
             if next == ScanState::Paused {
                 self.clock.sleep(Duration::from_secs(3600)).await;
                 self.free_bytes = u64::MAX;
-                self.orders.try_send(slip(Order::Resume)).ok().unwrap();
+                self.orders
+                    .try_send(command_request(ScanCommand::Resume))
+                    .ok()
+                    .unwrap();
             }
             Ok(())
         })
@@ -206,7 +212,7 @@ async fn run(
         ahead: Vec::new(),
         phases: Vec::new(),
     };
-    let job = Job {
+    let run = ScanRun {
         steps,
         done: done.iter().copied().collect::<BTreeSet<u32>>(),
         full: BTreeSet::new(),
@@ -216,7 +222,7 @@ async fn run(
         clock,
     };
     let mut devices = Rig::new(link, Box::new(camera));
-    let end = runner::run(job, &mut devices, &mut notebook, &mut book).await;
+    let end = runner::run(run, &mut devices, &mut notebook, &mut book).await;
     (end.unwrap(), notebook)
 }
 

@@ -12,7 +12,7 @@ use ridged::clock::{Clock, ScaledClock, SteppedClock};
 use ridged::lab::{Lab, LabError, ScanRequest};
 use ridged::scan::event::RigActivity;
 use ridged::scan::plan::{DarkRequest, FlatRequest};
-use ridged::scan::runner::Order;
+use ridged::scan::runner::ScanCommand;
 use ridged::scan::{Event, PlanRequest, Rig, ScanState, StageLink};
 use ridged::sim::faults::{LineFault, ScriptedFaults};
 use ridged::sim::rig::{SimulatedRig, Simulation};
@@ -144,7 +144,11 @@ async fn a_scan_that_lost_its_stage_leaves_the_port_to_the_stop() {
     bench.until(scan.id, ScanState::WaitingForOperator).await;
     bench.rig.world.set_powered(PhiS, false);
     bench.rig.world.cap_lens(true);
-    bench.lab.order(scan.id, Order::Continue).await.unwrap();
+    bench
+        .lab
+        .order(scan.id, ScanCommand::Continue)
+        .await
+        .unwrap();
     // The dark frame needs no motion; the next point does.
     let hands = bench.rig.operate(&bench.lab, true);
     bench.until(scan.id, ScanState::Paused).await;
@@ -233,7 +237,11 @@ async fn an_abort_that_does_not_reach_the_stages_says_so() {
     for axis in [ThetaC, PhiS] {
         bench.rig.world.set_powered(axis, false);
     }
-    let told = bench.lab.order(scan.id, Order::Abort).await.unwrap_err();
+    let told = bench
+        .lab
+        .order(scan.id, ScanCommand::Abort)
+        .await
+        .unwrap_err();
     assert!(matches!(told, LabError::AbortedInMotion { .. }), "{told}");
     let told = told.to_string();
     assert!(
@@ -276,7 +284,7 @@ async fn a_scan_that_cannot_be_recorded_leaves_nothing_moving() {
     while !rig.world.is_moving() {
         tokio::task::yield_now().await;
     }
-    let refused = lab.order(scan.id, Order::Pause).await.unwrap_err();
+    let refused = lab.order(scan.id, ScanCommand::Pause).await.unwrap_err();
     assert_eq!(refused.code(), "store-failed", "{refused}");
     assert!(!rig.world.is_moving());
     hands.abort();

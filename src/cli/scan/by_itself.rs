@@ -12,7 +12,7 @@ use crate::cli::{CliError, runtime, say};
 use crate::daemon;
 use crate::lab::assembly::real_rig;
 use crate::lab::{Lab, LabError, ScanRequest};
-use crate::scan::runner::Order;
+use crate::scan::runner::ScanCommand;
 use crate::scan::{Event, PlanRequest, ScanState};
 use crate::sim::operator::TRACED_SAMPLE;
 use crate::sim::rig::{SimulatedRig, Simulation};
@@ -257,7 +257,7 @@ pub async fn follow(
                     action.message()
                 )));
             }
-            lab.order(scan_id, Order::Done(action))
+            lab.order(scan_id, ScanCommand::Done(action))
                 .await
                 .map_err(runtime::lab_error)?;
         }

@@ -6,8 +6,8 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::{C, Detector};
 use crate::frame::FrameKind;
-use crate::reduction::calibration::Prepared;
 use crate::reduction::merge::{Merged, PoseLevels};
+use crate::reduction::scale::Scale;
 use crate::series::FrameRow;
 
 /// Light that one exposure time gave an observation: its share in it, and its mean count above dark.
@@ -21,12 +21,9 @@ pub(super) struct Share {
 /// What is uncertain of the camera's curve and its exposure times, as a share of each level.
 pub(in crate::reduction) fn shares(
     rows: &[FrameRow],
-    camera: &Prepared,
+    scale: &Scale,
     levels: &[(&PoseLevels, Merged)],
 ) -> Vec<f64> {
-    let Some(detector) = &camera.darks.detector else {
-        return vec![0.0; levels.len()];
-    };
     let share = |exposure_s: f64, of: f64, rate_dn_s: f64| Share {
         exposure_s,
         share: exposure_s / of,
@@ -41,7 +38,7 @@ pub(in crate::reduction) fn shares(
             times().map(|s| share(s, of, level.rate_dn_s)).collect()
         })
         .collect();
-    let white = camera.unit_dn_s.zip(camera.reference);
+    let white = scale.unit_dn_s.zip(scale.reference);
     let white = white.map(|(unit, reference)| unit * reference.reflectance / PI);
     let flats = rows.iter().filter(|row| row.kind == FrameKind::Flat);
     let times: Vec<f64> = flats.map(|row| row.exposure_s).collect();
@@ -49,7 +46,7 @@ pub(in crate::reduction) fn shares(
         let of = times.iter().sum();
         times.iter().map(|s| share(*s, of, rate_dn_s)).collect()
     });
-    detector.shares(&samples, &flats)
+    scale.detector.shares(&samples, &flats)
 }
 
 impl Detector {

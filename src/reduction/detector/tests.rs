@@ -36,10 +36,10 @@ fn the_curve_and_its_inverse_are_each_others() {
 }
 
 /// Visits by exposures of 0.05 and 0.2 s, signals between `levels`, with flicker.
-fn visits(levels: &[f64], c: f64, kappa: f64, flicker: f64, seed: u64) -> (Vec<Visit>, Known) {
+fn visits(levels: &[f64], c: f64, kappa: f64, flicker: f64, seed: u64) -> (Vec<Visit>, CurvePrior) {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
     let curve = Curve { c, full_dn: FULL };
-    let known = Known {
+    let known = CurvePrior {
         full_dn: FULL,
         times_s: vec![0.05, 0.2],
         time_std: 1e-3,
@@ -50,7 +50,7 @@ fn visits(levels: &[f64], c: f64, kappa: f64, flicker: f64, seed: u64) -> (Vec<V
             let linear = linear * (1.0 + flicker * rng.sample::<f64, _>(StandardNormal));
             let counts = curve.counted(linear);
             let n = 4096.0;
-            Seen {
+            FrameLevels {
                 time,
                 bins: vec![[n, n * counts]],
                 variance: 2.0 / (n * counts),
@@ -66,8 +66,8 @@ fn spread(n: usize, low: f64, high: f64) -> Vec<f64> {
     (0..n).map(at).collect()
 }
 
-fn detector(visits: &[Visit], known: &Known, stated: Option<f64>) -> Detector {
-    let known = Known {
+fn detector(visits: &[Visit], known: &CurvePrior, stated: Option<f64>) -> Detector {
+    let known = CurvePrior {
         time_std: stated.unwrap_or(known.time_std),
         ..known.clone()
     };
@@ -80,7 +80,7 @@ fn a_curve_is_told_within_its_uncertainty_and_a_straight_one_is_not() {
     let curves = [-0.1, -0.02, 0.02, 0.06, 0.1];
     for (seed, c) in curves.into_iter().enumerate() {
         let (visits, known) = visits(&spread(40, 4e3, 6e4), c, 0.0, 3e-4, seed as u64);
-        let told = detector(&visits, &known, None).told.expect("a curve");
+        let told = detector(&visits, &known, None).bent.expect("a curve");
         assert!((told.c - c).abs() < 0.002, "{c}: {told:?}");
         assert!(told.explains > 0.9 && told.pairs == 40, "{told:?}");
         squares += ((told.c - c) / told.std).powi(2);
@@ -90,7 +90,7 @@ fn a_curve_is_told_within_its_uncertainty_and_a_straight_one_is_not() {
         let (visits, known) = visits(&spread(40, 4e3, 6e4), 0.0, 0.0, 3e-4, 100 + seed);
         let found = detector(&visits, &known, None);
         assert!(
-            found.told.is_none() && found.correction(0.2).is_none(),
+            found.bent.is_none() && found.correction(0.2).is_none(),
             "{found:?}"
         );
         assert!(found.shares(&[vec![]], &[])[0] == 0.0);
@@ -107,7 +107,7 @@ fn a_late_shutter_is_no_curve_and_is_put_right_by_itself() {
     ] {
         let (visits, known) = visits(&spread(40, 3e3, 6e4), 0.0, kappa, 3e-4, 5);
         let found = detector(&visits, &known, stated);
-        assert!(found.told.is_none(), "{kappa} {stated:?}: {:?}", found.told);
+        assert!(found.bent.is_none(), "{kappa} {stated:?}: {:?}", found.bent);
         let time = |s: f64| found.correction(s).expect("times are off").time;
         assert!(
             (time(0.2) / time(0.05) - 1.0 - kappa).abs() < 3e-4,
@@ -118,7 +118,7 @@ fn a_late_shutter_is_no_curve_and_is_put_right_by_itself() {
     // With both, the one is not taken for the other.
     let (visits, known) = visits(&spread(40, 3e3, 6e4), 0.06, 0.004, 3e-4, 6);
     let told = detector(&visits, &known, Some(0.005))
-        .told
+        .bent
         .expect("a curve");
     assert!(
         (told.c - 0.06).abs() < 3.0 * told.std && told.std < 1.5e-3,
@@ -130,7 +130,7 @@ fn a_late_shutter_is_no_curve_and_is_put_right_by_itself() {
 fn what_shutter_and_curve_would_make_alike_is_not_told_as_a_curve() {
     // One level: half a per cent of shutter is a curve of 2 % or none.
     let (visits, known) = visits(&[3e4; 20], 0.0, 0.005, 3e-4, 7);
-    assert!(detector(&visits, &known, None).told.is_none());
+    assert!(detector(&visits, &known, None).bent.is_none());
 }
 
 #[test]
@@ -149,7 +149,7 @@ fn bad_frames_neither_make_nor_hide_a_curve() {
                 bin[1] *= factor;
             }
         }
-        let told = detector(&visits, &known, None).told;
+        let told = detector(&visits, &known, None).bent;
         match c {
             0.0 => assert!(told.is_none(), "{told:?}"),
             _ => assert!((told.expect("a curve").c - c).abs() < 0.002, "{told:?}"),
@@ -161,14 +161,14 @@ fn bad_frames_neither_make_nor_hide_a_curve() {
 fn three_pairs_tell_a_large_curve_and_two_tell_nothing() {
     let (three, known) = visits(&[1e4, 3e4, 6e4], 0.06, 0.0, 3e-4, 9);
     let told = detector(&three, &known, None)
-        .told
+        .bent
         .expect("three are enough");
     assert!(
         (told.c - 0.06).abs() < 3.0 * told.std && told.std < 0.01,
         "{told:?}"
     );
     let two = detector(&three[1..], &known, None);
-    assert!(two.told.is_none() && two.correction(0.2).is_none());
+    assert!(two.bent.is_none() && two.correction(0.2).is_none());
 }
 
 #[test]
@@ -186,7 +186,7 @@ fn what_is_uncertain_of_curve_and_clock_changes_signals_in_proportion() {
     let shares = found.shares(&[share(2e3), share(2e4), share(6e4)], &flats);
     // As bright as the white reference: nothing is between them.
     assert!(shares[1].abs() < 1e-9, "{shares:?}");
-    let std = found.told.expect("a curve").std;
+    let std = found.bent.expect("a curve").std;
     assert!(
         (shares[2] / std - (6e4 - 2e4) / FULL).abs() < 0.2,
         "{shares:?} {std}"

@@ -1,27 +1,26 @@
-//! Whether the two bytes of each count stand the wrong way round in a file.
+//! Detects files whose counts have their two bytes swapped.
 //!
-//! In a picture neighbours are alike: they differ by their noise and a little light. With the bytes swapped, what differs in
-//! the last digits differs by multiples of 256. So counts that are far more alike once their bytes are swapped were swapped
-//! before.
+//! Neighbouring pixels of an image differ by their noise and a little light. With swapped bytes, differences in the last
+//! digits become multiples of 256. Counts that are far more alike after a swap of their bytes were therefore swapped before.
 
 use crate::frame::Frame;
 
-/// Pixels and pairs of neighbours that are looked at, about.
+/// Approximate number of pixels and of pairs of neighbours that are compared.
 const LOOKED_AT: usize = 4096;
-/// How many times less neighbours have to differ once swapped, and what they have to differ by at least, counts.
+/// Smallest ratio of the differences before and after the swap, and smallest difference, counts.
 const TIMES: f64 = 4.0;
 const LEAST_DN: f64 = 16.0;
-/// A byte that is the same in more than this share of the pixels says nothing: 8 bits look alike in either byte.
+/// A byte that is equal in more than this share of the pixels is uninformative: 8 bits look alike in either byte.
 const ALIKE: f64 = 0.95;
 
-/// In which order the bytes of a frame stand.
+/// The order of the bytes of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum ByteOrder {
-    /// As they should.
+    /// Correct.
     Right,
-    /// The wrong way round: neighbours differ by these means, counts, as they stand and once swapped.
+    /// Swapped. Neighbours differ by these means, counts, before and after the swap.
     Swapped { stands: f64, swapped: f64 },
-    /// The counts do not tell: a dark frame of less than 256 counts, a full one, counts of 8 bits.
+    /// Undetermined: a dark frame of less than 256 counts, a full one, counts of 8 bits.
     Unknown,
 }
 
@@ -81,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn the_order_is_told_where_both_bytes_say_something() {
+    fn the_order_is_found_where_both_bytes_vary() {
         for (level, slope, noise, step) in [
             // Around three times 256.
             (750.0, 0.0, 40.0, 1),
@@ -92,16 +91,16 @@ mod tests {
         ] {
             let [right, swapped] = frames(level, slope, noise, step);
             assert_eq!(ByteOrder::of(&right), ByteOrder::Right, "{level}");
-            let told = ByteOrder::of(&swapped);
+            let found = ByteOrder::of(&swapped);
             assert!(
-                matches!(told, ByteOrder::Swapped { .. }),
-                "{level}: {told:?}"
+                matches!(found, ByteOrder::Swapped { .. }),
+                "{level}: {found:?}"
             );
         }
     }
 
     #[test]
-    fn where_one_byte_says_nothing_nothing_is_said() {
+    fn the_order_is_unknown_where_one_byte_is_constant() {
         for (level, noise, step) in [
             (100.0, 3.0, 1),
             (65_535.0, 0.0, 1),

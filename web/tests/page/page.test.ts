@@ -259,10 +259,10 @@ describe('the form of a new scan', () => {
   it('shows why calibrations were interrupted, and resumes them', async () => {
     const id = daemon.addScan(1, 'paper');
     const scan = daemon.scans.find((s) => s.body.id === id);
-    Object.assign(scan?.body ?? {}, { state: 'interrupted', reason: 'the daemon was stopped; resume it to go on', plan: { ...scan?.body.plan, repeats: 0 } });
+    Object.assign(scan?.body ?? {}, { state: 'interrupted', reason: 'the daemon was stopped; resume the scan to continue', plan: { ...scan?.body.plan, repeats: 0 } });
     await page.goto(url);
     await page.getByRole('heading', { level: 1, name: 'Calibration' }).waitFor();
-    await page.getByText('the daemon was stopped; resume it to go on').first().waitFor();
+    await page.getByText('the daemon was stopped; resume the scan to continue').first().waitFor();
     await page.getByText('Neither the dark frames nor the white reference are complete, so scans do not use them.').waitFor();
     await page.getByRole('button', { name: 'Resume scan' }).click();
     await expect.poll(posts).toContain(`/scans/${id}/resume`);

@@ -1,8 +1,7 @@
-//! What work that was asked for will take, told before it starts and kept with its result.
+//! Cost estimates of jobs: published before the work starts and stored with its result.
 //!
-//! Call [`Lab::foretell`] with a way to make the forecast; it goes to the work's [`ProgressMeter`], where whoever asks how
-//! far it is finds it, and to everybody as an event. [`with_cost`] writes it into a result beside what was
-//! taken. It does not know how forecasts are made: that is `accuracy`'s.
+//! [`Lab::publish_forecast`] computes a forecast, sets it in the job's [`ProgressMeter`] and sends it as an event.
+//! [`with_cost`] adds it to a result beside the time that the job took. The forecasts themselves come from `accuracy`.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,25 +14,25 @@ use super::{Lab, LabError};
 use crate::forecast::Forecast;
 use crate::scan::Event;
 
-/// The work whose forecast is told.
-pub(super) struct Foretold {
-    /// fit, map, contrast, verdict or trace.
+/// The job that a forecast belongs to.
+pub(super) struct ForecastSubject {
+    /// Kind: fit, map, contrast, verdict or trace.
     pub(super) of: String,
-    /// Its number among those.
+    /// Number within the kind.
     pub(super) number: i64,
-    /// Scan it is of.
+    /// Scan that the job reads.
     pub(super) scan_id: Option<i64>,
 }
 
 impl Lab {
-    /// Makes the forecast of `work` away from the runtime's threads and tells it. Nothing is told where there is
-    /// none, or the work was cancelled meanwhile; the work goes on all the same.
+    /// Computes the forecast of `work` on a blocking thread and publishes it, then returns the work. Without a forecast, or
+    /// if the job was cancelled, nothing is published.
     ///
     /// # Errors
     /// [`LabError::Panicked`]: the work is lost.
-    pub(super) async fn foretell<W: Send + 'static>(
+    pub(super) async fn publish_forecast<W: Send + 'static>(
         &self,
-        what: Foretold,
+        subject: ForecastSubject,
         work: W,
         make: impl FnOnce(&W, &AtomicBool) -> Option<Forecast> + Send + 'static,
         progress: &Arc<ProgressMeter>,
@@ -46,13 +45,17 @@ impl Lab {
             (work, forecast)
         })
         .await?;
+        // The forecast reduced the frames; the work merges the same sums.
+        if let Err(error) = self.store().store_reductions().await {
+            tracing::warn!(%error, "the sums of frames could not be stored: {error}");
+        }
         if let Some(forecast) = forecast.filter(|_| !cancel.load(Ordering::Relaxed)) {
             progress.set_forecast(&forecast);
-            let Foretold {
+            let ForecastSubject {
                 of,
                 number,
                 scan_id,
-            } = what;
+            } = subject;
             let event = Event::Forecast {
                 of,
                 number,
@@ -62,7 +65,7 @@ impl Lab {
             match self.store().record(event).await {
                 Ok(event) => self.publish(event),
                 Err(error) => {
-                    tracing::warn!(%error, "a forecast could not be kept: {error}");
+                    tracing::warn!(%error, "a forecast could not be stored: {error}");
                 }
             }
         }
@@ -70,7 +73,7 @@ impl Lab {
     }
 }
 
-/// A result (one JSON object) with the seconds that it took, and the forecast that was made of them.
+/// Adds the seconds that a job took and its forecast to its result, a JSON object.
 pub(super) fn with_cost(result: &str, progress: &ProgressMeter) -> serde_json::Result<String> {
     let mut object: Value = serde_json::from_str(result)?;
     if object.get("seconds").is_none() {

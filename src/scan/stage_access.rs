@@ -1,7 +1,6 @@
-//! The way to the stages that everybody has: to ask where they are, and to stop them.
+//! Shared access to the stages: reads positions and stops motion, and never moves anything.
 //!
-//! [`Reach::stop`] is the one function to call when something shall stand still: it stops the
-//! connected stage, and connects first where the link is lost or was never there. Moves nothing.
+//! [`StageAccess::stop`] stops the connected stage. It connects first if the link is lost or was never opened.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -13,12 +12,12 @@ use crate::bench::port::{PortError, PortSeam};
 use crate::bench::stage::{PortAddress, Stage, StageError, StageSettings};
 use crate::clock::{Clock, SystemClock};
 
-/// How often, and how long apart, a port that is in use is asked for again: in real time, in which ports close whatever
-/// the rig's clock says.
+/// Attempts to open a port that is in use, and the time between them. Ports close in real time, independent of the rig's
+/// clock.
 const CLOSING_TRIES: u32 = 20;
 const CLOSING_WAIT: Duration = Duration::from_millis(50);
 
-/// How to reach the stages.
+/// Address and settings of the stages.
 #[derive(Clone)]
 pub struct StageLink {
     /// Serial port or TCP address.
@@ -27,29 +26,29 @@ pub struct StageLink {
     pub settings: StageSettings,
     /// Time for waits and deadlines.
     pub clock: Arc<dyn Clock>,
-    /// Where faults can be put into the port.
+    /// Injects faults into the port, in tests.
     pub seam: Arc<dyn PortSeam>,
 }
 
-/// One link to the stages, shared by who moves them and who stops them; cheap to clone.
+/// The link to the stages, shared by the runner and all clients that may stop them; cheap to clone.
 #[derive(Clone)]
-pub struct Reach {
+pub struct StageAccess {
     inner: Arc<Inner>,
 }
 
 struct Inner {
     link: StageLink,
     stage: watch::Sender<Option<Stage>>,
-    /// A port has one owner: whoever opens it does so alone.
+    /// Held while the port is opened: it has one owner.
     opening: Mutex<()>,
-    /// How often the stages were told to stop. What was asked for before does not begin after.
+    /// Number of stops so far. A motion requested before a stop does not start after it.
     stops: AtomicU64,
     was_connected: AtomicBool,
 }
 
-impl Reach {
+impl StageAccess {
     pub(super) fn new(link: StageLink) -> Self {
-        Reach {
+        StageAccess {
             inner: Arc::new(Inner {
                 link,
                 stage: watch::Sender::new(None),
@@ -60,13 +59,13 @@ impl Reach {
         }
     }
 
-    /// How the stages are reached.
+    /// Returns the address and settings of the stages.
     #[must_use]
     pub fn link(&self) -> &StageLink {
         &self.inner.link
     }
 
-    /// The connected stage, as it comes and goes.
+    /// Watches the connected stage.
     #[must_use]
     pub fn watch(&self) -> watch::Receiver<Option<Stage>> {
         self.inner.stage.subscribe()
@@ -76,13 +75,13 @@ impl Reach {
         self.inner.stage.borrow().clone()
     }
 
-    /// How often the stages were told to stop.
+    /// Returns the number of stops so far.
     #[must_use]
     pub fn stops(&self) -> u64 {
         self.inner.stops.load(Ordering::SeqCst)
     }
 
-    /// Whether there was a link and it is gone: what moved then may move still.
+    /// Returns whether a link was lost. An axis that moved then may still move.
     #[must_use]
     pub fn is_lost(&self) -> bool {
         self.inner.was_connected.load(Ordering::SeqCst) && self.inner.stage.borrow().is_none()
@@ -107,7 +106,8 @@ impl Reach {
             let (port, seam) = (port.clone(), Arc::clone(&seam));
             let connecting = Stage::connect(port, settings.clone(), Arc::clone(&clock), seam);
             match connecting.await {
-                // Who let go of a link a moment ago still closes its port: only what stays so is another program.
+                // A link that was just dropped is still closing its port; only a port that stays in use belongs to another
+                // program.
                 Err(StageError::Port(PortError::InUse { .. })) if tries < CLOSING_TRIES => {
                     tries += 1;
                     SystemClock::new().sleep(CLOSING_WAIT).await;
@@ -124,16 +124,16 @@ impl Reach {
         self.inner.stage.send_replace(None);
     }
 
-    /// Stops both axes at once, whoever moves them, and waits until they stand.
+    /// Stops both axes at once and waits until they stand still.
     ///
     /// # Errors
-    /// [`StageError`] if they could not be reached: they may be moving.
+    /// [`StageError`] if the stages could not be reached: they may be moving.
     pub async fn stop(&self) -> Result<(), StageError> {
-        // Before the stages hear of it: who begins a motion looks at this last.
+        // Before the stop is sent: a motion checks this count last.
         self.inner.stops.fetch_add(1, Ordering::SeqCst);
         if let Some(stage) = self.stage() {
             match stage.stop().await {
-                // Its port is closed; the axes go on with what they were told last.
+                // The port is closed; the axes continue their last motion.
                 Err(StageError::Disconnected(_)) => {
                     self.inner.stage.send_if_modified(|now| {
                         let same = now.as_ref().is_some_and(|now| now.is_same(&stage));
@@ -148,15 +148,14 @@ impl Reach {
         }
         // Connecting stops what moves before it asks for anything.
         let stage = self.connect().await?;
-        // Somebody else may have been the one who connected, and gone on to move.
+        // Another task may have connected and started a motion.
         stage.stop().await
     }
 
-    /// The same where there ever was a link: what moved when it was lost may move still, and a port that was never
-    /// opened is left alone. Tells the log what it does not reach.
+    /// Stops the stages if a link is open or was lost; leaves a port alone that was never opened. Logs a failure.
     ///
     /// # Errors
-    /// As [`Reach::stop`].
+    /// As [`StageAccess::stop`].
     pub async fn stop_what_may_move(&self) -> Result<(), StageError> {
         if self.stage().is_none() && !self.is_lost() {
             return Ok(());

@@ -1,9 +1,10 @@
-//! The fit that runs along with a scan: how sure the frames so far are, told while more come.
+//! The live fit: fits the frames of a scan while the scan runs, and reports the uncertainties so far.
 //!
-//! Call [`begin`] when a scan begins and drop what it gives when the scan ends. It listens to the scan's own
-//! events, so the runner knows nothing of it and never waits for it; it works on one thread of its own
-//! and rests longer than it works, so stages and camera keep the rest of the machine. What it finds is
-//! an event like any other. It knows neither stages nor camera.
+//! Call [`start`] when a scan starts, and drop the [`LiveFit`] when it ends. The live fit listens to the scan's events, so the
+//! runner never waits for it. It works on one thread and rests longer than it works, which leaves the rest of the machine to
+//! stages and camera. Each look measures only the frames that came since the last one, and stores their sums: the fits,
+//! contrasts and verdicts that follow read no frame again. The result of a look is an event. This module knows neither
+//! stages nor camera.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,72 +22,73 @@ use super::{Lab, LabError, StoredSeries};
 use crate::analysis::{self, AnalysisError, AnalysisOptions};
 use crate::fit::FitReport;
 use crate::frame::FrameKind;
+use crate::reduction::FrameSource;
 use crate::scan::event::{Certainty, UncertainValue};
 use crate::scan::{Event, RecordedEvent};
 
-/// Rest over work: a third of one thread at most.
+/// Rest over work: at most a third of one thread is used.
 const REST: u32 = 2;
-/// Least rest.
+/// Shortest rest.
 const REST_MIN: Duration = Duration::from_millis(200);
 
-/// The fit of a scan that runs; dropped, it ends within one evaluation of the model.
-pub(super) struct Along {
+/// The live fit of a scan. Once dropped, it ends within one evaluation of the model.
+pub(super) struct LiveFit {
     cancel: Arc<AtomicBool>,
     ending: CancellationToken,
 }
 
-impl Drop for Along {
+impl Drop for LiveFit {
     fn drop(&mut self) {
         self.cancel.store(true, Ordering::Relaxed);
         self.ending.cancel();
     }
 }
 
-/// Fits the scan whenever new poses are durable, until what is given back is dropped.
-pub(super) fn begin(told: &EventSink, scan_id: i64) -> Along {
-    let along = Along {
+/// Starts the live fit of a scan. It runs until the returned value is dropped.
+pub(super) fn start(sink: &EventSink, scan_id: i64) -> LiveFit {
+    let live_fit = LiveFit {
         cancel: Arc::new(AtomicBool::new(false)),
         ending: CancellationToken::new(),
     };
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
-        .thread_name(|_| "fit-along".to_owned())
+        .thread_name(|_| "live-fit".to_owned())
         .build();
     match pool {
         Ok(pool) => {
-            let news = News {
-                events: told.events.subscribe(),
+            let poses = NewPoses {
+                events: sink.events.subscribe(),
                 scan_id,
             };
-            let companion = Companion {
-                told: told.clone(),
+            let follower = Follower {
+                sink: sink.clone(),
                 scan_id,
-                cancel: Arc::clone(&along.cancel),
+                cancel: Arc::clone(&live_fit.cancel),
                 pool: Arc::new(pool),
             };
-            tokio::spawn(companion.run(news, along.ending.clone()));
+            tokio::spawn(follower.run(poses, live_fit.ending.clone()));
         }
         Err(error) => {
-            tracing::warn!(scan_id, %error, "scan {scan_id} runs without a fit beside it: {error}");
+            tracing::warn!(scan_id, %error, "scan {scan_id} runs without a live fit: {error}");
         }
     }
-    along
+    live_fit
 }
 
-/// Whether there are new poses.
-struct News {
+/// Waits for new poses of a scan.
+struct NewPoses {
     events: Receiver<Arc<RecordedEvent>>,
     scan_id: i64,
 }
 
-impl News {
+impl NewPoses {
     fn concerns(&self, event: &RecordedEvent) -> bool {
         matches!(&event.event, Event::Frame { scan_id, kind: FrameKind::Sample, accepted: true, .. }
             if *scan_id == self.scan_id)
     }
 
-    /// Completes when there are new poses; however many came meanwhile are one piece of news. `false` when
-    /// nothing will come any more.
+    /// Completes when there are new poses; all that came meanwhile count as one. Returns `false` when no event can come
+    /// any more.
     async fn come(&mut self) -> bool {
         let mut any = false;
         loop {
@@ -108,19 +110,20 @@ impl News {
     }
 }
 
-struct Companion {
-    told: EventSink,
+/// Fits a scan again and again.
+struct Follower {
+    sink: EventSink,
     scan_id: i64,
     cancel: Arc<AtomicBool>,
     pool: Arc<ThreadPool>,
 }
 
-impl Companion {
-    async fn run(self, mut news: News, ending: CancellationToken) {
+impl Follower {
+    async fn run(self, mut poses: NewPoses, ending: CancellationToken) {
         loop {
             let more = tokio::select! {
                 () = ending.cancelled() => false,
-                more = news.come() => more,
+                more = poses.come() => more,
             };
             if !more {
                 return;
@@ -130,15 +133,19 @@ impl Companion {
             match self.look().await {
                 Ok(Some(certainty)) if !self.cancel.load(Ordering::Relaxed) => {
                     let scan_id = self.scan_id;
-                    self.told
+                    self.sink
                         .record(Event::Uncertainty { scan_id, certainty })
                         .await;
                 }
                 Ok(_) => {}
-                // Too few frames for a reduction are no reason to give up: more will come.
+                // Too few frames for a reduction: more will come.
                 Err(error) => {
-                    tracing::debug!(scan_id = self.scan_id, %error, "no fit beside the scan yet: {error}");
+                    tracing::debug!(scan_id = self.scan_id, %error, "no live fit yet: {error}");
                 }
+            }
+            // What the look measured counts, also where it gave no fit.
+            if let Err(error) = self.sink.store.store_reductions().await {
+                tracing::warn!(%error, "the sums of new frames could not be stored: {error}");
             }
             let rest = (REST * started.elapsed()).max(REST_MIN);
             tokio::select! {
@@ -148,15 +155,13 @@ impl Companion {
         }
     }
 
-    /// Fits what is durable now; `None` where it was cancelled.
+    /// Fits the frames that are durable now; `None` where it was cancelled.
     async fn look(&self) -> Result<Option<Certainty>, LabError> {
-        let store = &self.told.store;
-        let series = StoredSeries::open(store, self.scan_id).await?;
+        let store = &self.sink.store;
+        let series = StoredSeries::open_growing(store, self.scan_id).await?;
         let elapsed_s = store.last_progress(self.scan_id).await?.elapsed_s;
         let options = AnalysisOptions {
-            region: Lab::regions(crate::reduction::FrameSource::manifest(&series))
-                .into_iter()
-                .next(),
+            region: Lab::regions(series.manifest()).into_iter().next(),
             ..AnalysisOptions::default()
         };
         let (pool, cancel) = (Arc::clone(&self.pool), Arc::clone(&self.cancel));
@@ -179,7 +184,7 @@ fn certainty(report: &FitReport, elapsed_s: f64) -> Certainty {
         .into_iter()
         .filter_map(|(name, p)| {
             let (value, std) = (p.value?, p.std?);
-            // What is held fixed has no uncertainty that could fall.
+            // A fixed parameter has no uncertainty that could fall.
             (std > 0.0).then(|| (name.to_owned(), UncertainValue { value, std }))
         });
     Certainty {

@@ -1,13 +1,17 @@
 //! What a reduction has to tell besides its numbers: frames left out, and warnings.
 
+use std::borrow::Cow;
+
+use serde::{Deserialize, Serialize};
+
 use crate::observation::RejectedFrame;
 use crate::series::FrameRow;
 
 /// Why one frame is left out.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Rejection {
     /// Stable word.
-    pub(super) reason: &'static str,
+    pub(super) reason: Cow<'static, str>,
     /// What was seen.
     pub(super) detail: String,
 }
@@ -15,20 +19,20 @@ pub(super) struct Rejection {
 impl Rejection {
     pub(super) fn new(reason: &'static str, detail: impl Into<String>) -> Self {
         Rejection {
-            reason,
+            reason: reason.into(),
             detail: detail.into(),
         }
     }
 }
 
 /// Rejected frames and warnings as they come up.
-#[derive(Debug, Default)]
-pub(super) struct Journal {
+#[derive(Debug, Clone, Default)]
+pub(super) struct ReductionLog {
     rejected: Vec<(usize, Rejection)>,
     warnings: Vec<String>,
 }
 
-impl Journal {
+impl ReductionLog {
     /// Leaves frame `index` out. The first reason stays.
     pub(super) fn reject(&mut self, index: usize, rejection: Rejection) {
         if !self.has_rejected(index) {
@@ -54,6 +58,21 @@ impl Journal {
         }
     }
 
+    /// Takes over what another log has.
+    pub(super) fn extend(&mut self, other: &ReductionLog) {
+        for (index, rejection) in &other.rejected {
+            self.reject(*index, rejection.clone());
+        }
+        for sentence in &other.warnings {
+            self.warn(sentence.clone());
+        }
+    }
+
+    /// Frames that were left out, with their places in the list, and the warnings.
+    pub(super) fn parts(&self) -> (&[(usize, Rejection)], &[String]) {
+        (&self.rejected, &self.warnings)
+    }
+
     /// Rejected frames sorted by file name, and the warnings in the order they came up.
     pub(super) fn close(mut self, rows: &[FrameRow]) -> (Vec<RejectedFrame>, Vec<String>) {
         self.rejected
@@ -63,7 +82,7 @@ impl Journal {
             .into_iter()
             .map(|(index, rejection)| RejectedFrame {
                 file: rows[index].file.clone(),
-                reason: rejection.reason.to_owned(),
+                reason: rejection.reason.into_owned(),
                 detail: rejection.detail,
             })
             .collect();

@@ -1,34 +1,34 @@
-//! Wild pixels (cosmic rays, dust) of a frame whose pixels have directions of their own.
+//! Replaces outlier pixels (cosmic rays, dust) in frames whose pixels differ in their directions.
 //!
-//! Near the lamp or the camera a lobe shades off over the field, so the mean of a part of the frame says little of a pixel in
-//! it: judged by that, the lobe's own flanks are wild, and with them most of its light goes. A pixel is judged by the means of
-//! opposite neighbours instead, which no slope moves, and what is wild takes their median: where a pixel was thrown
-//! out, the field would lose one of its directions.
+//! Near the lamp or the camera a lobe varies over the field, so the mean of a part of the frame is no reference for its pixels:
+//! it would make outliers of the lobe's flanks, which hold most of the light. A pixel is compared with the means of opposite
+//! neighbours instead, which contain no slope. An outlier is replaced by their median: without the pixel, the field would lose
+//! one of its directions.
 
 use super::region::NOWHERE;
 use super::sensor::{Sensor, median};
 use crate::robust::MEDIAN_OF_ABS;
 
-/// Pixels further than this from their neighbours are wild.
-const WILD_SIGMAS: f64 = 8.0;
+/// Pixels further than this from their neighbours are outliers.
+const OUTLIER_SIGMAS: f64 = 8.0;
 /// Columns and rows to one of two opposite neighbours.
 const OPPOSITE: [(isize, isize); 4] = [(1, 0), (0, 1), (1, 1), (1, -1)];
 
-/// A frame's values, where they count, with what it takes to judge them.
-pub(super) struct Field<'a> {
-    /// Counts above dark over response; NaN where a pixel does not count.
+/// The values of a frame with what decides whether they are outliers.
+pub(super) struct Despiking<'a> {
+    /// Counts above dark over response; NaN for a pixel that is left out.
     pub(super) values: Vec<f64>,
     pub(super) labels: &'a [u16],
-    /// Part of the frame that a pixel lies in, for the scatter that is usual there.
+    /// Part of the frame that a pixel is in; outliers are relative to the scatter of their part.
     pub(super) part: &'a (dyn Fn(usize) -> usize + Sync),
     pub(super) parts: usize,
     pub(super) response: &'a (dyn Fn(usize) -> f64 + Sync),
     pub(super) sensor: &'a Sensor,
 }
 
-impl Field<'_> {
-    /// The values with wild ones replaced by what their neighbours show.
-    pub(super) fn tamed(self) -> Vec<f64> {
+impl Despiking<'_> {
+    /// Returns the values with outliers replaced by the median of their neighbours.
+    pub(super) fn despiked(self) -> Vec<f64> {
         let around: Vec<Option<f64>> = (0..self.values.len()).map(|p| self.around(p)).collect();
         let mut distances = vec![Vec::new(); self.parts];
         for (pixel, around) in around.iter().enumerate() {
@@ -40,23 +40,23 @@ impl Field<'_> {
             .iter_mut()
             .map(|d| median(d) / MEDIAN_OF_ABS)
             .collect();
-        let mut tamed = self.values.clone();
+        let mut despiked = self.values.clone();
         for (pixel, around) in around.into_iter().enumerate() {
             let Some(around) = around else {
                 continue;
             };
             let response = (self.response)(pixel);
-            // Counts that hardly scatter at all are steps of the converter.
+            // Counts without scatter differ by steps of the converter.
             let noise = self.sensor.variance_dn2(around * response).sqrt() / response;
-            let reach = WILD_SIGMAS * usual[(self.part)(pixel)].max(noise);
+            let reach = OUTLIER_SIGMAS * usual[(self.part)(pixel)].max(noise);
             if (self.values[pixel] - around).abs() > reach {
-                tamed[pixel] = around;
+                despiked[pixel] = around;
             }
         }
-        tamed
+        despiked
     }
 
-    /// Median of the means of opposite neighbours in the same segment.
+    /// Returns the median of the means of opposite neighbours in the same segment.
     fn around(&self, pixel: usize) -> Option<f64> {
         if self.labels[pixel] == NOWHERE || self.values[pixel].is_nan() {
             return None;
@@ -101,8 +101,8 @@ mod tests {
         }
     }
 
-    fn tamed(values: Vec<f64>) -> Vec<f64> {
-        Field {
+    fn despiked(values: Vec<f64>) -> Vec<f64> {
+        Despiking {
             values,
             labels: &[0; EDGE * EDGE],
             part: &|pixel| pixel / (EDGE * EDGE / 4),
@@ -110,27 +110,27 @@ mod tests {
             response: &|_| 1.0,
             sensor: &sensor(),
         }
-        .tamed()
+        .despiked()
     }
 
-    /// A lobe a few pixels wide on a dark ground.
+    /// A lobe a few pixels wide on a dark background.
     fn lobe(pixel: usize) -> f64 {
         let (x, y) = ((pixel % EDGE) as f64 - 11.0, (pixel / EDGE) as f64 - 18.0);
         200.0 + 30_000.0 * (-(x * x + y * y) / 50.0).exp()
     }
 
     #[test]
-    fn a_lobe_that_fills_a_corner_of_a_dark_field_stays_as_it_is() {
+    fn a_lobe_in_a_corner_of_a_dark_field_stays() {
         let clean: Vec<f64> = (0..EDGE * EDGE).map(lobe).collect();
         let sum: f64 = clean.iter().sum();
-        let after: f64 = tamed(clean).iter().sum();
+        let after: f64 = despiked(clean).iter().sum();
         assert!((after / sum - 1.0).abs() < 1e-3, "{after} {sum}");
     }
 
     #[test]
-    fn hits_take_the_value_of_their_neighbours() {
+    fn hits_get_the_value_of_their_neighbours() {
         let mut hit: Vec<f64> = (0..EDGE * EDGE).map(lobe).collect();
-        // In the dark, on the flank, beside each other, and at the edge.
+        // In the dark, on the flank, side by side, and at the edge.
         let places = [
             5,
             18 * EDGE + 16,
@@ -141,7 +141,7 @@ mod tests {
         for place in places {
             hit[place] += 20_000.0;
         }
-        let after = tamed(hit);
+        let after = despiked(hit);
         for place in places {
             assert!(
                 (after[place] / lobe(place) - 1.0).abs() < 0.1,

@@ -1,8 +1,8 @@
-//! What no visit shows by itself: pictures that come again, and a series that fills the camera.
+//! Faults that a single visit does not show: repeated images, and a series that saturates the camera.
 //!
-//! [`Seen::fault`] judges a visit after those that [`Seen::remember`] was told of. Whether a series is too bright is
-//! judged by which of its poses are full, never by how many came one after the other: the order of the visits depends on
-//! where the stages stood. [`Seen::undecided`] names the poses that decide it soonest.
+//! [`FrameHistory::fault`] checks a visit against the visits passed to [`FrameHistory::remember`]. A series is too bright by
+//! which of its poses are full, not by how many full ones came in a row: the order of the visits depends on where the stages
+//! were. [`FrameHistory::undecided`] names the pose that decides it soonest.
 
 use std::collections::BTreeSet;
 
@@ -12,47 +12,47 @@ use super::visit::{FrameRules, shows_no_light};
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 
-/// Full poses, and none that is not, before those furthest apart are looked at: a lobe fills some.
+/// Full poses without any other before the poses furthest apart are visited: a lobe fills a few.
 const SUSPICIOUS: usize = 3;
-/// Share of a picture's pixels that defects may be.
+/// Largest share of defects among the pixels of an image.
 const DEFECTS: f64 = 0.02;
-/// Pixels in noise, beyond that share, of which not all are the same in two pictures by chance.
+/// Pixels with noise, beyond that share, that two images cannot have in common by chance.
 const IN_NOISE: f64 = 64.0;
 
-/// What the visits of a scan have shown so far.
+/// What the visits of a scan showed so far.
 #[derive(Debug, Default)]
-pub(super) struct Seen {
-    last: Option<Looked>,
+pub(super) struct FrameHistory {
+    last: Option<FrameSummary>,
     /// Poses of the sample in the plan.
     poses: usize,
-    /// Those of them that lie furthest apart: no lobe fills them all.
+    /// The poses furthest apart: no lobe fills all of them.
     apart: Vec<u32>,
-    /// Poses that count and are full, and how many count and are not; both from earlier runs too.
+    /// Accepted poses that are full, and the number of accepted poses that are not; both with those of earlier runs.
     full: BTreeSet<u32>,
     not_full: usize,
 }
 
-/// What is remembered of a visit.
+/// What the history keeps of a visit.
 #[derive(Debug)]
-pub(super) struct Looked {
+pub(super) struct FrameSummary {
     index: u32,
     kind: FrameKind,
     target: Option<Pose>,
-    /// Fingerprints of the frames that noise makes unlike all others.
+    /// Fingerprints of the frames whose noise makes them unique.
     prints: Vec<u64>,
     /// Whether most pixels of the shortest exposure are full.
     full: bool,
 }
 
-impl Looked {
-    pub fn at(visit: &Visit, rules: &FrameRules) -> Looked {
+impl FrameSummary {
+    pub fn at(visit: &Visit, rules: &FrameRules) -> FrameSummary {
         let full = |frame: &Frame| share(frame, |dn| dn >= rules.saturation_dn);
         let frames = || {
             let all = visit.frames.iter();
             all.map(|taken| (taken.exposure_s, &taken.captured.frame))
         };
         let shortest = frames().min_by(|a, b| a.0.total_cmp(&b.0));
-        Looked {
+        FrameSummary {
             index: visit.shot.index,
             kind: visit.shot.kind,
             target: visit.shot.target,
@@ -64,19 +64,19 @@ impl Looked {
     }
 }
 
-impl Seen {
-    /// Nothing yet of a plan.
-    pub fn of(steps: &[Step]) -> Seen {
+impl FrameHistory {
+    /// Makes an empty history for a plan.
+    pub fn of(steps: &[Step]) -> FrameHistory {
         let shots = || steps.iter().filter_map(sample_of);
-        Seen {
+        FrameHistory {
             poses: shots().count(),
             apart: furthest_apart(shots()),
-            ..Seen::default()
+            ..FrameHistory::default()
         }
     }
 
-    /// The same for a scan that is taken up again: the frames of its last point, the points that count, and those of
-    /// them that are full.
+    /// Restores the history of a resumed scan from the frames of its last point, its accepted points, and those of them that
+    /// are full.
     pub fn after(
         mut self,
         last: &[Frame],
@@ -84,11 +84,11 @@ impl Seen {
         done: &BTreeSet<u32>,
         full: &BTreeSet<u32>,
         rules: &FrameRules,
-    ) -> Seen {
-        self.last = (!last.is_empty()).then(|| Looked {
+    ) -> FrameHistory {
+        self.last = (!last.is_empty()).then(|| FrameSummary {
             index: 0,
             kind: FrameKind::Sample,
-            // Unlike any that is still to come.
+            // Differs from all targets to come.
             target: None,
             prints: last
                 .iter()
@@ -110,63 +110,64 @@ impl Seen {
         }
     }
 
-    /// What is wrong with a visit after those that were remembered.
-    pub fn fault(&self, looked: &Looked, rules: &FrameRules) -> Option<Rejected> {
-        if looked.kind == FrameKind::Dark {
+    /// Returns what is wrong with a visit, given the earlier ones.
+    pub fn fault(&self, summary: &FrameSummary, rules: &FrameRules) -> Option<Rejected> {
+        if summary.kind == FrameKind::Dark {
             return None;
         }
-        // Noise makes every picture another one.
+        // With noise, no two images are equal.
         let noisy = rules.read_noise_dn > 0.0;
-        if noisy && self.shows_again(looked) {
+        if noisy && self.shows_again(summary) {
             return Some(Rejected::SameFrame);
         }
-        if !looked.full {
+        if !summary.full {
             return None;
         }
-        if looked.kind == FrameKind::Flat {
+        if summary.kind == FrameKind::Flat {
             return Some(Rejected::Otherwise(FULL_FLAT.into()));
         }
-        let full = |index: &u32| *index == looked.index || self.full.contains(index);
-        let poses = self.full.len() + usize::from(!self.full.contains(&looked.index));
+        let full = |index: &u32| *index == summary.index || self.full.contains(index);
+        let poses = self.full.len() + usize::from(!self.full.contains(&summary.index));
         let too_bright = 2 * poses > self.poses || self.apart.iter().all(full);
-        (too_bright && !rules.looked_at.full_sample).then_some(Rejected::FullSample {
+        (too_bright && !rules.confirmed.full_sample).then_some(Rejected::FullSample {
             poses,
             of: self.poses,
         })
     }
 
-    /// The next pose to visit, out of turn, where all so far were full: it tells a lobe from a series that is too bright.
+    /// Returns the pose to visit next, out of turn, where all poses so far were full: it distinguishes a lobe from a series
+    /// that is too bright.
     pub fn undecided(&self, rules: &FrameRules) -> Option<u32> {
         let suspicious = self.not_full == 0 && self.full.len() >= SUSPICIOUS;
-        if !suspicious || rules.looked_at.full_sample {
+        if !suspicious || rules.confirmed.full_sample {
             return None;
         }
         let mut apart = self.apart.iter();
         apart.find(|index| !self.full.contains(index)).copied()
     }
 
-    fn shows_again(&self, looked: &Looked) -> bool {
+    fn shows_again(&self, summary: &FrameSummary) -> bool {
         let elsewhere = self
             .last
             .as_ref()
-            .filter(|last| (last.kind, last.target) != (looked.kind, looked.target));
+            .filter(|last| (last.kind, last.target) != (summary.kind, summary.target));
         let before = elsewhere.map_or(&[][..], |last| &last.prints);
-        let prints = &looked.prints;
+        let prints = &summary.prints;
         let again = prints.iter().any(|print| before.contains(print));
         let twice = (1..prints.len()).any(|i| prints[..i].contains(&prints[i]));
         again || twice
     }
 
-    /// Remembers a visit that counts.
-    pub fn remember(&mut self, looked: Looked) {
-        if looked.kind == FrameKind::Sample {
-            self.count(looked.index, looked.full);
+    /// Adds an accepted visit.
+    pub fn remember(&mut self, summary: FrameSummary) {
+        if summary.kind == FrameKind::Sample {
+            self.count(summary.index, summary.full);
         }
-        self.last = Some(looked);
+        self.last = Some(summary);
     }
 }
 
-const FULL_FLAT: &str = "full: most pixels of the white reference are full in the shortest exposure; look at lamp and \
+const FULL_FLAT: &str = "full: most pixels of the white reference are full in the shortest exposure; check lamp and \
      camera, or plan shorter exposures";
 
 fn sample_of(step: &Step) -> Option<&Shot> {
@@ -176,8 +177,8 @@ fn sample_of(step: &Step) -> Option<&Shot> {
     }
 }
 
-/// The poses at the ends and in the middle of the tilts, each at azimuths a quarter of the list apart. A lobe may fill all
-/// azimuths of a tilt or all tilts of an azimuth, and not both.
+/// Returns the poses at both ends and in the middle of the tilts, each at azimuths a quarter of the list apart. A lobe may
+/// fill all azimuths of a tilt or all tilts of an azimuth, but not both.
 fn furthest_apart<'a>(shots: impl Iterator<Item = &'a Shot>) -> Vec<u32> {
     let poses: Vec<(u32, f64, f64)> = shots
         .filter_map(|shot| {
@@ -212,8 +213,8 @@ fn furthest_apart<'a>(shots: impl Iterator<Item = &'a Shot>) -> Vec<u32> {
     apart
 }
 
-/// Fingerprint of a picture; `None` where it shows no light, or too few pixels are in noise: full ones, those cut off at
-/// 0 and defects are alike in all pictures, and so are all pixels where the counts are coarser than the noise.
+/// Returns the fingerprint of an image; `None` where it shows no light or too few pixels have noise. Full pixels, pixels
+/// clipped at 0 and defects are equal in all images, and so are all pixels where the counts are coarser than the noise.
 fn print(frame: &Frame, rules: &FrameRules) -> Option<u64> {
     use std::hash::{DefaultHasher, Hash, Hasher};
     if shows_no_light(frame, rules) {
@@ -246,12 +247,12 @@ mod tests {
     use crate::scan::recorder::TakenFrame;
     use crate::scan::visit::tests::{rules, shown, taken};
 
-    fn looked(kind: FrameKind, phi_s_deg: f64, frames: &[(u16, f64)]) -> Looked {
+    fn summary(kind: FrameKind, phi_s_deg: f64, frames: &[(u16, f64)]) -> FrameSummary {
         let frames = frames.iter().map(|(dn, s)| taken(*dn, *s));
-        looked_at(kind, phi_s_deg, frames.collect())
+        summary_of(kind, phi_s_deg, frames.collect())
     }
 
-    fn looked_at(kind: FrameKind, phi_s_deg: f64, frames: Vec<TakenFrame>) -> Looked {
+    fn summary_of(kind: FrameKind, phi_s_deg: f64, frames: Vec<TakenFrame>) -> FrameSummary {
         let pose = Pose::from_deg(0.0, phi_s_deg);
         let visit = Visit {
             shot: Shot {
@@ -268,49 +269,51 @@ mod tests {
             rejected: None,
             taken_at: time::macros::datetime!(2026-01-01 00:00 UTC),
         };
-        Looked::at(&visit, &rules())
+        FrameSummary::at(&visit, &rules())
     }
 
     #[test]
-    fn a_picture_that_comes_again_is_no_picture() {
-        let mut seen = Seen::of(&plan(3, 3));
-        let at = |phi_s_deg, dn| looked(FrameKind::Sample, phi_s_deg, &[(dn, 0.1)]);
-        let fault = |seen: &Seen, looked: &Looked, rules: &FrameRules| seen.fault(looked, rules);
+    fn an_image_that_repeats_is_rejected() {
+        let mut seen = FrameHistory::of(&plan(3, 3));
+        let at = |phi_s_deg, dn| summary(FrameKind::Sample, phi_s_deg, &[(dn, 0.1)]);
+        let fault = |seen: &FrameHistory, summary: &FrameSummary, rules: &FrameRules| {
+            seen.fault(summary, rules)
+        };
         seen.remember(at(0.0, 900));
-        // A retake at the same pose is no other pose; black and full pictures are all alike.
+        // A retake at the same pose may repeat; black and full images are all equal.
         assert_eq!(fault(&seen, &at(0.0, 900), &rules()), None);
         assert_eq!(fault(&seen, &at(30.0, 901), &rules()), None);
         assert_eq!(
             fault(&seen, &at(30.0, 900), &rules()),
             Some(Rejected::SameFrame)
         );
-        // Who resumes has not mended the camera by it.
-        let (mut silent, mut looked_at) = (rules(), rules());
+        // Resuming does not repair the camera.
+        let (mut silent, mut confirmed) = (rules(), rules());
         silent.read_noise_dn = 0.0;
-        looked_at.looked_at.note(&Rejected::SameFrame);
+        confirmed.confirmed.note(&Rejected::SameFrame);
         assert_eq!(fault(&seen, &at(30.0, 900), &silent), None);
-        let again = fault(&seen, &at(30.0, 900), &looked_at);
+        let again = fault(&seen, &at(30.0, 900), &confirmed);
         assert_eq!(again, Some(Rejected::SameFrame));
         for dn in [200, 4095] {
             seen.remember(at(0.0, dn));
             assert_eq!(fault(&seen, &at(30.0, dn), &rules()), None, "{dn}");
         }
-        // Neither at two exposures nor at two repeats.
+        // Nor at two exposures or two repeats.
         for other_s in [0.01, 0.1] {
-            let twice = looked(FrameKind::Sample, 60.0, &[(900, other_s), (900, 0.1)]);
+            let twice = summary(FrameKind::Sample, 60.0, &[(900, other_s), (900, 0.1)]);
             assert_eq!(fault(&seen, &twice, &rules()), Some(Rejected::SameFrame));
         }
-        // Nor after another start of the program.
+        // Nor after a restart of the program.
         let (last, none) = ([taken(900, 0.1).captured.frame], BTreeSet::new());
-        let seen = Seen::default().after(&last, &[], &none, &none, &rules());
+        let seen = FrameHistory::default().after(&last, &[], &none, &none, &rules());
         let again = fault(&seen, &at(0.0, 900), &rules());
         assert_eq!(again, Some(Rejected::SameFrame));
         assert_eq!(fault(&seen, &at(0.0, 901), &rules()), None);
     }
 
     #[test]
-    fn defects_and_the_ends_of_the_scale_are_alike_in_all_pictures() {
-        // A dead pixel among full ones, hot ones over darkness that is cut off, both, and one count all over.
+    fn defects_and_clipped_pixels_do_not_make_images_equal() {
+        // A dead pixel among full ones, hot pixels over clipped black, both, and one count everywhere.
         let pictures = [
             [vec![3; 1], vec![4095; 255]].concat(),
             [vec![3000; 3], vec![0; 253]].concat(),
@@ -320,11 +323,11 @@ mod tests {
         for dn in pictures {
             let at = |phi_s_deg| {
                 let both = vec![shown(&dn, 0.01), shown(&dn, 0.1)];
-                looked_at(FrameKind::Sample, phi_s_deg, both)
+                summary_of(FrameKind::Sample, phi_s_deg, both)
             };
             let mut rules = rules();
             rules.black_level_dn = 0.0;
-            let mut seen = Seen::default();
+            let mut seen = FrameHistory::default();
             seen.remember(at(0.0));
             assert_ne!(
                 seen.fault(&at(30.0), &rules),
@@ -353,8 +356,8 @@ mod tests {
             .collect()
     }
 
-    fn visited(index: u32, full: bool) -> Looked {
-        Looked {
+    fn visited(index: u32, full: bool) -> FrameSummary {
+        FrameSummary {
             index,
             kind: FrameKind::Sample,
             target: None,
@@ -363,27 +366,27 @@ mod tests {
         }
     }
 
-    /// Whether a scan comes to the verdict in this order of visits, and after how many.
+    /// Returns after how many visits in this order a scan is called too bright.
     fn verdict(plan: &[Step], order: &[u32], is_full: impl Fn(u32) -> bool) -> Option<usize> {
         let rules = rules();
-        let mut seen = Seen::of(plan);
+        let mut seen = FrameHistory::of(plan);
         let mut left: Vec<u32> = order.to_vec();
         let mut visits = 0;
         while !left.is_empty() {
             let next = seen.undecided(&rules).unwrap_or(left[0]);
             left.retain(|index| *index != next);
             visits += 1;
-            let looked = visited(next, is_full(next));
-            if let Some(fault) = seen.fault(&looked, &rules) {
+            let summary = visited(next, is_full(next));
+            if let Some(fault) = seen.fault(&summary, &rules) {
                 assert!(matches!(fault, Rejected::FullSample { .. }), "{fault}");
                 return Some(visits);
             }
-            seen.remember(looked);
+            seen.remember(summary);
         }
         None
     }
 
-    /// The lists from either end, either axis outside, and by leaps.
+    /// Orders of visits: from either end, either axis outside, and by leaps.
     fn orders(tilts: u32, azimuths: u32) -> Vec<Vec<u32>> {
         let n = tilts * azimuths;
         let there: Vec<u32> = (0..n).collect();
@@ -401,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn whether_a_series_is_too_bright_does_not_depend_on_where_it_begins() {
+    fn the_verdict_on_brightness_does_not_depend_on_the_first_pose() {
         for (tilts, azimuths) in [(5, 3), (9, 12), (1, 9), (4, 1), (1, 1), (1, 2)] {
             let plan = plan(tilts, azimuths);
             let all = |is_full: &dyn Fn(u32) -> bool| -> Vec<Option<usize>> {
@@ -434,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lobe_may_fill_the_camera_wherever_a_scan_begins() {
+    fn a_lobe_may_fill_the_camera_wherever_a_scan_starts() {
         let (tilts, azimuths) = (9, 12);
         let plan = plan(tilts, azimuths);
         // Two tilts at all azimuths, and three azimuths at all tilts.
@@ -447,40 +450,40 @@ mod tests {
     }
 
     #[test]
-    fn a_scan_that_is_taken_up_again_knows_what_was_full() {
+    fn a_resumed_scan_knows_its_full_poses() {
         let plan = plan(5, 3);
         let (done, full) = (BTreeSet::from([0, 1, 2, 3]), BTreeSet::from([1, 2, 3]));
         let none = BTreeSet::new();
-        let again = |full| Seen::of(&plan).after(&[], &plan, &done, full, &rules());
-        // One was not full: no reason to go anywhere else first.
+        let again = |full| FrameHistory::of(&plan).after(&[], &plan, &done, full, &rules());
+        // One was not full: no pose is visited out of turn.
         assert_eq!(again(&full).undecided(&rules()), None);
         assert!(again(&done).undecided(&rules()).is_some());
         assert_eq!(again(&none).undecided(&rules()), None);
         let mut seen = again(&full);
         for index in 4..8 {
-            let looked = visited(index, true);
-            assert_eq!(seen.fault(&looked, &rules()), None, "{index}");
-            seen.remember(looked);
+            let summary = visited(index, true);
+            assert_eq!(seen.fault(&summary, &rules()), None, "{index}");
+            seen.remember(summary);
         }
-        let told = seen.fault(&visited(8, true), &rules());
-        assert_eq!(told, Some(Rejected::FullSample { poses: 8, of: 15 }));
-        let mut looked_at = rules();
-        looked_at
-            .looked_at
+        let fault = seen.fault(&visited(8, true), &rules());
+        assert_eq!(fault, Some(Rejected::FullSample { poses: 8, of: 15 }));
+        let mut confirmed = rules();
+        confirmed
+            .confirmed
             .note(&Rejected::FullSample { poses: 8, of: 15 });
-        assert_eq!(seen.fault(&visited(8, true), &looked_at), None);
+        assert_eq!(seen.fault(&visited(8, true), &confirmed), None);
     }
 
     #[test]
-    fn a_white_reference_is_never_full() {
-        let white = looked(FrameKind::Flat, 0.0, &[(4095, 0.01)]);
-        let words = Seen::of(&plan(3, 3))
+    fn a_full_white_reference_is_rejected() {
+        let white = summary(FrameKind::Flat, 0.0, &[(4095, 0.01)]);
+        let words = FrameHistory::of(&plan(3, 3))
             .fault(&white, &rules())
             .unwrap()
             .to_string();
         assert!(words.starts_with("full"), "{words}");
         // The longer exposure may be.
-        let white = looked(FrameKind::Flat, 0.0, &[(900, 0.01), (4095, 0.1)]);
-        assert_eq!(Seen::of(&plan(3, 3)).fault(&white, &rules()), None);
+        let white = summary(FrameKind::Flat, 0.0, &[(900, 0.01), (4095, 0.1)]);
+        assert_eq!(FrameHistory::of(&plan(3, 3)).fault(&white, &rules()), None);
     }
 }

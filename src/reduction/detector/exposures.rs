@@ -1,19 +1,17 @@
-//! Frames → visits: which frames show one pose at several exposure times, and how high their counts are.
+//! Frames → visits: which frames show one pose at several exposure times, and the levels of their counts.
 
 use std::collections::BTreeMap;
 
-use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
-use super::{Detector, EXPOSURE_REL_STD_DEFAULT, Known, Seen, Visit};
+use super::{CurvePrior, Detector, EXPOSURE_REL_STD_DEFAULT, FrameLevels, Visit};
 use crate::frame::{Frame, FrameKind};
-use crate::reduction::ReductionError;
 use crate::reduction::darks::{Dark, Darks};
 use crate::reduction::flats::SAME_ANGLE_DEG;
-use crate::reduction::load::{Calls, load};
 use crate::reduction::sensor::Sensor;
-use crate::series::FrameRow;
+use crate::series::{FrameRow, Manifest};
 
-/// Visits that are read: more would hardly tell more, and every frame takes its time.
+/// Visits that are compared. More would add little, and every frame takes its time.
 const VISITS_MAX: usize = 64;
 /// Frames of a visit that are read.
 const FRAMES_MAX: usize = 6;
@@ -29,49 +27,87 @@ const NOISE_MAX: f64 = 5e-3;
 const HIT_SIGMAS: f64 = 8.0;
 const HIT_SHARE: f64 = 0.3;
 
-/// Compares exposures of one pose. Reads no frame of a series that has one exposure time.
-///
-/// # Errors
-/// [`ReductionError::Cancelled`].
-pub(in crate::reduction) fn read(
-    calls: &Calls<'_>,
+/// Levels of the counts of one frame of a visit, as a reduction keeps them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(in crate::reduction) struct Exposure {
+    exposure_s: f64,
+    /// Pixels and their counts above dark, by level.
+    bins: Vec<[f64; 2]>,
+    /// Relative variance of the sum by counting and read noise.
+    variance: f64,
+}
+
+/// The comparable frames of one visit; empty where fewer than two can be compared.
+pub(in crate::reduction) type Exposures = Vec<Exposure>;
+
+/// The groups of frames that are compared, spread over the series.
+pub(in crate::reduction) fn shown(groups: &[Vec<usize>]) -> impl Iterator<Item = &Vec<usize>> {
+    let step = groups.len().div_ceil(VISITS_MAX).max(1);
+    groups.iter().step_by(step)
+}
+
+/// Exposure times of flats and samples, ascending.
+fn times_s(rows: &[FrameRow]) -> Vec<f64> {
+    let lit = rows.iter().filter(|row| row.kind != FrameKind::Dark);
+    let mut all: Vec<f64> = lit.map(|row| row.exposure_s).collect();
+    all.sort_unstable_by(f64::total_cmp);
+    all.dedup();
+    all
+}
+
+/// Compares exposures of one pose. `has_darks` says whether the dark level was measured.
+pub(in crate::reduction) fn compare(
+    manifest: &Manifest,
+    rows: &[FrameRow],
     sensor: &Sensor,
-    darks: &Darks,
-) -> Result<Detector, ReductionError> {
-    let rows = calls.source.rows();
-    let lit = |row: &&FrameRow| row.kind != FrameKind::Dark;
-    let mut all_times_s: Vec<f64> = rows.iter().filter(lit).map(|row| row.exposure_s).collect();
-    all_times_s.sort_unstable_by(f64::total_cmp);
-    all_times_s.dedup();
-    let stated = calls.source.manifest().camera.exposure_rel_std;
-    let known = Known {
-        full_dn: sensor.saturation_dn - sensor.black_dn,
+    has_darks: bool,
+    visits: &[&Exposures],
+) -> Detector {
+    let all_times_s = times_s(rows);
+    let stated = manifest.camera.exposure_rel_std;
+    let known = CurvePrior {
+        full_dn: full_dn(sensor),
         times_s: all_times_s.clone(),
         time_std: stated.unwrap_or(EXPOSURE_REL_STD_DEFAULT),
-        // Offsets of real cameras wander by a fraction of their read noise; without dark frames nobody knows them.
-        dark_std_dn: match darks.n_frames {
-            0 => (0.02 * sensor.black_dn).max(5.0),
-            _ => 0.1 * sensor.read_dn.max(1.0),
+        // Offsets of real cameras wander by a fraction of their read noise; without dark frames they are unknown.
+        dark_std_dn: match has_darks {
+            false => (0.02 * sensor.black_dn).max(5.0),
+            true => 0.1 * sensor.read_dn.max(1.0),
         },
     };
-    let usable = all_times_s.len() > 1 && known.full_dn > 0.0 && known.full_dn.is_finite();
-    let groups = if usable { groups(rows) } else { Vec::new() };
-    let step = groups.len().div_ceil(VISITS_MAX).max(1);
-    let chosen: Vec<&Vec<usize>> = groups.iter().step_by(step).collect();
-    let visits: Vec<Option<Visit>> = chosen
-        .par_iter()
-        .map(|group| {
-            calls.check_cancel()?;
-            Ok(visit(calls, sensor, darks, &known, group))
+    let seen = |exposure: &Exposure| {
+        let time = all_times_s.iter().position(|s| *s == exposure.exposure_s)?;
+        Some(FrameLevels {
+            time,
+            bins: exposure.bins.clone(),
+            variance: exposure.variance,
         })
-        .collect::<Result<_, ReductionError>>()?;
-    let visits: Vec<Visit> = visits.into_iter().flatten().collect();
-    Ok(Detector::of(&visits, &known, &all_times_s, stated))
+    };
+    let visit = |exposures: &&Exposures| -> Option<Visit> { exposures.iter().map(seen).collect() };
+    let visits: Vec<Visit> = visits
+        .iter()
+        .filter_map(visit)
+        .filter(|visit| visit.len() > 1)
+        .collect();
+    Detector::of(&visits, &known, &all_times_s, stated)
+}
+
+fn full_dn(sensor: &Sensor) -> f64 {
+    sensor.saturation_dn - sensor.black_dn
+}
+
+/// Groups of frames of one pose at several exposure times; none of a series that has one exposure time.
+pub(in crate::reduction) fn groups(rows: &[FrameRow], sensor: &Sensor) -> Vec<Vec<usize>> {
+    let full_dn = full_dn(sensor);
+    match times_s(rows).len() > 1 && full_dn > 0.0 && full_dn.is_finite() {
+        true => groups_of(rows),
+        false => Vec::new(),
+    }
 }
 
 /// Frames of one pose at several exposure times, each a list of one frame per exposure time: as they follow each other in the
 /// list, or, where the list goes through all poses at one exposure time first, over the whole list.
-fn groups(rows: &[FrameRow]) -> Vec<Vec<usize>> {
+fn groups_of(rows: &[FrameRow]) -> Vec<Vec<usize>> {
     let one_each = |frames: &[usize]| {
         let mut chosen: Vec<usize> = Vec::new();
         for index in frames {
@@ -117,23 +153,16 @@ fn groups(rows: &[FrameRow]) -> Vec<Vec<usize>> {
         .collect()
 }
 
-/// One visit from its frames; none where fewer than two of them can be compared.
-fn visit(
-    calls: &Calls<'_>,
+/// The levels of a visit's frames, each with its exposure time; empty where fewer than two of them can be compared.
+pub(in crate::reduction) fn read_exposures(
     sensor: &Sensor,
     darks: &Darks,
-    known: &Known,
-    group: &[usize],
-) -> Option<Visit> {
-    let rows = calls.source.rows();
-    let nearly_full = sensor.black_dn + NEARLY_FULL * known.full_dn;
-    let mut frames: Vec<(usize, Frame, Dark)> = Vec::new();
-    for index in group {
-        let exposure_s = rows[*index].exposure_s;
-        let time = known.times_s.iter().position(|s| *s == exposure_s)?;
-        let Ok(frame) = load(calls, *index, sensor) else {
-            continue;
-        };
+    visited: &[(f64, &Frame)],
+) -> Exposures {
+    let full_dn = full_dn(sensor);
+    let nearly_full = sensor.black_dn + NEARLY_FULL * full_dn;
+    let mut frames: Vec<(f64, &Frame, Dark)> = Vec::new();
+    for (exposure_s, frame) in visited {
         let (n, full) = frame
             .pixels_dn()
             .iter()
@@ -143,12 +172,12 @@ fn visit(
                 (n + 1, full + usize::from(f64::from(*dn) > nearly_full))
             });
         if n > 0 && (full as f64) <= FULL_SHARE * n as f64 {
-            frames.push((time, frame, darks.at(exposure_s)));
+            frames.push((*exposure_s, *frame, darks.at(*exposure_s)));
         }
     }
-    frames.sort_by_key(|(time, ..)| *time);
+    frames.sort_by(|a, b| a.0.total_cmp(&b.0));
     if frames.len() < 2 {
-        return None;
+        return Exposures::new();
     }
     let mut bins = vec![[[0.0_f64; 2]; BINS]; frames.len()];
     let mut counts = vec![0.0; frames.len()];
@@ -157,27 +186,27 @@ fn visit(
             *count = f64::from(frame.pixels_dn()[pixel]) - f64::from(dark.level_dn[pixel]);
         }
         let hit = (1..frames.len()).any(|j| {
-            let ratio = known.times_s[frames[0].0] / known.times_s[frames[j].0];
+            let ratio = frames[0].0 / frames[j].0;
             let (short, long) = (counts[0], counts[j] * ratio);
             let variance =
                 sensor.variance_dn2(short) + ratio * ratio * sensor.variance_dn2(counts[j]);
             (long - short).abs()
                 > HIT_SIGMAS * variance.sqrt() + HIT_SHARE * long.abs().max(short.abs())
         });
-        if hit || counts.iter().any(|c| *c > NEARLY_FULL * known.full_dn) {
+        if hit || counts.iter().any(|c| *c > NEARLY_FULL * full_dn) {
             continue;
         }
         for (count, bins) in counts.iter().zip(&mut bins) {
-            let level = (count / known.full_dn * BINS as f64) as usize;
+            let level = (count / full_dn * BINS as f64) as usize;
             let bin = &mut bins[level.min(BINS - 1)];
             bin[0] += 1.0;
             bin[1] += count;
         }
     }
-    let visit: Visit = frames
+    let exposures: Exposures = frames
         .iter()
         .zip(bins)
-        .filter_map(|((time, _, dark), bins)| {
+        .filter_map(|((exposure_s, _, dark), bins)| {
             let bins: Vec<[f64; 2]> = bins.into_iter().filter(|b| b[0] > 0.0).collect();
             let (n, sum) = bins
                 .iter()
@@ -186,12 +215,15 @@ fn visit(
             let noise = n * (sensor.variance_dn2(sum / n + current) + dark.variance_dn2);
             let variance = noise / (sum * sum);
             let tells = sum > 0.0 && variance < NOISE_MAX * NOISE_MAX;
-            tells.then_some(Seen {
-                time: *time,
+            tells.then_some(Exposure {
+                exposure_s: *exposure_s,
                 bins,
                 variance,
             })
         })
         .collect();
-    (visit.len() > 1).then_some(visit)
+    match exposures.len() > 1 {
+        true => exposures,
+        false => Exposures::new(),
+    }
 }
