@@ -232,7 +232,7 @@ fn leave_out(
     if let Some(known) = report.left_out.iter_mut().find(|l| l.what == POLARISATION) {
         known.cost = polarisation.and_then(|choice| choice.cost);
     }
-    let others = |c: &&plan::Choice| c.decision != plan::Decision::Polarisation;
+    let others = |c: &&plan::PlanChoice| c.decision != plan::Decision::Polarisation;
     for choice in plan.left_out().filter(others) {
         let entry = LeftOut {
             what: choice.what.clone(),

@@ -4,14 +4,17 @@ pub mod accuracy;
 pub mod analysis;
 pub mod api;
 pub mod bench;
+pub mod cases;
 pub mod check;
 pub mod cli;
 pub mod clock;
+pub mod colour;
 pub mod config;
 pub mod contrast;
 pub mod daemon;
 #[cfg(test)]
 mod extremes;
+pub mod figures;
 pub mod fit;
 pub mod forecast;
 pub mod frame;

@@ -1,30 +1,34 @@
-//! The solver's iterations: error of the parameters against seconds, on data whose truth is exact.
+//! Iterations of the solver: error of the parameters against seconds, on data with an exact truth.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{Point, Rate};
+use super::{AccuracyPoint, ConvergenceRate};
+use crate::cases::{PaintedError, PaintedScan, PaintedSigma, SampleCase};
 use crate::fit::least_squares::LeastSquares;
 use crate::fit::problem::{Problem, Quantity, Values};
 use crate::fit::solver::{Settings, minimise};
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
-use crate::model::{Optics, Surface, Variant, radiance};
-use crate::observation::{Observation, ObservationSet, Prior, WhiteReference};
+use crate::model::Variant;
 
-/// Trial steps after which the error is looked at.
+/// Numbers of trial steps after which the error is measured.
 const STEPS: [u64; 16] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 20, 30];
 
-/// Descents of which the shortest time counts.
+/// Descents per measurement; the shortest time counts.
 const REPEATS: u32 = 20;
-/// Error below which a descent has come to rounding.
+/// Error below which only rounding is left.
 const ROUNDING: f64 = 1e-12;
 
-pub(super) fn measure(cancel: &AtomicBool, points: &mut Vec<Point>, rates: &mut Vec<Rate>) {
-    for (name, misfit) in [("zero residual", 0.0), ("5 % misfit", 0.05)] {
-        iterations(name, misfit, cancel, points, rates);
+pub(super) fn measure(
+    cancel: &AtomicBool,
+    points: &mut Vec<AccuracyPoint>,
+    rates: &mut Vec<ConvergenceRate>,
+) {
+    for (name, model_error) in [("zero residual", 0.0), ("5 % model error", 0.05)] {
+        iterations(name, model_error, cancel, points, rates);
     }
 }
 
@@ -44,52 +48,30 @@ fn truth() -> Values {
     }
 }
 
-/// Observations of a surface as the closed form paints it, with a misfit that no parameter explains: up, down, up, ….
-pub(super) fn painted(
-    rig: RigGeometry,
-    material: Material,
-    surface: &Surface,
-    poses: &[Pose],
-    misfit: f64,
-) -> ObservationSet {
-    let optics = Optics::new(&rig, &material);
-    let observations = poses.iter().enumerate().map(|(n, pose)| {
-        let clean = radiance(Variant::Sawtooth, &rig.directions(*pose), surface, &optics);
-        let sign = if n % 2 == 0 { 1.0 } else { -1.0 };
-        Observation::new(*pose, clean * (1.0 + misfit * sign), 1e-3)
-    });
-    ObservationSet {
-        white_reference: Some(WhiteReference {
-            reflectance: 0.99,
-            reflectance_std: 0.005,
-        }),
-        ..ObservationSet::bare(
-            rig,
-            material,
-            observations.collect(),
-            Prior {
-                mean: 0.0,
-                std: 1e-3,
-            },
-        )
-    }
-}
-
 fn iterations(
     name: &str,
-    misfit: f64,
+    model_error: f64,
     cancel: &AtomicBool,
-    points: &mut Vec<Point>,
-    rates: &mut Vec<Rate>,
+    points: &mut Vec<AccuracyPoint>,
+    rates: &mut Vec<ConvergenceRate>,
 ) {
     let truth = truth();
-    let rig = RigGeometry::IN_PLANE;
     let material = Material::Dielectric {
         eta: truth.eta,
         eta_std: 0.0,
     };
     let poses: Vec<Pose> = super::full_scan().poses().collect();
-    let set = painted(rig, material, &truth.surface(), &poses, misfit);
+    let scan = PaintedScan {
+        rig: RigGeometry::IN_PLANE,
+        sample: SampleCase {
+            material,
+            surface: truth.surface(),
+        },
+        poses: &poses,
+        error: PaintedError::Alternating(model_error),
+        sigma: PaintedSigma::Absolute(1e-3),
+    };
+    let set = scan.observations();
     let free = vec![
         Quantity::ThetaR,
         Quantity::AlphaU,
@@ -117,10 +99,10 @@ fn iterations(
             cancel,
         )
     };
-    // With a misfit the minimum is not the truth: another method finds it. The model's kinks part it into several that
-    // lie 1e-5 apart; it is the one to which these descents go.
-    let (goal, reference) = if misfit == 0.0 {
-        (problem.pack(&truth), "truth that was put in")
+    // With a model error the minimum differs from the truth, and Newton's method finds it. The kinks of the model divide
+    // it into several minima 1e-5 apart; the goal is the one that these descents reach.
+    let (goal, reference) = if model_error == 0.0 {
+        (problem.pack(&truth), "known truth")
     } else {
         let other = descend(&Settings::default(), &start);
         let minimum = minimum_by_newton(&problem, &other.parameters).0;
@@ -129,10 +111,10 @@ fn iterations(
             "minimum by Newton's method with second derivatives",
         )
     };
-    rates.push(if misfit == 0.0 {
+    rates.push(if model_error == 0.0 {
         order(name, &problem, &goal)
     } else {
-        // In the minimum next to the truth, within whose kinks the last steps stay.
+        // The minimum next to the truth; the last steps stay within its kinks.
         let near = descend(&Settings::default(), &truth);
         rate(name, &problem, &near.parameters)
     });
@@ -144,7 +126,7 @@ fn iterations(
                 polish_steps,
                 ..Settings::default()
             };
-            // The shortest of some: other work on the machine only ever adds.
+            // The shortest of several: other work on the machine only adds time.
             let mut seconds = f64::INFINITY;
             let mut found = descend(&settings, &start);
             for _ in 0..REPEATS {
@@ -158,7 +140,7 @@ fn iterations(
                 .zip(&goal)
                 .map(|(a, b)| (a - b).abs());
             let error = off.fold(0.0, f64::max).max(f64::EPSILON / 4.0);
-            // Further steps find nothing more than rounding.
+            // Further steps change only rounding errors.
             if errors
                 .last()
                 .is_some_and(|last| error >= *last && *last < ROUNDING)
@@ -166,7 +148,7 @@ fn iterations(
                 break;
             }
             errors.push(error);
-            points.push(Point {
+            points.push(AccuracyPoint {
                 scene: format!("fit, {name}"),
                 method: if polish_steps == 0 {
                     "Levenberg–Marquardt"
@@ -215,12 +197,12 @@ fn last_steps(problem: &Problem<'_>, goal: &[f64]) -> Vec<f64> {
     errors
 }
 
-/// Where the last steps begin, off the minimum in every parameter, and how many there are.
+/// Distance from the minimum, in every parameter, at which the last steps begin, and their number.
 const NEAR: f64 = 3e-3;
 const NEAR_STEPS: usize = 40;
 
-/// Without residuals the error of a step is the square of the one before: its logarithms' differences double.
-fn order(name: &str, problem: &Problem<'_>, goal: &[f64]) -> Rate {
+/// Without residuals, convergence is quadratic: the difference of the logarithms of the error doubles in each step.
+fn order(name: &str, problem: &Problem<'_>, goal: &[f64]) -> ConvergenceRate {
     let errors = last_steps(problem, goal);
     // The last step whose error rounding (1e-12 of the first) does not hide.
     let floor = 1e-12 * errors[0];
@@ -229,7 +211,7 @@ fn order(name: &str, problem: &Problem<'_>, goal: &[f64]) -> Rate {
         .take_while(|w| w[2] > floor)
         .last()
         .map(|w| (w[2] / w[1]).ln() / (w[1] / w[0]).ln());
-    Rate {
+    ConvergenceRate {
         scene: format!("fit, {name}"),
         quantity: "order of the last steps".to_owned(),
         predicted: 2.0,
@@ -237,8 +219,7 @@ fn order(name: &str, problem: &Problem<'_>, goal: &[f64]) -> Rate {
     }
 }
 
-/// The Hessian of half the cost, by central differences of its gradient: exact to the third order of a step that
-/// rounding does not disturb.
+/// The Hessian of half the cost, by central differences of its gradient.
 fn hessian_at(problem: &Problem<'_>, x: &DVector<f64>) -> DMatrix<f64> {
     let gradient = |x: &DVector<f64>| {
         let (r, j) = at(problem, x.as_slice());
@@ -255,8 +236,8 @@ fn hessian_at(problem: &Problem<'_>, x: &DVector<f64>) -> DMatrix<f64> {
     hessian
 }
 
-/// The minimum near a point, and the Hessian there. Newton's own steps know the curvature: as a reference it is
-/// another method than what is judged.
+/// The minimum near a point, and the Hessian there, by Newton's method. It uses second derivatives, so it is independent of
+/// the method that is measured.
 fn minimum_by_newton(problem: &Problem<'_>, near: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
     let mut minimum = DVector::from_column_slice(near);
     let mut hessian = hessian_at(problem, &minimum);
@@ -270,9 +251,9 @@ fn minimum_by_newton(problem: &Problem<'_>, near: &[f64]) -> (DVector<f64>, DMat
     (minimum, hessian)
 }
 
-/// With residuals Gauss–Newton leaves out their curvature: near the minimum each step's error is
-/// I − (JᵀJ)⁻¹H times the one before, H the Hessian of half the cost, and in the end its spectral radius.
-fn rate(name: &str, problem: &Problem<'_>, goal: &[f64]) -> Rate {
+/// With residuals, Gauss–Newton omits their curvature. Near the minimum each step multiplies the error by
+/// I − (JᵀJ)⁻¹H, where H is the Hessian of half the cost; its spectral radius is the asymptotic rate.
+fn rate(name: &str, problem: &Problem<'_>, goal: &[f64]) -> ConvergenceRate {
     let (minimum, hessian) = minimum_by_newton(problem, goal);
     let goal = minimum.as_slice();
     let (_, j) = at(problem, goal);
@@ -291,7 +272,7 @@ fn rate(name: &str, problem: &Problem<'_>, goal: &[f64]) -> Rate {
         .take_while(|w| w[1] > floor)
         .last()
         .map(|w| w[1] / w[0]);
-    Rate {
+    ConvergenceRate {
         scene: format!("fit, {name}"),
         quantity: "error of a step over that of the one before".to_owned(),
         predicted,

@@ -1,7 +1,7 @@
-//! How long a fit will take, told before it starts, from short runs of it.
+//! Estimates the duration of a fit from short runs of it, before it starts.
 //!
-//! [`of_analysis`] for a series that is reduced and fitted (a fit, a verdict), [`of_reduction`] for one that is reduced
-//! alone (a contrast). Traces and maps have files of their own, and so have predictions. All speak in [`Forecast`]s.
+//! [`of_analysis`] is for a series that is reduced and fitted (a fit, a verdict), [`of_reduction`] for one that is only
+//! reduced (a contrast). Traces, maps and predictions have their own files. All return a [`Forecast`].
 
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -21,17 +21,17 @@ use crate::series::{FrameRow, Manifest};
 use crate::trace::ridged::RadianceOptions;
 
 /// A series with a few of its sample frames.
-pub(super) struct Thinned<'a> {
+pub(super) struct ThinnedSeries<'a> {
     source: &'a dyn FrameSource,
     rows: Vec<FrameRow>,
     places: Vec<usize>,
 }
 
-impl<'a> Thinned<'a> {
-    /// With one pose of so many.
+impl<'a> ThinnedSeries<'a> {
+    /// Keeps every calibration frame and one pose in `every`.
     pub(super) fn new(source: &'a dyn FrameSource, every: usize) -> Self {
         let mut poses: Vec<Pose> = Vec::new();
-        let mut thinned = Thinned {
+        let mut thinned = ThinnedSeries {
             source,
             rows: Vec::new(),
             places: Vec::new(),
@@ -55,7 +55,7 @@ impl<'a> Thinned<'a> {
     }
 }
 
-impl FrameSource for Thinned<'_> {
+impl FrameSource for ThinnedSeries<'_> {
     fn manifest(&self) -> &Manifest {
         self.source.manifest()
     }
@@ -77,30 +77,30 @@ impl FrameSource for Thinned<'_> {
     }
 }
 
-/// Names of the parts.
+/// Name of the part for reading and reducing.
 pub const READ: &str = "to read and reduce";
-/// The descents.
+/// Name of the part for the descents.
 pub const FIT: &str = "to fit";
-/// The ray tracer's passes.
+/// Name of the part for the passes of the ray tracer.
 pub const TRACE: &str = "to trace";
-/// Fits of drawn series.
+/// Name of the part for fits of resampled series.
 pub const BOOTSTRAP: &str = "for the bootstrap";
 
 /// What reading and reducing gives a forecast. The reduction is that of the work itself: what it computes of the frames is
 /// kept, and the work reads none of them again.
-struct Reduced {
+struct ReducedSeries {
     set: ObservationSet,
     seconds: f64,
 }
 
-impl Reduced {
+impl ReducedSeries {
     /// `None` where the frames give no observations.
     fn of(source: &dyn FrameSource, region: Option<&str>, cancel: &AtomicBool) -> Option<Self> {
         let layout = source.manifest().sample.layout.as_ref();
         let region = region.or(layout.map(|_| "even"));
         let started = Instant::now();
         let set = reduce(source, region, cancel).ok()?;
-        Some(Reduced {
+        Some(ReducedSeries {
             set,
             seconds: started.elapsed().as_secs_f64(),
         })
@@ -115,19 +115,19 @@ fn poses_of(source: &dyn FrameSource) -> Vec<Pose> {
     poses
 }
 
-/// Forecasts the reduction of a series alone.
+/// Forecasts only the reduction of a series.
 #[must_use]
 pub fn of_reduction(
     source: &dyn FrameSource,
     region: Option<&str>,
     cancel: &AtomicBool,
 ) -> Option<Forecast> {
-    let reduce_s = Reduced::of(source, region, cancel)?.seconds;
+    let reduce_s = ReducedSeries::of(source, region, cancel)?.seconds;
     let poses = poses_of(source).len() as u64;
     Some(Forecast::of_parts([(READ, reduce_s)]).for_work(poses, "poses"))
 }
 
-/// Forecasts the analysis of a series by the usual fit.
+/// Forecasts the analysis of a series with default options.
 #[must_use]
 pub fn of_series(source: &dyn FrameSource, cancel: &AtomicBool) -> Option<Forecast> {
     of_analysis(source, &AnalysisOptions::default(), cancel)
@@ -142,10 +142,10 @@ pub fn of_analysis(
     options: &AnalysisOptions,
     cancel: &AtomicBool,
 ) -> Option<Forecast> {
-    let Reduced {
+    let ReducedSeries {
         set,
         seconds: reduce_s,
-    } = Reduced::of(source, options.region.as_deref(), cancel)?;
+    } = ReducedSeries::of(source, options.region.as_deref(), cancel)?;
     let poses = poses_of(source);
     let asked = &options.fit;
     let begun = Instant::now();
@@ -158,30 +158,31 @@ pub fn of_analysis(
     };
     let of = |seconds: fn(&Outlook) -> f64| outlook.as_ref().map_or(0.0, seconds);
     let fit_s = of(|o| o.search_s + o.profile_s);
-    let told = Forecast::of_parts([
+    let forecast = Forecast::of_parts([
         (READ, reduce_s),
         (FIT, fit_s),
         (TRACE, trace_s),
         (BOOTSTRAP, of(|o| o.bootstrap_s)),
     ]);
-    // The limit is on the time of fitting.
+    // The limit applies to the fit.
     let limit = options.max_seconds.map(|s| reduce_s + s);
     Some(
-        told.for_work(poses.len() as u64, "poses")
+        forecast
+            .for_work(poses.len() as u64, "poses")
             .to_error(error, "a traced radiance, of the peak,")
             .within(limit),
     )
 }
 
-/// Poses that are traced to time a tracing, and paths of the two trials.
+/// Poses of the timed tracing, and paths of its two runs.
 const TRACED: (usize, [u64; 2]) = (6, [256, 2048]);
-/// Passes over all poses at the paths that a tracing begins with: metal is polarised from the start, of a
-/// dielectric both kinds of light are looked at.
+/// Passes over all poses with the initial number of paths, for metals and for dielectrics, where both polarised and
+/// scalar light are traced.
 const PASSES: (f64, f64) = (3.0, 5.0);
-/// By how much paths grow from there until their line of the budget is small, where nobody names an error.
+/// Growth of the paths, relative to the initial passes, until their line of the budget is small, without a target error.
 const GROWTH: f64 = 1.0;
 
-/// Seconds of the ray tracer's passes, and the standard error at their end as a share of the peak.
+/// Seconds of the passes of the ray tracer, and the standard error at their end as a share of the peak.
 fn tracing(
     set: &ObservationSet,
     values: &Values,
@@ -252,7 +253,7 @@ mod tests {
     fn a_thinned_series_has_all_calibrations_and_a_sixth_of_the_poses() {
         const THINNED: usize = 6;
         let series = Series::open("tests/data/series/paper-rig-full".as_ref()).unwrap();
-        let thinned = Thinned::new(&series, THINNED);
+        let thinned = ThinnedSeries::new(&series, THINNED);
         let count = |rows: &[FrameRow], sample: bool| {
             let kind = |r: &&FrameRow| (r.kind == FrameKind::Sample) == sample;
             rows.iter().filter(kind).count()
@@ -263,28 +264,28 @@ mod tests {
             count(some, true) * THINNED >= count(all, true)
                 && count(some, true) < count(all, true) / 3
         );
-        // What is read is what its row says.
+        // Each row keeps its own frame.
         for (place, row) in some.iter().enumerate() {
             assert_eq!(row.file, all[thinned.places[place]].file);
         }
     }
 
     #[test]
-    fn what_a_fit_is_asked_for_is_forecast_and_a_limit_cuts_it() {
+    fn a_forecast_includes_the_options_of_the_fit_and_the_time_limit() {
         let series = Series::open("tests/data/series/paper-rig-full".as_ref()).unwrap();
         let mut options = AnalysisOptions::default();
         options.fit.variant = VariantChoice::Traced;
         options.fit.tracer.paths = 64;
         options.fit.bootstrap = 20;
         options.fit.starts = 1;
-        let told = |options: &AnalysisOptions| {
+        let forecast = |options: &AnalysisOptions| {
             of_analysis(&series, options, &AtomicBool::new(false)).unwrap()
         };
-        let all = told(&options);
+        let all = forecast(&options);
         assert!(all.part(TRACE) > 0.0 && all.part(BOOTSTRAP) > 0.0, "{all}");
         assert!(all.error.as_ref().unwrap().value > 0.0 && !all.cut_short);
         options.max_seconds = Some(1e-6);
-        let cut = told(&options);
+        let cut = forecast(&options);
         assert!(cut.cut_short && cut.seconds < cut.parts.iter().map(|p| p.seconds).sum());
     }
 }

@@ -1,25 +1,25 @@
-//! Closed forms and the quadrature: against 60-digit tables, and against path-traced radiances.
+//! Closed forms and the quadrature against 60-digit tables and against path-traced radiances.
 
 use std::time::Instant;
 
-use super::proof::{Part, Proof};
-use super::{Effort, Point};
+use super::plan_check::{PlanCheck, PlanPart};
+use super::{AccuracyEffort, AccuracyPoint};
+use crate::cases::{RECORDED_SERIES, RecordedSeries, RecordedTruth};
 use crate::geometry::{Cones, Directions, Pose};
 use crate::model::brdf::{self, Case};
 use crate::model::prepared::OpticsTable;
 use crate::model::quadrature::Quadrature;
 use crate::model::{Optics, Surface, Variant, cone, radiance};
 use crate::plan::{self, Decision, TOLERANCE};
-use crate::series::Manifest;
 
-pub(super) fn measure(effort: Effort, points: &mut Vec<Point>) {
+pub(super) fn measure(effort: AccuracyEffort, points: &mut Vec<AccuracyPoint>) {
     printed(points);
-    for series in SERIES {
+    for series in RECORDED_SERIES {
         recorded(&series, effort, points);
     }
 }
 
-/// Seconds of one call, repeated until they can be told.
+/// Seconds of one call, repeated until the clock resolves them.
 fn seconds_of(mut call: impl FnMut()) -> f64 {
     let started = Instant::now();
     let mut calls = 0u32;
@@ -30,7 +30,7 @@ fn seconds_of(mut call: impl FnMut()) -> f64 {
     started.elapsed().as_secs_f64() / f64::from(calls)
 }
 
-fn printed(points: &mut Vec<Point>) {
+fn printed(points: &mut Vec<AccuracyPoint>) {
     let text = include_str!("../../tests/data/brdf/reference.csv");
     let rows: Vec<(Case, f64)> = text
         .lines()
@@ -68,11 +68,11 @@ fn printed(points: &mut Vec<Point>) {
         errors.sort_by(f64::total_cmp);
         let at = |share: f64| errors[((share * count) as usize).min(errors.len() - 1)];
         for (name, error) in [("median", at(0.5)), ("99 % of cases", at(0.99))] {
-            points.push(Point {
+            points.push(AccuracyPoint {
                 scene: "printed BRDF".to_owned(),
                 method: method.to_owned(),
                 seconds: seconds / count,
-                // Nothing is more exact than the rounding of the answer.
+                // No result is more exact than its rounding.
                 error: error.max(f64::EPSILON / 4.0),
                 quantity: format!("relative error of f, {name}"),
                 reference: "60-digit arithmetic".to_owned(),
@@ -111,96 +111,13 @@ fn printed(points: &mut Vec<Point>) {
     });
 }
 
-/// A recorded series whose noise-free radiances come from a path tracer of others.
-struct Recorded {
-    name: &'static str,
-    manifest: &'static str,
-    truth: &'static str,
-    radiance: &'static str,
-}
-
-const SERIES: [Recorded; 3] = [
-    Recorded {
-        name: "polymer-10",
-        manifest: include_str!("../../tests/data/series/polymer-10/manifest.toml"),
-        truth: include_str!("../../tests/data/series/polymer-10/truth.toml"),
-        radiance: include_str!("../../tests/data/series/polymer-10/radiance.csv"),
-    },
-    Recorded {
-        name: "steel-15",
-        manifest: include_str!("../../tests/data/series/steel-15/manifest.toml"),
-        truth: include_str!("../../tests/data/series/steel-15/truth.toml"),
-        radiance: include_str!("../../tests/data/series/steel-15/radiance.csv"),
-    },
-    Recorded {
-        name: "paper-rig-full",
-        manifest: include_str!("../../tests/data/series/paper-rig-full/manifest.toml"),
-        truth: include_str!("../../tests/data/series/paper-rig-full/truth.toml"),
-        radiance: include_str!("../../tests/data/series/paper-rig-full/radiance.csv"),
-    },
-];
-
-/// A series with its truth: what the radiances should be computed from.
-struct Ready {
-    manifest: Manifest,
-    surface: Surface,
-    optics: Optics,
-    /// Each pose in truth, its directions, and the path tracer's radiance.
-    rows: Vec<(Pose, Directions, f64)>,
-}
-
-impl Recorded {
-    fn ready(&self) -> Option<Ready> {
-        let manifest = Manifest::from_toml(self.manifest, "manifest.toml").ok()?;
-        let truth: toml::Table = toml::from_str(self.truth).unwrap_or_default();
-        let number = |section: &str, keys: &[&str]| {
-            let table = truth.get(section).and_then(toml::Value::as_table);
-            keys.iter()
-                .find_map(|k| table.and_then(|t| t.get(*k)))
-                .and_then(toml::Value::as_float)
-                .unwrap_or(0.0)
-        };
-        let rig = manifest.rig_geometry();
-        let optics = Optics::new(&rig, &manifest.material());
-        let surface = Surface {
-            theta_r: number("sample", &["theta_r_deg"]).to_radians(),
-            alpha_u: number("sample", &["alpha_u", "alpha"]),
-            alpha_v: number("sample", &["alpha_v", "alpha"]),
-            rho_d: number("sample", &["rho_d_lambertian_equivalent"]),
-            amplitude: 1.0,
-        };
-        let rows: Vec<(Pose, Directions, f64)> = self
-            .radiance
-            .lines()
-            .skip(1)
-            .filter_map(|line| {
-                let f: Vec<&str> = line.split(',').collect();
-                let parse = |n: usize| f.get(n).and_then(|t| t.parse::<f64>().ok());
-                let tilt = parse(0)? + number("mounting", &["camera_tilt_zero_offset_deg"]);
-                let turn = parse(1)? + number("mounting", &["azimuth_offset_deg"]);
-                let pose = Pose::from_deg(tilt, turn);
-                Some((pose, rig.directions(pose), parse(3)?))
-            })
-            .collect();
-        Some(Ready {
-            manifest,
-            surface,
-            optics,
-            rows,
-        })
-    }
-}
-
-fn recorded(series: &Recorded, effort: Effort, points: &mut Vec<Point>) {
-    let Some(Ready {
+fn recorded(series: &RecordedSeries, effort: AccuracyEffort, points: &mut Vec<AccuracyPoint>) {
+    let RecordedTruth {
         surface,
         optics,
         rows,
         ..
-    }) = series.ready()
-    else {
-        return;
-    };
+    } = series.truth();
     let peak = rows.iter().map(|r| r.2).fold(0.0, f64::max);
     let count = rows.len() as f64;
     let directions: Vec<Directions> = rows.iter().map(|r| r.1).collect();
@@ -214,7 +131,7 @@ fn recorded(series: &Recorded, effort: Effort, points: &mut Vec<Point>) {
             .zip(&rows)
             .map(|(v, r)| ((v - r.2) / peak).powi(2))
             .sum();
-        points.push(Point {
+        points.push(AccuracyPoint {
             scene: format!("series {}", series.name),
             method,
             seconds,
@@ -245,12 +162,12 @@ fn recorded(series: &Recorded, effort: Effort, points: &mut Vec<Point>) {
         &with_cones(Variant::Sawtooth, optics.cones),
     );
     let tolerances: &[f64] = match effort {
-        Effort::Quick => &[1e-1, 1e-2, 1e-3],
-        Effort::Full => &[1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5],
+        AccuracyEffort::Quick => &[1e-1, 1e-2, 1e-3],
+        AccuracyEffort::Full => &[1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5],
     };
     for tolerance in tolerances {
         add("two-bounce quadrature".to_owned(), &|| {
-            // The reference's renderer leaves polarisation out where light meets plastic.
+            // The renderer of the reference ignores polarisation on plastic.
             Quadrature::new(&surface, &OpticsTable::new(&optics))
                 .with_polarisation(optics.k > 0.0)
                 .radiances(&directions, tolerance * peak)
@@ -261,53 +178,50 @@ fn recorded(series: &Recorded, effort: Effort, points: &mut Vec<Point>) {
     }
 }
 
-/// Points of a pixel raster over which directions are taken with everything on, per axis: as few as show a
-/// trend over the field.
+/// Points per axis of the raster of pixels in a full computation: the fewest that show a trend over the field.
 const RASTER: usize = 2;
 
-/// The plan of every series beside a computation with everything on: two bounces integrated for every node
-/// of the lamp's disc and a raster of pixels, polarisation followed.
-pub(super) fn prove(effort: Effort, proofs: &mut Vec<Proof>) {
-    for series in &SERIES {
-        if let Some(ready) = series.ready() {
-            proofs.push(proof_of(series.name, &ready, effort));
-        }
+/// Compares the plan of every series with a full computation: two bounces integrated for every node
+/// of the lamp's disc and a raster of pixels, with polarisation.
+pub(super) fn check_plans(effort: AccuracyEffort, checks: &mut Vec<PlanCheck>) {
+    for series in &RECORDED_SERIES {
+        checks.push(plan_check(series.name, &series.truth(), effort));
     }
 }
 
-fn proof_of(name: &str, ready: &Ready, effort: Effort) -> Proof {
-    let poses: Vec<Pose> = ready.rows.iter().map(|r| r.0).collect();
-    let planned_for = || plan::series::over(&ready.manifest, &poses, &[ready.surface], TOLERANCE);
+fn plan_check(name: &str, truth: &RecordedTruth, effort: AccuracyEffort) -> PlanCheck {
+    let poses: Vec<Pose> = truth.rows.iter().map(|r| r.0).collect();
+    let planned_for = || plan::series::over(&truth.manifest, &poses, &[truth.surface], TOLERANCE);
     let plan = planned_for();
-    // Every sixth pose is enough for a quick look.
+    // A quick run uses every sixth pose.
     let step = match effort {
-        Effort::Quick => 6,
-        Effort::Full => 1,
+        AccuracyEffort::Quick => 6,
+        AccuracyEffort::Full => 1,
     };
-    let directions: Vec<Directions> = ready.rows.iter().step_by(step).map(|r| r.1).collect();
-    let peak = ready.rows.iter().map(|r| r.2).fold(0.0, f64::max);
-    // A hundredth of the tolerance: the reference's own error is nothing beside it.
+    let directions: Vec<Directions> = truth.rows.iter().step_by(step).map(|r| r.1).collect();
+    let peak = truth.rows.iter().map(|r| r.2).fold(0.0, f64::max);
+    // The error of the reference is negligible beside the tolerance.
     let exactness = 0.01 * TOLERANCE * peak;
     let nodes = cone::nodes(
-        &ready.optics.cones,
-        ready.surface.alpha_u.min(ready.surface.alpha_v),
+        &truth.optics.cones,
+        truth.surface.alpha_u.min(truth.surface.alpha_v),
     );
     let compute = |cone: bool, polarised: bool, pixels: bool| -> Vec<f64> {
         let optics = Optics {
             cones: if cone {
                 Cones::NONE
             } else {
-                ready.optics.cones
+                truth.optics.cones
             },
-            ..ready.optics
+            ..truth.optics
         };
-        let quadrature = Quadrature::new(&ready.surface, &OpticsTable::new(&optics))
+        let quadrature = Quadrature::new(&truth.surface, &OpticsTable::new(&optics))
             .with_polarisation(polarised);
         let times = if pixels { RASTER * RASTER } else { 1 };
         let each: &[cone::Node] = if cone { &nodes } else { &[cone::Node::CENTRE] };
         let all: Vec<Directions> = directions
             .iter()
-            // Camera and lamp are far: every pixel has the same directions, which is the point.
+            // Camera and lamp are distant, so all pixels have the same directions.
             .flat_map(|d| std::iter::repeat_n(*d, times))
             .flat_map(|d| each.iter().map(move |node| cone::moved(&d, node)))
             .collect();
@@ -340,7 +254,7 @@ fn proof_of(name: &str, ready: &Ready, effort: Effort) -> Proof {
         })
     };
     let full_s = seconds(true, true, true);
-    let parts = plan.left_out().map(|c| Part {
+    let parts = plan.left_out().map(|c| PlanPart {
         decision: c.decision,
         what: c.what.clone(),
         cost: c.cost,
@@ -357,7 +271,7 @@ fn proof_of(name: &str, ready: &Ready, effort: Effort) -> Proof {
     let planning_s = started.elapsed().as_secs_f64();
     let brightest = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
     let allowed = TOLERANCE + exactness / peak;
-    Proof {
+    PlanCheck {
         scene: format!("series {name}"),
         quantity: "radiance of every pose over the brightest, largest difference".to_owned(),
         tolerance: TOLERANCE,

@@ -1,10 +1,10 @@
-//! How long a map will take, told before it starts: some of its poses are read, pixels of a surface as samples
-//! have it are fitted at all of them, double reflections of one are integrated, and one sheet is drawn.
+//! Estimates the duration of a map before it starts: some of its poses are read, pixels of a typical surface are fitted
+//! at all poses, double reflections of one surface are integrated, and one sheet is drawn.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use super::forecast::Thinned;
+use super::forecast::ThinnedSeries;
 use crate::forecast::Forecast;
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
@@ -13,37 +13,37 @@ use crate::map::{self, MapOptions, Stage};
 use crate::reduction::FrameSource;
 use crate::series::FrameRow;
 
-/// Names of the parts.
+/// Name of the part for reading and resampling.
 pub const READ: &str = "to read and resample";
-/// What all pixels share.
+/// Name of the part for the quantities that all pixels share.
 pub const SETTLE: &str = "for what pixels share";
-/// The pixels.
+/// Name of the part for the pixels.
 pub const FIT: &str = "for the pixels";
-/// Their mean, for which frames are read once more.
+/// Name of the part for the fit of their mean, which reads the frames again.
 pub const MEAN: &str = "for their mean";
-/// The files.
+/// Name of the part for the files.
 pub const WRITE: &str = "for files";
 
-/// Poses that are read at least: a map wants more than five.
+/// Fewest poses that are read: a map needs more than five.
 const POSES_MIN: usize = 8;
-/// Of so many poses one is read, where there are enough.
+/// One pose in this many is read, where there are enough.
 const THINNED: usize = 6;
 /// Pixels that are fitted for the forecast.
 const PIXELS: usize = 128;
-/// Descents per pixel of the sample from which shared quantities are settled, and its size.
+/// Descents per pixel for the shared quantities, and the number of pixels for them.
 const SETTLING: (f64, f64) = (25.0, 2048.0);
 /// Descents per pixel of a map: noise and edges take longer than a clean surface.
 const DESCENTS: f64 = 2.0;
-/// Times that double reflections are integrated: twice on the surfaces that most pixels look like.
+/// Integrations of double reflections.
 const INTEGRALS: f64 = 4.0;
-/// Integrations by which a target error first asks whether they are worth it.
+/// Integrations that decide, with a target error, whether double reflections are needed.
 const PROBES: f64 = 2.0;
-/// Times that a short piece of work is repeated, so that other work on the machine decides little.
+/// Repeats of short pieces of work, so that other work on the machine matters less.
 const REPEATED: usize = 5;
 /// Sheets that a map draws.
 const SHEETS: f64 = 12.0;
 
-/// Forecasts a map. `None` where its frames give none, or `cancel` was raised.
+/// Forecasts a map. `None` where its frames do not give a map, or `cancel` was raised.
 #[must_use]
 pub fn of_map(
     source: &dyn FrameSource,
@@ -59,7 +59,7 @@ pub fn of_map(
         .collect();
     poses.dedup();
     let every = (poses.len() / POSES_MIN).clamp(1, THINNED);
-    let thinned = Thinned::new(source, every);
+    let thinned = ThinnedSeries::new(source, every);
     let started = Instant::now();
     let read = std::sync::OnceLock::new();
     let enough = AtomicBool::new(false);
@@ -106,7 +106,7 @@ pub fn of_map(
         let (signal, sigma) = (signal.clone(), sigma.clone());
         fitter.fit(signal, sigma, &starts, 2, Instructions::Widest)
     };
-    // The first call makes cells that later ones find.
+    // The first call fills a cache.
     std::hint::black_box(again());
     let per_pixel = usual_seconds(|| {
         std::hint::black_box(again());
@@ -124,7 +124,7 @@ pub fn of_map(
     let settle_s = SETTLING.0 * SETTLING.1.min(pixels as f64) * per_pixel + integrals * integral_s;
     let fit_s = DESCENTS * pixels as f64 * per_pixel / threads;
     let write_s = SHEETS * map::write::seconds_of_a_sheet(manifest)? / threads;
-    let told = Forecast::of_parts([
+    let forecast = Forecast::of_parts([
         (READ, read_s),
         (SETTLE, settle_s),
         (FIT, fit_s),
@@ -134,7 +134,8 @@ pub fn of_map(
     // A map that is late begins no further pixels and no fit of their mean; its files are written all the same.
     let limit = options.max_seconds.map(|s| s + write_s);
     Some(
-        told.for_work(pixels as u64, "pixels")
+        forecast
+            .for_work(pixels as u64, "pixels")
             .to_error(options.target_error, "what may be left out of the physics")
             .within(limit),
     )

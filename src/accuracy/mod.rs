@@ -1,10 +1,11 @@
-//! Error against run time: how wrong each way of computing an answer is after how many seconds.
+//! Error against run time: the error of every method after a number of seconds.
 //!
-//! Call [`run`]. A fixed list of scenes, from easy to stiff, is computed by every method that applies, at
-//! growing effort; the error is the distance from a reference that is never the method itself: exact
-//! numbers, tables in 60-digit arithmetic, a path tracer of others, or a long run of another method.
-//! [`forecast`] tells beforehand how long a fit will take, [`trace_forecast`] a trace, and is measured here too,
-//! [`map_forecast`] a map. [`model_error`] says where the closed forms are wrong. This room looks at the clock, which is its purpose; it writes no files.
+//! Call [`run`]. It computes a fixed list of scenes, from easy to stiff, by every method that applies, with
+//! increasing effort. The error is the distance from a reference that is never the method itself: exact
+//! numbers, tables in 60-digit arithmetic, the path tracer of another program, or a long run of another method.
+//! [`forecast`] estimates the duration of a fit, [`trace_forecast`] that of a trace, which is measured here too, and
+//! [`map_forecast`] that of a map. [`model_error`] measures the errors of the closed forms. This module reads the clock,
+//! which is its purpose; it writes no files.
 
 mod fits;
 pub mod forecast;
@@ -12,8 +13,8 @@ mod forms;
 pub mod map_forecast;
 pub mod model_error;
 pub mod page;
+pub mod plan_check;
 pub mod plot;
-pub mod proof;
 pub mod trace_forecast;
 mod traced;
 
@@ -26,9 +27,9 @@ use crate::model::LeftOut;
 use crate::scan::plan::Preset;
 use crate::units::Angle;
 
-/// How much time the whole may take.
+/// Extent of the measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Effort {
+pub enum AccuracyEffort {
     /// Under a minute: few scenes, few photons.
     Quick,
     /// Minutes: all scenes.
@@ -37,7 +38,7 @@ pub enum Effort {
 
 /// One measurement.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Point {
+pub struct AccuracyPoint {
     /// Scene.
     pub scene: String,
     /// Method.
@@ -46,25 +47,25 @@ pub struct Point {
     pub seconds: f64,
     /// Error, in the quantity's unit.
     pub error: f64,
-    /// What is off by the error.
+    /// The quantity that has the error.
     pub quantity: String,
-    /// What the error is against.
+    /// The reference of the error.
     pub reference: String,
 }
 
-/// A forecast beside what it took.
+/// A forecast with the time that the work took.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Foretold {
+pub struct ForecastOutcome {
     /// Scene.
     pub scene: String,
-    /// Seconds told before the start.
+    /// Seconds forecast before the start.
     pub forecast_s: f64,
     /// Seconds taken.
     pub taken_s: f64,
 }
 
-impl Foretold {
-    /// Whether it was right within a factor of 2.
+impl ForecastOutcome {
+    /// Whether the forecast was right within a factor of 2.
     #[must_use]
     pub fn within_a_factor_of_two(&self) -> bool {
         let ratio = self.forecast_s / self.taken_s;
@@ -72,16 +73,16 @@ impl Foretold {
     }
 }
 
-/// How a solver's last steps close in, as theory says and as found.
+/// Convergence of the last steps of a solver, predicted and measured.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Rate {
+pub struct ConvergenceRate {
     /// Scene.
     pub scene: String,
-    /// What is predicted.
+    /// The predicted quantity.
     pub quantity: String,
-    /// As theory says.
+    /// Prediction of theory.
     pub predicted: f64,
-    /// As found; null where rounding came first.
+    /// Measured value; null where rounding hides it.
     pub found: Option<f64>,
 }
 
@@ -89,13 +90,13 @@ pub struct Rate {
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Measurements {
     /// Errors against seconds.
-    pub points: Vec<Point>,
+    pub points: Vec<AccuracyPoint>,
     /// Forecasts against seconds.
-    pub forecasts: Vec<Foretold>,
+    pub forecasts: Vec<ForecastOutcome>,
     /// Rates of solvers.
-    pub rates: Vec<Rate>,
-    /// Plans beside everything on.
-    pub proofs: Vec<proof::Proof>,
+    pub rates: Vec<ConvergenceRate>,
+    /// Plans compared with full computations.
+    pub proofs: Vec<plan_check::PlanCheck>,
 }
 
 /// The poses of the full scan, azimuths within tilts.
@@ -105,7 +106,7 @@ pub struct FullScan {
     azimuths_deg: Vec<f64>,
 }
 
-/// The scan at whose poses surfaces are compared.
+/// The scan at whose poses surfaces are compared: the preset `full`.
 #[must_use]
 pub fn full_scan() -> FullScan {
     let (tilts_deg, azimuths_deg) = Preset::Full.angles_deg();
@@ -142,23 +143,23 @@ impl FullScan {
     }
 }
 
-/// What the measurements of some effort do without.
+/// The measurements that an effort omits.
 #[must_use]
-pub fn left_out(effort: Effort) -> Vec<LeftOut> {
+pub fn left_out(effort: AccuracyEffort) -> Vec<LeftOut> {
     match effort {
-        Effort::Full => Vec::new(),
-        Effort::Quick => vec![LeftOut::new(
+        AccuracyEffort::Full => Vec::new(),
+        AccuracyEffort::Quick => vec![LeftOut::new(
             "some scenes and most photons",
-            "--quick: the errors are those of shorter runs, further to the left on the same lines",
+            "--quick: the errors are those of shorter runs, further left on the same lines",
             None,
         )],
     }
 }
 
-/// Measures everything; `progress` is told what starts, and how much is done of how much. Ends early, with
-/// what is measured, once `cancel` is raised.
+/// Measures everything. `progress` gets the name of each part before it starts, and the numbers of finished and of all
+/// parts. Ends early, with the results so far, once `cancel` is raised.
 pub fn run(
-    effort: Effort,
+    effort: AccuracyEffort,
     cancel: &AtomicBool,
     progress: &dyn Fn(&str, usize, usize),
 ) -> Measurements {
@@ -167,7 +168,7 @@ pub fn run(
     let total = scenes.len() + 2;
     progress("closed forms", 0, total);
     forms::measure(effort, &mut found.points);
-    forms::prove(effort, &mut found.proofs);
+    forms::check_plans(effort, &mut found.proofs);
     progress("fit iterations", 1, total);
     fits::measure(cancel, &mut found.points, &mut found.rates);
     for (n, scene) in scenes.iter().enumerate() {
@@ -180,17 +181,17 @@ pub fn run(
     found
 }
 
-/// A point this far off a line, as a factor, says that there is no power law.
+/// Points further than this factor from the line do not follow a power law.
 const BENT: f64 = 4.0;
 
-/// Slope above which an error does not fall with time: what a method leaves out is all that is left of it.
+/// Slope above which an error no longer falls with time, because only the method's own error is left.
 pub const LEVEL: f64 = -0.25;
 
-/// Slope of log error over log seconds by least squares; `None` for fewer than three points of effort, or where
-/// the effort spans less than a factor of 3, or a point lies more than a factor of 4 off the line: a solver that
-/// converges quadratically keeps no power law, and a slope would say nothing of it.
+/// Slope of log error over log seconds by least squares. `None` for fewer than three points, or where
+/// they span less than a factor of 3 in time, or where a point is more than a factor of 4 off the line: a solver that
+/// converges quadratically does not follow a power law.
 #[must_use]
-pub fn slope(points: &[&Point]) -> Option<f64> {
+pub fn slope(points: &[&AccuracyPoint]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = points
         .iter()
         .filter(|p| p.seconds > 0.0 && p.error > 0.0)
@@ -219,7 +220,7 @@ mod tests {
 
     #[test]
     fn the_slope_of_a_root_is_one_half() {
-        let at = |seconds: f64| Point {
+        let at = |seconds: f64| AccuracyPoint {
             scene: String::new(),
             method: String::new(),
             seconds,
@@ -227,13 +228,13 @@ mod tests {
             quantity: String::new(),
             reference: String::new(),
         };
-        let points: Vec<Point> = [0.1, 1.0, 7.0].into_iter().map(at).collect();
-        let refs: Vec<&Point> = points.iter().collect();
+        let points: Vec<AccuracyPoint> = [0.1, 1.0, 7.0].into_iter().map(at).collect();
+        let refs: Vec<&AccuracyPoint> = points.iter().collect();
         assert!((slope(&refs).unwrap() + 0.5).abs() < 1e-12);
         assert!(slope(&refs[..2]).is_none());
-        // Each step squares the error: no power of the time.
-        let squared: Vec<Point> = (0..5)
-            .map(|n| Point {
+        // Each step squares the error, so there is no power law.
+        let squared: Vec<AccuracyPoint> = (0..5)
+            .map(|n| AccuracyPoint {
                 error: 0.1f64.powi(1 << n),
                 ..at(1e-4 * f64::from(n + 1))
             })

@@ -1,8 +1,7 @@
-//! Where and by how much the closed forms are wrong, measured with the tracer.
+//! Errors of the closed forms, measured with the tracer.
 //!
-//! [`Comparison::of`] traces one surface at the poses of the full scan, compares the closed form at the true parameters
-//! pose by pose, then fits the variants to the traced radiances and compares what they read with the truth. It knows
-//! neither how many surfaces there are nor in what form they are told.
+//! [`SurfaceComparison::of`] traces one surface at the poses of the full scan. It compares the closed form at the true
+//! parameters pose by pose, then fits the variants to the traced radiances and compares the results with the truth.
 
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -28,9 +27,9 @@ use crate::trace::tally::Estimate;
 /// The samples' materials: name, n, k.
 pub const MATERIALS: [(&str, f64, f64); 2] = [("plastic", 1.54, 0.0), ("steel", 2.9, 3.1)];
 
-/// What one variant makes of one surface.
+/// Errors of one variant's fit of one surface.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Misread {
+pub struct FittedErrors {
     /// Root mean square residual of the fit, as a share of the peak.
     pub rms: f64,
     /// Fitted less true ridge angle, degrees.
@@ -41,16 +40,16 @@ pub struct Misread {
     pub rho_d: Option<f64>,
 }
 
-/// One surface, compared.
+/// Errors of the forms for one surface.
 #[derive(Debug, Clone)]
-pub struct Cell {
+pub struct SurfaceErrors {
     /// Index into [`MATERIALS`].
     pub material: usize,
     /// True ridge angle.
     pub theta_r_deg: f64,
     /// True roughness along and across the ridges.
     pub alpha: f64,
-    /// Sawtooth's closed form less traced at the true parameters, as a share of the peak, by pose
+    /// Closed form of the sawtooth at the true parameters less the traced radiance, as a share of the peak, by pose
     /// (azimuths within tilts).
     pub closed: Vec<f64>,
     /// The same with two bounces integrated.
@@ -59,13 +58,13 @@ pub struct Cell {
     pub paths: u64,
     /// Root mean square standard error of the tracer, as a share of the peak.
     pub noise: f64,
-    /// The variants paper and sawtooth, fitted; `None` where a fit gave no number.
-    pub fitted: [Option<Misread>; 2],
+    /// Fits of the variants paper and sawtooth; `None` where a fit returned no number.
+    pub fitted: [Option<FittedErrors>; 2],
 }
 
 /// A surface to trace and fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Wanted {
+pub struct ErrorSurface {
     /// Index into [`MATERIALS`].
     pub material: usize,
     /// Ridge angle.
@@ -74,8 +73,8 @@ pub struct Wanted {
     pub alpha: f64,
 }
 
-impl Wanted {
-    /// What it is called where it is missing.
+impl ErrorSurface {
+    /// Its name in a list of missing surfaces.
     #[must_use]
     pub fn name(&self) -> String {
         let (material, ..) = MATERIALS[self.material];
@@ -83,22 +82,22 @@ impl Wanted {
     }
 }
 
-/// A surface to be traced and compared.
-pub struct Comparison {
-    wanted: Wanted,
+/// A surface, prepared for tracing and comparison.
+pub struct SurfaceComparison {
+    wanted: ErrorSurface,
     truth: Surface,
     material: Material,
     profile: Profile,
 }
 
-impl Comparison {
+impl SurfaceComparison {
     const RIG: RigGeometry = RigGeometry::IN_PLANE;
 
     /// Prepares a surface; `rho_d` is the diffuse reflectance of plastic.
     ///
     /// # Errors
     /// [`ProfileError`] where ridges of that angle have no profile.
-    pub fn of(wanted: Wanted, rho_d: f64) -> Result<Comparison, ProfileError> {
+    pub fn of(wanted: ErrorSurface, rho_d: f64) -> Result<SurfaceComparison, ProfileError> {
         let (_, eta, k) = MATERIALS[wanted.material];
         let rho_d = if k > 0.0 { 0.0 } else { rho_d };
         let (alpha_u, alpha_v) = (wanted.alpha, wanted.alpha);
@@ -109,7 +108,7 @@ impl Comparison {
             rho_d,
             amplitude: 1.0,
         };
-        Ok(Comparison {
+        Ok(SurfaceComparison {
             wanted,
             truth,
             material: material_of(eta, k),
@@ -117,16 +116,16 @@ impl Comparison {
         })
     }
 
-    /// The surface that is asked for.
+    /// The surface.
     #[must_use]
-    pub fn wanted(&self) -> Wanted {
+    pub fn wanted(&self) -> ErrorSurface {
         self.wanted
     }
 
-    /// Traces it with so many paths per radiance and compares; the seconds are those of fits and integrals. `None` where
+    /// Traces it with `paths` per radiance and compares. Also returns the seconds of fits and integrals. `None` where
     /// `end` was raised.
     #[must_use]
-    pub fn run(&self, paths: u64, seed: u64, end: &AtomicBool) -> Option<(Cell, f64)> {
+    pub fn run(&self, paths: u64, seed: u64, end: &AtomicBool) -> Option<(SurfaceErrors, f64)> {
         let go_on = || (!end.load(Ordering::Relaxed)).then_some(());
         let directions: Vec<Directions> = full_scan()
             .poses()
@@ -146,10 +145,10 @@ impl Comparison {
         let square: f64 = radiances.iter().map(|r| (r.std / peak).powi(2)).sum();
         let set = self.observations(&radiances, peak);
         let fitted = [VariantChoice::Paper, VariantChoice::Sawtooth]
-            .map(|variant| self.misread(&set, variant, end));
-        // A fit that was told to end is no answer.
+            .map(|variant| self.fitted_errors(&set, variant, end));
+        // A cancelled fit has no result.
         go_on()?;
-        let cell = Cell {
+        let cell = SurfaceErrors {
             material: self.wanted.material,
             theta_r_deg: self.wanted.theta_r_deg,
             alpha: self.wanted.alpha,
@@ -195,13 +194,13 @@ impl Comparison {
         directions.par_iter().enumerate().map(one).collect()
     }
 
-    /// What `variant` reads, fitted; `None` where it gave no number.
-    fn misread(
+    /// Fits `variant` and compares it with the truth; `None` where the fit returned no number.
+    fn fitted_errors(
         &self,
         set: &ObservationSet,
         variant: VariantChoice,
         end: &AtomicBool,
-    ) -> Option<Misread> {
+    ) -> Option<FittedErrors> {
         let options = FitOptions {
             variant,
             ..FitOptions::default()
@@ -209,7 +208,7 @@ impl Comparison {
         let report = fit(set, &options, end);
         let (p, alpha) = (&report.parameters, self.wanted.alpha);
         let rho_d = p.rho_d.value.filter(|_| variant != VariantChoice::Paper);
-        Some(Misread {
+        Some(FittedErrors {
             rms: report.rms_residual?,
             theta_r_deg: p.theta_r_deg.value? - self.wanted.theta_r_deg,
             alpha: [
@@ -220,7 +219,7 @@ impl Comparison {
         })
     }
 
-    /// Traced radiances as a reduction would hand them to a fit, with an ideal white reference.
+    /// The traced radiances as observations with an ideal white reference.
     fn observations(&self, radiances: &[Estimate], peak: f64) -> ObservationSet {
         let scan = full_scan();
         let observations = scan.poses().zip(radiances);

@@ -1,9 +1,9 @@
-//! All of a measurement on one page: pictures, plans, forecasts and rates, as HTML that needs no other file.
+//! A measurement as one HTML page that needs no other file: figures, plans, forecasts and convergence.
 
 use std::fmt::Write;
 
-use super::proof::Proof;
-use super::{Foretold, Measurements, Point, Rate, plot};
+use super::plan_check::PlanCheck;
+use super::{AccuracyPoint, ConvergenceRate, ForecastOutcome, Measurements, plot};
 
 const STYLE: &str = "body{font-family:system-ui,sans-serif;margin:2rem auto;max-width:84rem;padding:0 1rem;color:#10161d}\
 h1{font-size:1.6rem}h2{font-size:1.15rem;margin-top:2.5rem}.note{color:#566270}\
@@ -12,7 +12,7 @@ h1{font-size:1.6rem}h2{font-size:1.15rem;margin-top:2.5rem}.note{color:#566270}\
 table{border-collapse:collapse;font-size:.92rem}td,th{padding:.25rem .7rem;border-bottom:1px solid #e9edf1;text-align:right}\
 td:first-child,th:first-child,td.words,th.words{text-align:left}.no{color:#b3261e;font-weight:600}";
 
-/// The page; `scenes` are the pictures' scenes in order, `machine` names program and processor.
+/// Writes the page. `scenes` orders the figures, `machine` names program and processor.
 #[must_use]
 pub fn html(found: &Measurements, scenes: &[&str], machine: &str) -> String {
     let mut out = String::new();
@@ -25,7 +25,7 @@ pub fn html(found: &Measurements, scenes: &[&str], machine: &str) -> String {
         &format!(
             "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>ridged accuracy</title><style>{STYLE}</style>\
              <h1>Error against run time</h1><p class=\"note\">{}</p>",
-            plot::escaped(machine)
+            escaped(machine)
         ),
     );
     put(&mut out, &plans(&found.proofs));
@@ -36,11 +36,17 @@ pub fn html(found: &Measurements, scenes: &[&str], machine: &str) -> String {
         "<h2>Every method on every scene</h2><div class=\"pictures\">",
     );
     for scene in scenes {
-        let points: Vec<&Point> = found.points.iter().filter(|p| p.scene == *scene).collect();
+        let points: Vec<&AccuracyPoint> =
+            found.points.iter().filter(|p| p.scene == *scene).collect();
         put(&mut out, &plot::svg(scene, &points, machine));
     }
     put(&mut out, "</div></html>");
     out
+}
+
+/// Text for HTML.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;")
 }
 
 fn verdict(holds: bool) -> &'static str {
@@ -51,37 +57,37 @@ fn verdict(holds: bool) -> &'static str {
     }
 }
 
-fn plans(proofs: &[Proof]) -> String {
-    let mut out = "<h2>What is left out, what that costs and what it brings</h2><p class=\"note\">Each plan beside a run with everything on: \
-                   the difference, how large it may be (tolerance and two standard errors), and the time of both to a \
-                   standard error as large as the tolerance, planning included.</p><table><tr><th>scene</th><th>difference</th>\
-                   <th>allowed</th><th>kept</th><th>everything on</th><th>as planned</th><th>faster</th>\
-                   <th class=\"words\">left out (what it brings alone)</th></tr>"
+fn plans(proofs: &[PlanCheck]) -> String {
+    let mut out = "<h2>Plans: what they omit, the error and the time saved</h2><p class=\"note\">Each plan is compared with the full \
+                   computation: the difference, its limit (tolerance and two standard errors), and the time of both to a \
+                   standard error equal to the tolerance, planning included.</p><table><tr><th>scene</th><th>difference</th>\
+                   <th>allowed</th><th>within</th><th>full</th><th>planned</th><th>faster</th>\
+                   <th class=\"words\">omitted (speed-up of each alone)</th></tr>"
         .to_owned();
     for p in proofs {
         let _ = write!(
             out,
             "<tr><td>{}</td><td>{:+.2} %</td><td>{:.2} %</td>{}<td>{:.1} ms</td><td>{:.1} ms</td><td>×{:.2}</td><td class=\"words\">{}</td></tr>",
-            plot::escaped(&p.scene),
+            escaped(&p.scene),
             100.0 * p.off,
             100.0 * p.allowed,
             verdict(p.holds),
             1e3 * p.full_s,
             1e3 * p.planned_s,
             p.speed_up(),
-            plot::escaped(&p.parts_in_words())
+            escaped(&p.parts_text())
         );
     }
     out + "</table>"
 }
 
-fn forecasts(forecasts: &[Foretold]) -> String {
-    let mut out = "<h2>Forecasts</h2><table><tr><th>scene</th><th>forecast</th><th>took</th><th>within a factor of 2</th></tr>".to_owned();
+fn forecasts(forecasts: &[ForecastOutcome]) -> String {
+    let mut out = "<h2>Forecasts</h2><table><tr><th>scene</th><th>forecast</th><th>actual</th><th>within a factor of 2</th></tr>".to_owned();
     for f in forecasts {
         let _ = write!(
             out,
             "<tr><td>{}</td><td>{:.2} s</td><td>{:.2} s</td>{}</tr>",
-            plot::escaped(&f.scene),
+            escaped(&f.scene),
             f.forecast_s,
             f.taken_s,
             verdict(f.within_a_factor_of_two())
@@ -90,17 +96,17 @@ fn forecasts(forecasts: &[Foretold]) -> String {
     out + "</table>"
 }
 
-fn rates(rates: &[Rate]) -> String {
-    let mut out = "<h2>The solver's last steps</h2><table><tr><th>scene</th><th class=\"words\">what</th><th>predicted</th><th>found</th></tr>".to_owned();
+fn rates(rates: &[ConvergenceRate]) -> String {
+    let mut out = "<h2>Convergence of the solver</h2><table><tr><th>scene</th><th class=\"words\">quantity</th><th>predicted</th><th>measured</th></tr>".to_owned();
     for r in rates {
         let found = r
             .found
-            .map_or_else(|| "rounding came first".to_owned(), |x| format!("{x:.4}"));
+            .map_or_else(|| "hidden by rounding".to_owned(), |x| format!("{x:.4}"));
         let _ = write!(
             out,
             "<tr><td>{}</td><td class=\"words\">{}</td><td>{:.4}</td><td>{found}</td></tr>",
-            plot::escaped(&r.scene),
-            plot::escaped(&r.quantity),
+            escaped(&r.scene),
+            escaped(&r.quantity),
             r.predicted
         );
     }
@@ -114,7 +120,7 @@ mod tests {
     #[test]
     fn the_page_has_a_picture_per_scene_and_every_table() {
         let found = Measurements {
-            points: vec![Point {
+            points: vec![AccuracyPoint {
                 scene: "a < b".to_owned(),
                 method: "m".to_owned(),
                 seconds: 1.0,
@@ -122,7 +128,7 @@ mod tests {
                 quantity: "q".to_owned(),
                 reference: "r".to_owned(),
             }],
-            forecasts: vec![Foretold {
+            forecasts: vec![ForecastOutcome {
                 scene: "late".to_owned(),
                 forecast_s: 1.0,
                 taken_s: 3.0,

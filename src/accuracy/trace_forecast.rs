@@ -1,6 +1,6 @@
-//! How long a trace will take, told before it starts, from short runs of it.
+//! Estimates the duration of a trace from short runs of it, before it starts.
 //!
-//! [`of_run`] for one run of a scene, [`of_runs`] for several alike (angles, wavelengths).
+//! [`of_run`] is for one run of a scene, [`of_runs`] for several similar ones (angles, wavelengths).
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock};
@@ -10,49 +10,49 @@ use crate::forecast::Forecast;
 use crate::trace::run::{self, Follow, Shard, trace_few, trace_photons};
 use crate::trace::scene::Prepared;
 
-/// Share of the run that the larger of the two short runs takes.
+/// The larger of the two short runs has one photon in this many.
 const SHARE: u64 = 32;
-/// The same of a third run, where the start takes most of the time of both.
+/// A third run, where the start dominates both, has one photon in this many.
 const LONGER_SHARE: u64 = 8;
-/// Photons of two runs so short that they do without the start of a longer one; in as many batches as those have, each
-/// of which takes its time however few photons it has.
+/// Photons of two runs so short that they omit the start of a longer one. They have as many batches as a longer one, and a
+/// batch takes some time however few photons it has.
 const FEW: (u64, u64) = (64, 1024);
-/// Of several runs so many are tried; the others are taken to lie between them.
+/// Number of runs that are tried, of several; the others are interpolated.
 const TRIED: usize = 3;
 
-/// What is asked of a run.
+/// A run to forecast.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Asked {
+pub struct TraceExtent {
     /// What its paths carry.
     pub follow: Follow,
-    /// Relative error at which it ends; with its last photon if not given.
+    /// Relative error at which it ends; without it, it ends with its last photon.
     pub target_error: Option<f64>,
 }
 
-impl Asked {
-    /// All photons of the scene, followed as it says.
-    pub const ALL: Asked = Asked {
+impl TraceExtent {
+    /// All photons of the scene, with the scene's polarisation.
+    pub const ALL: TraceExtent = TraceExtent {
         follow: Follow::Scene,
         target_error: None,
     };
 }
 
-/// What a forecast itself may take.
+/// The time that a forecast itself may take.
 #[derive(Debug, Clone, Copy)]
 pub struct Patience<'a> {
-    /// Seconds after which the forecast is made of what is known by then.
+    /// Seconds after which the forecast is made from the results so far.
     pub seconds: f64,
-    /// Ends it at once.
+    /// Ends the forecast at once.
     pub cancel: &'a AtomicBool,
 }
 
-/// A run begins after so many seconds of forecasting, forecast or not,
+/// Longest time of a forecast, s.
 const USUAL_S: f64 = 3.0;
-/// and after this share of a limited time.
+/// Longest time of a forecast, as a share of the time limit of the run.
 const USUAL_SHARE: f64 = 0.1;
 
 impl<'a> Patience<'a> {
-    /// What a forecast may take of the time that a run is allowed.
+    /// The default for a run with this time limit.
     #[must_use]
     pub fn usual(max_seconds: Option<f64>, cancel: &'a AtomicBool) -> Patience<'a> {
         let share = max_seconds.map_or(f64::INFINITY, |max_s| USUAL_SHARE * max_s);
@@ -60,16 +60,16 @@ impl<'a> Patience<'a> {
         Patience { seconds, cancel }
     }
 
-    /// Whether there is still some, for what began at `started`.
+    /// Whether time is left for work that began at `started`.
     fn lasts(&self, started: Instant) -> bool {
         !self.cancel.load(Ordering::Relaxed) && started.elapsed().as_secs_f64() < self.seconds
     }
 }
 
-/// One short run: photons traced, seconds until the first of them were done, photons by then, seconds in all, relative
+/// One short run: photons traced, seconds until the first of them were done, their number, seconds in total, relative
 /// error.
 #[derive(Debug, Clone, Copy)]
-struct Trial {
+struct TrialRun {
     photons: u64,
     start_s: f64,
     at_start: u64,
@@ -77,17 +77,17 @@ struct Trial {
     error: Option<f64>,
 }
 
-impl Trial {
-    /// Seconds of a photon, of one run alone whose batches take `batches_s` without any; `None` where nothing is left.
+impl TrialRun {
+    /// Seconds per photon from this run alone. `batches_s` is the time of empty batches; `None` where no time is left.
     fn per_photon(&self, batches_s: f64) -> Option<f64> {
         let photons = self.photons.saturating_sub(self.at_start);
         let seconds = self.seconds - self.start_s - batches_s;
         (photons > 0 && seconds > 0.0).then(|| seconds / photons as f64)
     }
 
-    /// Seconds of a photon, by how much longer it took than a run of fewer photons; where other work on the machine hid
-    /// that, at most what all of it took after its start.
-    fn pace_beyond(&self, fewer: &Trial) -> f64 {
+    /// Seconds per photon from the difference to a run of fewer photons. Where other work on the machine hides the
+    /// difference, an upper bound from the time after the start.
+    fn pace_beyond(&self, fewer: &TrialRun) -> f64 {
         let seconds = self.seconds - fewer.seconds;
         if self.photons > fewer.photons && seconds > 0.0 {
             return seconds / (self.photons - fewer.photons) as f64;
@@ -97,12 +97,12 @@ impl Trial {
     }
 }
 
-/// How far the look at the surface has come that stands before a run's first photon: share and seconds, at first and last.
+/// Progress of the preparation of a surface before the first photon: share and seconds, of the first and last report.
 #[derive(Debug, Default)]
-struct Looked(Mutex<Option<[(f64, f64); 2]>>);
+struct PreparationPace(Mutex<Option<[(f64, f64); 2]>>);
 
-impl Looked {
-    /// A share of it is done.
+impl PreparationPace {
+    /// Records the finished share.
     fn at(&self, share: f64, seconds: f64) {
         let mut marks = self.0.lock().expect("no holder of this lock panics");
         match marks.as_mut() {
@@ -112,8 +112,7 @@ impl Looked {
         }
     }
 
-    /// Seconds of all of it at its pace so far, which begins once it has begun: what a surface works out for it alone
-    /// comes first. `spent_s` where it has no pace yet.
+    /// Estimated seconds of the whole preparation, from its pace since the first report; `spent_s` without a second report.
     fn whole_s(&self, spent_s: f64) -> f64 {
         let marks = self.0.lock().expect("no holder of this lock panics");
         match *marks {
@@ -125,12 +124,17 @@ impl Looked {
     }
 }
 
-/// A run that does without the start of a longer one; `None` where patience ends before anything is counted.
-fn few(prepared: &Prepared, asked: Asked, photons: u64, patience: Patience<'_>) -> Option<Trial> {
+/// A run without the start of a longer one; `None` where the time ends before a photon is counted.
+fn few(
+    prepared: &Prepared,
+    asked: TraceExtent,
+    photons: u64,
+    patience: Patience<'_>,
+) -> Option<TrialRun> {
     let started = Instant::now();
     let photons = photons.min(prepared.photons);
     let totals = trace_few(prepared, asked.follow, photons, &|| patience.lasts(started));
-    (totals.photons() > 0).then(|| Trial {
+    (totals.photons() > 0).then(|| TrialRun {
         photons: totals.photons(),
         start_s: 0.0,
         at_start: 0,
@@ -139,29 +143,29 @@ fn few(prepared: &Prepared, asked: Asked, photons: u64, patience: Patience<'_>) 
     })
 }
 
-/// Forecasts a run of the scene's photons, or of as many as the target error needs (no more than those).
+/// Forecasts a run of the scene's photons, or of the number that the target error needs, if that is smaller.
 ///
-/// Where patience ends within the look at the surface it is a bound: the pace of the beginning of a look, and of photons
-/// without one, are those of the costliest.
+/// Two short runs separate the cost of the start (shapes, first hits) from the cost of a photon. The
+/// error falls with the root of the photons once the relevant bins have been hit. Where the time ends
+/// early, the forecast uses the runs so far; it is `None` without any.
 ///
-/// Two short runs part what a run costs at its start (shapes, first hits) from what a photon costs; the
-/// error falls with the root of the photons once the bins that matter have been hit. Where patience ends
-/// early the forecast is of the runs by then, and none where not even the first came to anything.
+/// Where the time ends during the preparation of the surface, the forecast is an upper bound: the beginning of a
+/// preparation, and photons without one, are the costliest.
 #[must_use]
-pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Option<Forecast> {
+pub fn of_run(prepared: &Prepared, asked: TraceExtent, patience: Patience<'_>) -> Option<Forecast> {
     if patience.cancel.load(Ordering::Relaxed) || patience.seconds <= 0.0 {
         return None;
     }
-    // What a surface computes once and keeps is no part of the run that follows.
+    // The run that follows does not repeat what a surface computes once and keeps.
     few(prepared, asked, FEW.0, patience)?;
     let large = (prepared.photons / SHARE)
         .clamp(1_000, 500_000)
         .min(prepared.photons);
     let small = (large / 4).max(1);
     let begun = Instant::now();
-    let looked = Looked::default();
+    let looked = PreparationPace::default();
     let go_on = || patience.lasts(begun);
-    let timed = |photons: u64| -> Option<Trial> {
+    let timed = |photons: u64| -> Option<TrialRun> {
         if !go_on() {
             return None;
         }
@@ -176,9 +180,9 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
             }
             go_on()
         });
-        // Stopped before the look at the surface was over, a run has a sketch that tells nothing of its pace.
+        // A run that is stopped during the preparation has no pace yet.
         let (start_s, at_start) = first.get().copied()?;
-        (totals.photons() > 0).then(|| Trial {
+        (totals.photons() > 0).then(|| TrialRun {
             photons: totals.photons(),
             start_s,
             at_start,
@@ -186,7 +190,7 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
             error: totals.relative_error(),
         })
     };
-    // The better of two: other work on the machine only ever adds.
+    // The faster of two: other work on the machine only adds time.
     let better = |photons: u64| {
         let first = timed(photons)?;
         let again = timed(photons).filter(|again| again.photons == first.photons);
@@ -198,15 +202,15 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
     };
     let Some(little) = better(small) else {
         let spent_s = begun.elapsed().as_secs_f64();
-        let told = of_slow_start(prepared, looked.whole_s(spent_s), asked, patience)?;
+        let forecast = of_slow_start(prepared, looked.whole_s(spent_s), asked, patience)?;
         return Some(Forecast {
             at_most: true,
-            ..told
+            ..forecast
         });
     };
     let more = better(large).filter(|more| more.photons > little.photons);
     let known = more.unwrap_or(little);
-    // Where the start costs more than the photons a small difference would be magnified: a longer run tells.
+    // Where the start dominates, the difference of two short runs is inaccurate; a longer run is added.
     let longer = (prepared.photons / LONGER_SHARE).max(large);
     let upper = match more {
         Some(more) if more.seconds < 1.5 * little.seconds && longer > large => timed(longer)
@@ -217,7 +221,7 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
     let per_photon = if upper.photons > little.photons {
         upper.pace_beyond(&little)
     } else {
-        // One run alone: its batches take their time too, and where they are all that it took it had hardly a photon.
+        // From one run alone, the time of empty batches is subtracted.
         let none = few(prepared, asked, FEW.0, patience)?;
         match little.per_photon(none.seconds) {
             Some(per_photon) => per_photon,
@@ -225,29 +229,35 @@ pub fn of_run(prepared: &Prepared, asked: Asked, patience: Patience<'_>) -> Opti
         }
     };
     let start = (upper.seconds - per_photon * upper.photons as f64).max(0.0);
-    Some(told(prepared, asked, &known, start, per_photon))
+    Some(forecast_of(prepared, asked, &known, start, per_photon))
 }
 
-/// The same where patience ended before the start of a run was over, which takes `start_s`: a few photons without it tell
-/// what one costs.
+/// Forecasts a run whose start takes `start_s`, longer than the forecast may take: a few photons without the start give the
+/// cost of one.
 fn of_slow_start(
     prepared: &Prepared,
     start_s: f64,
-    asked: Asked,
+    asked: TraceExtent,
     patience: Patience<'_>,
 ) -> Option<Forecast> {
     if patience.cancel.load(Ordering::Relaxed) {
         return None;
     }
     let little = few(prepared, asked, FEW.0, patience)?;
-    // Photons so costly that a few take as long as there is patience say enough.
+    // Photons may be so costly that the few use all of the time.
     let more = few(prepared, asked, FEW.1, patience).unwrap_or(little);
     let per_photon = more.pace_beyond(&little);
-    Some(told(prepared, asked, &more, start_s, per_photon))
+    Some(forecast_of(prepared, asked, &more, start_s, per_photon))
 }
 
-/// The forecast of a run that costs so much to start and so much per photon.
-fn told(prepared: &Prepared, asked: Asked, known: &Trial, start: f64, per_photon: f64) -> Forecast {
+/// The forecast of a run with these seconds for the start and per photon.
+fn forecast_of(
+    prepared: &Prepared,
+    asked: TraceExtent,
+    known: &TrialRun,
+    start: f64,
+    per_photon: f64,
+) -> Forecast {
     let (photons, error) = until_target(prepared, known, asked.target_error);
     let traced = match asked.target_error {
         Some(_) => run::traced_until(prepared.photons, photons),
@@ -258,10 +268,10 @@ fn told(prepared: &Prepared, asked: Asked, known: &Trial, start: f64, per_photon
         .to_error(error, "a reflected bin")
 }
 
-/// Photons after which a run stops, and its error by then, from a shorter one.
+/// Photons after which a run stops, and its error then, from a shorter run.
 fn until_target(
     prepared: &Prepared,
-    known: &Trial,
+    known: &TrialRun,
     target_error: Option<f64>,
 ) -> (u64, Option<f64>) {
     let photons = match (target_error, known.error) {
@@ -278,13 +288,13 @@ fn until_target(
     (photons, error)
 }
 
-/// Forecasts `count` runs that differ by what `make` makes of their number, which takes its time too: as many as
-/// patience allows are tried, evenly spread, the others taken to cost what those do on average.
+/// Forecasts `count` runs, each prepared by `make` from its number; preparation counts. Up to three are tried,
+/// evenly spread, and the others are assumed to cost their mean.
 #[must_use]
 pub fn of_runs(
     count: usize,
     make: &dyn Fn(usize) -> Option<Prepared>,
-    asked: Asked,
+    asked: TraceExtent,
     patience: Patience<'_>,
 ) -> Option<Forecast> {
     let tried = count.min(TRIED);
@@ -304,12 +314,12 @@ pub fn of_runs(
             seconds: (left - made_s) / (tried - n) as f64,
             ..patience
         };
-        let Some(told) = of_run(&prepared, asked, patience) else {
+        let Some(forecast) = of_run(&prepared, asked, patience) else {
             break;
         };
         found.push(Forecast {
-            seconds: made_s + told.seconds,
-            ..told
+            seconds: made_s + forecast.seconds,
+            ..forecast
         });
     }
     let at_most = found.iter().any(|f| f.at_most);
@@ -332,7 +342,7 @@ mod tests {
 
     #[test]
     fn a_look_takes_what_it_takes_to_begin_and_then_goes_at_its_pace() {
-        let looked = Looked::default();
+        let looked = PreparationPace::default();
         assert_eq!(looked.whole_s(0.7), 0.7);
         looked.at(0.0, 0.5);
         assert_eq!(looked.whole_s(0.7), 0.7);
@@ -344,7 +354,7 @@ mod tests {
 
     #[test]
     fn a_difference_lost_in_other_work_does_not_make_photons_free() {
-        let trial = |photons, seconds| Trial {
+        let trial = |photons, seconds| TrialRun {
             photons,
             start_s: 0.5,
             at_start: 0,
@@ -366,7 +376,7 @@ mod tests {
         let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
         let told = |seconds, cancelled| {
             let cancel = &AtomicBool::new(cancelled);
-            of_run(&prepared, Asked::ALL, Patience { seconds, cancel })
+            of_run(&prepared, TraceExtent::ALL, Patience { seconds, cancel })
         };
         assert_eq!(told(f64::INFINITY, true), None);
         assert_eq!(told(0.0, false), None);
@@ -383,7 +393,7 @@ mod tests {
         let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
         let cancel = &AtomicBool::new(false);
         // A look at 320,000 triangles takes many times this; the first photons do not.
-        let told = |seconds| of_run(&prepared, Asked::ALL, Patience { seconds, cancel });
+        let told = |seconds| of_run(&prepared, TraceExtent::ALL, Patience { seconds, cancel });
         let told: Vec<Forecast> = [0.001, 0.003].into_iter().filter_map(told).collect();
         assert!(!told.is_empty());
         for told in told {
@@ -406,7 +416,7 @@ mod tests {
         };
         let cancel = &AtomicBool::new(false);
         let seconds = f64::INFINITY;
-        let asked = Asked {
+        let asked = TraceExtent {
             follow: Follow::Both,
             target_error: None,
         };

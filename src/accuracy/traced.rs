@@ -1,36 +1,36 @@
 //! The tracer on the simulations of Wang et al. 2017, at their angles.
 //!
-//! The error of a method is the root of two parts: the variance over seeds, and the square of what their mean is off
-//! the reference. A long run of another method is known no better than the method's own mean may be, so there
-//! only what goes beyond two standard errors of both counts as off: the scatter of one reference is no error of
-//! what is compared with it. The time is that of the fastest of the seeds' runs.
+//! The squared error of a method is the variance over seeds plus the squared difference of their mean from the reference.
+//! Where the reference is a long run of another method, its mean is uncertain too. Then only the part of the difference
+//! beyond two standard errors of both counts, so that the scatter of the reference is not attributed to the method. The
+//! time is that of the fastest run.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use super::trace_forecast::{Asked, Patience, of_run};
-use super::{Effort, Foretold, Measurements, Point, proof};
+use super::trace_forecast::{Patience, TraceExtent, of_run};
+use super::{AccuracyEffort, AccuracyPoint, ForecastOutcome, Measurements, plan_check};
 use crate::model::flat_stack::FlatStack;
 use crate::plan::TOLERANCE;
-use crate::plan::scene::{Wish, apply, plan};
+use crate::plan::scene::{TracePlanRequest, apply, plan};
 use crate::trace::run::{self, Shard};
 use crate::trace::scene::{Prepared, Scene};
 
 /// One scene at one angle.
-pub(super) struct Traced {
+pub(super) struct TracedScene {
     pub(super) name: String,
     theta_deg: f64,
-    layers: &'static [Layer],
+    layers: &'static [SceneLayer],
 }
 
-/// Roughness (0 for flat) and what is below.
-type Layer = (f64, &'static str);
+/// Roughness (0 for flat) and the medium below.
+type SceneLayer = (f64, &'static str);
 
 const GLASS: &str = "{ n = 1.5 }";
 const DENSE: &str = "{ n = 2.4 }";
 
-/// From easy to stiff: flat stacks whose answer is exact, single interfaces, layers, metals.
-const SIMULATIONS: [(&str, &[Layer], &[f64]); 16] = [
+/// From easy to stiff: flat stacks with an exact result, single interfaces, layers, metals.
+const SIMULATIONS: [(&str, &[SceneLayer], &[f64]); 16] = [
     ("flat 1.5/2.4", &[(0.0, GLASS), (0.0, DENSE)], &[60.0]),
     ("flat 1.5/Au", &[(0.0, GLASS), (0.0, "\"Au\"")], &[60.0]),
     ("1.5 (.25)", &[(0.25, GLASS)], &[45.0]),
@@ -93,17 +93,17 @@ const SIMULATIONS: [(&str, &[Layer], &[f64]); 16] = [
     ),
 ];
 
-pub(super) fn scenes(effort: Effort) -> Vec<Traced> {
+pub(super) fn scenes(effort: AccuracyEffort) -> Vec<TracedScene> {
     let all = SIMULATIONS
         .iter()
         .enumerate()
         .flat_map(|(n, (name, layers, angles))| {
-            // The first of every fourth simulation is enough to see that all works.
+            // A quick run takes the first angle of every fourth simulation.
             let taken = match effort {
-                Effort::Full => angles.len(),
-                Effort::Quick => usize::from(n % 4 == 0),
+                AccuracyEffort::Full => angles.len(),
+                AccuracyEffort::Quick => usize::from(n % 4 == 0),
             };
-            angles[..taken].iter().map(move |theta_deg| Traced {
+            angles[..taken].iter().map(move |theta_deg| TracedScene {
                 name: format!("{name} at {theta_deg}°"),
                 theta_deg: *theta_deg,
                 layers,
@@ -112,8 +112,8 @@ pub(super) fn scenes(effort: Effort) -> Vec<Traced> {
     all.collect()
 }
 
-impl Traced {
-    /// The surfaces are the same in every run; only the photons' seed changes.
+impl TracedScene {
+    /// The surfaces are the same in every run; only the seed of the photons changes.
     fn scene(&self, method: &str, polarised: &str, photons: u64, seed: u64) -> Option<Scene> {
         let mut text = format!("[light]\ntheta_i_deg = {:?}\n", self.theta_deg);
         for (n, (alpha, below)) in self.layers.iter().enumerate() {
@@ -138,7 +138,7 @@ impl Traced {
             .ok()
     }
 
-    /// The exact answer of flat layers.
+    /// The exact reflectance of flat layers.
     fn exact(&self) -> Option<f64> {
         if self.layers.iter().any(|(alpha, _)| *alpha > 0.0) {
             return None;
@@ -170,20 +170,20 @@ fn reflected(prepared: &Prepared, cancel: &AtomicBool) -> ([f64; 2], f64) {
     ([r.value, r.std], started.elapsed().as_secs_f64())
 }
 
-/// Photons that a scene asks for where a plan is proved; the proof has its own numbers.
+/// Photons of a scene whose plan is checked; the check chooses its own numbers.
 const PLANNED_PHOTONS: u64 = 100_000;
 
-/// Photons of a run with how many runs of other seeds make one point: the shorter, the more, since a root mean
-/// square of n errors is itself known to 1/√(2n) only.
+/// Photons of a run and number of runs (seeds) per point. Short runs are repeated more often, because a root mean
+/// square of n errors has a relative uncertainty of 1/√(2n).
 type Sizes = &'static [(u64, u64)];
 const QUICK: Sizes = &[(4_000, 8), (16_000, 6), (64_000, 3)];
 const FULL: Sizes = &[(4_000, 12), (16_000, 8), (64_000, 4)];
-/// Light without polarisation ends at its bias, which few runs show.
+/// The error of scalar light ends at its bias, which few runs show.
 const FULL_SCALAR: Sizes = &[(4_000, 6), (16_000, 3), (64_000, 2)];
-/// Standard errors of the difference up to which a mean counts as that of the reference.
+/// Standard errors within which a mean agrees with the reference.
 const SAME: f64 = 2.0;
 
-/// What is right, and how well that is known.
+/// A reference value with its uncertainty.
 struct Reference {
     value: f64,
     std: f64,
@@ -191,7 +191,7 @@ struct Reference {
 }
 
 impl Reference {
-    /// Relative error of a method that found `values` with as many seeds.
+    /// Relative error of a method from its results, one per seed.
     fn error(&self, values: &[f64]) -> f64 {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
@@ -208,24 +208,24 @@ impl Reference {
 }
 
 pub(super) fn measure(
-    scene: &Traced,
-    effort: Effort,
+    scene: &TracedScene,
+    effort: AccuracyEffort,
     cancel: &AtomicBool,
     found: &mut Measurements,
 ) {
-    // Splitting light tells more per photon, so a reference by it needs fewer.
+    // Split photons carry more information, so a reference needs fewer of them.
     let (sizes, scalar, [by_split, by_analog]) = match effort {
-        Effort::Quick => (QUICK, QUICK, [300_000, 300_000]),
-        Effort::Full => (FULL, FULL_SCALAR, [500_000, 1_000_000]),
+        AccuracyEffort::Quick => (QUICK, QUICK, [300_000, 300_000]),
+        AccuracyEffort::Full => (FULL, FULL_SCALAR, [500_000, 1_000_000]),
     };
-    // A forecast of the reference's run, before it starts.
-    let told = scene
+    // The forecast of the reference run, made before it starts.
+    let forecast = scene
         .prepared("split", "true", by_split, REFERENCE_SEED)
         .and_then(|prepared| {
             let seconds = f64::INFINITY;
-            of_run(&prepared, Asked::ALL, Patience { seconds, cancel })
+            of_run(&prepared, TraceExtent::ALL, Patience { seconds, cancel })
         });
-    // Each method's reference is another method: the analog tracer's is the split one and the reverse.
+    // The reference of each method is the other method.
     let mut taken = None;
     let mut against = |method: &str, photons: u64| {
         let exact = scene.exact().map(|value| Reference {
@@ -233,7 +233,7 @@ pub(super) fn measure(
             std: 0.0,
             name: "exact (flat layers)".to_owned(),
         });
-        // The long split run is timed beside its forecast even where the answer is exact.
+        // The long split run is needed for the forecast even where the result is exact.
         if method != "split" && exact.is_some() {
             return exact;
         }
@@ -254,10 +254,10 @@ pub(super) fn measure(
     let (Some(by_split), Some(by_analog)) = (by_split, by_analog) else {
         return;
     };
-    if let (Some(told), Some(taken_s)) = (told, taken) {
-        found.forecasts.push(Foretold {
+    if let (Some(forecast), Some(taken_s)) = (forecast, taken) {
+        found.forecasts.push(ForecastOutcome {
             scene: scene.name.clone(),
-            forecast_s: told.seconds,
+            forecast_s: forecast.seconds,
             taken_s,
         });
     }
@@ -274,8 +274,8 @@ pub(super) fn measure(
         ("split, as planned", "split", None, &by_analog, sizes),
     ];
     for (label, method, polarised, reference, sizes) in methods {
-        let told = polarised.unwrap_or("\"auto\"");
-        let Some(built) = scene.prepared(method, told, PLANNED_PHOTONS, 1) else {
+        let polarisation = polarised.unwrap_or("\"auto\"");
+        let Some(built) = scene.prepared(method, polarisation, PLANNED_PHOTONS, 1) else {
             return;
         };
         for (photons, runs) in sizes {
@@ -288,17 +288,17 @@ pub(super) fn measure(
                 prepared.photons = *photons;
                 let started = Instant::now();
                 if polarised.is_none()
-                    && let Some(scene) = scene.scene(method, told, *photons, seed)
+                    && let Some(scene) = scene.scene(method, polarisation, *photons, seed)
                 {
-                    // The plan's own time counts.
-                    apply(&plan(&scene, &prepared, &WISH), &scene, &mut prepared);
+                    // The time of planning counts.
+                    apply(&plan(&scene, &prepared, &REQUEST), &scene, &mut prepared);
                 }
                 let ([value, _], _) = reflected(&prepared, cancel);
-                // Whatever else the machine does only ever adds.
+                // Other work on the machine only adds time.
                 seconds = started.elapsed().as_secs_f64().min(seconds);
                 values.push(value);
             }
-            found.points.push(Point {
+            found.points.push(AccuracyPoint {
                 scene: scene.name.clone(),
                 method: label.to_owned(),
                 seconds,
@@ -310,16 +310,16 @@ pub(super) fn measure(
     }
     if let Some(planned) = scene.scene("split", "\"auto\"", PLANNED_PHOTONS, 1) {
         let ready = |s: &Scene| s.prepare(&|_| Err("no files here".to_owned())).ok();
-        let proof = proof::of_scene(&scene.name, &planned, &ready, TOLERANCE, None, cancel);
-        found.proofs.extend(proof);
+        let check = plan_check::of_scene(&scene.name, &planned, &ready, TOLERANCE, None, cancel);
+        found.proofs.extend(check);
     }
 }
 
 /// Seed of the long runs that are references.
 const REFERENCE_SEED: u64 = 77;
 
-/// What is asked of a plan.
-const WISH: Wish = Wish {
+/// The request for each plan.
+const REQUEST: TracePlanRequest = TracePlanRequest {
     mueller: false,
     tolerance: TOLERANCE,
     photons: None,
@@ -330,7 +330,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_error_is_scatter_and_what_is_surely_off() {
+    fn an_error_combines_scatter_and_significant_bias() {
         let reference = |std: f64| Reference {
             value: 2.0,
             std,
@@ -341,7 +341,7 @@ mod tests {
         let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
         near(reference(0.0).error(&values), (0.02f64 + 0.01).sqrt() / 2.0);
         near(reference(0.1).error(&values), 0.02f64.sqrt() / 2.0);
-        // One value says nothing of its scatter, and a bias far beyond the reference's error stays.
+        // One value has no scatter, and a bias far beyond the error of the reference stays.
         near(reference(0.1).error(&[3.0]), (1.0f64 - 0.04).sqrt() / 2.0);
     }
 }

@@ -1,57 +1,59 @@
-//! When a finding is as expected: one tolerance per kind of expectation, none per case.
+//! Whether a result is as expected: one tolerance per kind of expectation, none per case.
 
 use serde::Serialize;
 
 /// Half a unit in the last place of 1: the relative error of one rounding.
 const ROUNDING: f64 = 1.0 / (1u64 << 53) as f64;
-/// Roundings that a result may be off by for every unit of its condition number. A closed form is a
-/// chain of up to fifty roundings of half a unit or less, which add up like a random walk
-/// (½·√50 ≈ 4); a form that cancels loses thousands.
+/// Allowed roundings per unit of the condition number. A closed form is a
+/// chain of up to fifty roundings of at most half a unit, which add up like a random walk
+/// (½·√50 ≈ 4); a form with cancellation loses thousands.
 const DIGITS: f64 = 4.0;
-/// Standard errors that a sampled value may be off: one row in 16,000 by chance.
+/// Allowed standard errors of a sampled value: one row in 16,000 exceeds them by chance.
 const SIGMAS: f64 = 4.0;
 
 /// A number or words.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
-pub enum Told {
+pub enum CheckValue {
     /// A number; JSON has null where it is not finite.
     Number(f64),
     /// Words.
     Words(String),
 }
 
-impl std::fmt::Display for Told {
+impl std::fmt::Display for CheckValue {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Told::Number(x) if *x != 0.0 && !(1e-3..1e6).contains(&x.abs()) => {
+            CheckValue::Number(x) if *x != 0.0 && !(1e-3..1e6).contains(&x.abs()) => {
                 write!(f, "{x:.12e}")
             }
-            Told::Number(x) => write!(f, "{x:.12}"),
-            Told::Words(words) => f.write_str(words),
+            CheckValue::Number(x) => write!(f, "{x:.12}"),
+            CheckValue::Words(words) => f.write_str(words),
         }
     }
 }
 
-/// An expectation beside a finding.
+/// An expected and an actual value.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Judged {
-    /// What is expected.
-    pub expected: Told,
-    /// What was found.
-    pub found: Told,
-    /// How far a number may be off; null for words.
+    /// Expected value.
+    pub expected: CheckValue,
+    /// Actual value.
+    pub found: CheckValue,
+    /// Allowed difference of numbers; null for words.
     pub allowed: Option<f64>,
-    /// The verdict.
+    /// Whether they agree.
     pub as_expected: bool,
 }
 
 impl Judged {
-    /// How much of what is allowed the finding is off by; `None` for words and where nothing is allowed.
+    /// The difference as a share of the allowed one; `None` for words and where no difference is allowed.
     #[must_use]
     pub fn share(&self) -> Option<f64> {
         match (&self.expected, &self.found, self.allowed) {
-            (Told::Number(expected), Told::Number(found), Some(allowed)) if allowed > 0.0 => {
+            (CheckValue::Number(expected), CheckValue::Number(found), Some(allowed))
+                if allowed > 0.0 =>
+            {
                 Some((found - expected).abs() / allowed)
             }
             _ => None,
@@ -61,18 +63,18 @@ impl Judged {
 
 fn near(expected: f64, found: f64, allowed: f64) -> Judged {
     Judged {
-        expected: Told::Number(expected),
-        found: Told::Number(found),
+        expected: CheckValue::Number(expected),
+        found: CheckValue::Number(found),
         allowed: Some(allowed),
-        // A NaN is near nothing.
+        // False for NaN.
         as_expected: (found - expected).abs() <= allowed,
     }
 }
 
-/// A value in doubles against one that is exact, with its relative condition number.
+/// Compares a value in doubles with an exact one, given its relative condition number.
 #[must_use]
 pub fn digits(expected: f64, condition: f64, found: f64) -> Judged {
-    // What is nothing, or below the smallest double, has no digits that a condition could multiply.
+    // A zero has no digits that a condition number could multiply.
     let allowed = if expected == 0.0 {
         0.0
     } else {
@@ -81,45 +83,45 @@ pub fn digits(expected: f64, condition: f64, found: f64) -> Judged {
     near(expected, found, allowed + f64::MIN_POSITIVE)
 }
 
-/// A sampled value against an exact one; tallies are kept to 2⁻⁸², sums of them to rounding.
+/// Compares a sampled value with an exact one. Tallies are exact to 2⁻⁸², their sums to rounding.
 #[must_use]
 pub fn sampled(expected: f64, std: f64, found: f64) -> Judged {
     near(expected, found, SIGMAS * std + 1e3 * ROUNDING)
 }
 
-/// A value against its limit, `distance` from it in the small parameter that goes to zero.
+/// Compares a value with its limit; `distance` is the small parameter that vanishes in the limit.
 #[must_use]
 pub fn limit(expected: f64, distance: f64, found: f64) -> Judged {
     near(expected, found, distance * (1.0 + expected.abs()))
 }
 
-/// A fitted value with its standard uncertainty against the truth that was put in.
+/// Compares a fitted value and its standard uncertainty with the known truth.
 #[must_use]
 pub fn covered(truth: f64, std: f64, found: f64) -> Judged {
     near(truth, found, SIGMAS * std)
 }
 
-/// A value that must be no number at all but a reason that says `word`.
+/// Expects a refusal whose reason contains `word`.
 #[must_use]
 pub fn refused(word: &str, found: &Result<String, String>) -> Judged {
-    let (told, as_expected) = match found {
+    let (words, as_expected) = match found {
         Ok(value) => (value.clone(), false),
         Err(reason) => (reason.clone(), reason.contains(word)),
     };
     Judged {
-        expected: Told::Words(format!("refused: {word}")),
-        found: Told::Words(told),
+        expected: CheckValue::Words(format!("refused: {word}")),
+        found: CheckValue::Words(words),
         allowed: None,
         as_expected,
     }
 }
 
-/// Words that must be one of some.
+/// Expects one of several words.
 #[must_use]
 pub fn one_of(expected: &[&str], found: &str) -> Judged {
     Judged {
-        expected: Told::Words(expected.join(" or ")),
-        found: Told::Words(found.to_owned()),
+        expected: CheckValue::Words(expected.join(" or ")),
+        found: CheckValue::Words(found.to_owned()),
         allowed: None,
         as_expected: expected.contains(&found),
     }
@@ -130,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_number_is_never_as_expected() {
+    fn a_value_that_is_not_finite_is_never_as_expected() {
         assert!(!digits(1.0, 1.0, f64::NAN).as_expected);
         assert!(!sampled(1.0, f64::NAN, 1.0).as_expected);
         assert!(!covered(1.0, 0.1, f64::INFINITY).as_expected);
@@ -139,14 +141,14 @@ mod tests {
     }
 
     #[test]
-    fn a_finding_says_how_much_of_its_allowance_it_took() {
+    fn the_share_of_the_allowed_difference_is_reported() {
         assert!((covered(1.0, 0.5, 2.0).share().unwrap() - 0.5).abs() < 1e-12);
         assert_eq!(one_of(&["a"], "a").share(), None);
         assert!(covered(1.0, 0.5, f64::NAN).share().unwrap().is_nan());
     }
 
     #[test]
-    fn the_last_digit_times_the_condition_is_allowed_and_no_more() {
+    fn only_the_last_digits_times_the_condition_are_allowed() {
         assert!(digits(1.0, 0.0, 1.0 + 2.0 * f64::EPSILON).as_expected);
         assert!(!digits(1.0, 0.0, 1.0 + 3.0 * f64::EPSILON).as_expected);
         assert!(digits(1.0, 100.0, 1.0 + 200.0 * f64::EPSILON).as_expected);

@@ -1,12 +1,14 @@
-//! Fits of sets that are hard or hopeless: a truth that was put in must be covered, or nothing claimed.
+//! Fits of difficult or hopeless observations: a fit must cover the known truth, or give no value.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rand::{RngExt, SeedableRng};
-use rand_distr::StandardNormal;
 
 use super::criterion::{covered, digits, limit, one_of};
-use super::{Effort, Row};
+use super::{CheckEffort, CheckRow};
+use crate::cases::{
+    MIRROR, POLYMER, PaintedError, PaintedScan, PaintedSigma, SampleCase, pose_grid,
+};
 use crate::fit::estimate::{estimate, free_quantities};
 use crate::fit::loss::Loss;
 use crate::fit::problem::{Problem, Quantity, Values};
@@ -16,102 +18,33 @@ use crate::fit::solver::{Settings, minimise};
 use crate::fit::variants::fit_with_tier;
 use crate::fit::{FitOptions, VariantChoice};
 use crate::geometry::{Pose, RigGeometry};
-use crate::material::Material;
-use crate::model::{Optics, Surface, Variant, radiance};
-use crate::observation::{Observation, ObservationSet, Prior, WhiteReference};
+use crate::model::{Surface, Variant};
+use crate::observation::ObservationSet;
 
 const AREA: &str = "fit";
-const TRUTH: &str = "truth that was put in";
-const NONE: &str = "nothing may be claimed";
-
-/// A polymer's truth; the rows vary it.
-fn truth() -> Surface {
-    Surface {
-        theta_r: 11f64.to_radians(),
-        alpha_u: 0.09,
-        alpha_v: 0.12,
-        rho_d: 0.3,
-        amplitude: 1.0,
-    }
-}
-
-fn material() -> Material {
-    Material::Dielectric {
-        eta: 1.5,
-        eta_std: 0.0,
-    }
-}
-
-/// A metal that reflects all but a hundredth, and what a lab's ridges of it may be like.
-fn metal() -> (Material, Surface) {
-    let material = Material::Conductor {
-        eta: 1.5,
-        k: 30.0,
-        eta_std: 0.0,
-        k_std: 0.0,
-    };
-    let surface = Surface {
-        rho_d: 0.0,
-        ..truth()
-    };
-    (material, surface)
-}
-
-fn poses(tilts: u32, turns: u32) -> Vec<(f64, f64)> {
-    (0..tilts)
-        .flat_map(|t| {
-            let tilt = -20.0 + 40.0 * f64::from(t) / f64::from((tilts - 1).max(1));
-            (0..turns).map(move |p| (tilt, 360.0 / f64::from(turns) * f64::from(p)))
-        })
-        .collect()
-}
+const TRUTH: &str = "known truth";
+const NONE: &str = "no value is possible";
 
 /// Relative noise of every observation.
 const NOISE: f64 = 1e-3;
 
-/// Observations of a polymer with noise, in an absolute unit; `noise` 0 leaves the closed form's own values.
-fn set(surface: &Surface, poses: &[(f64, f64)], noise: f64) -> ObservationSet {
-    set_of(material(), surface, poses, noise)
+/// Observations of a sample with noise, on an absolute scale.
+fn noisy(sample: SampleCase, poses: &[Pose]) -> ObservationSet {
+    painted(sample, poses, PaintedError::Noise(NOISE, 5))
 }
 
-/// The same of any matter.
-fn set_of(
-    material: Material,
-    surface: &Surface,
-    poses: &[(f64, f64)],
-    noise: f64,
-) -> ObservationSet {
-    let rig = RigGeometry::IN_PLANE;
-    let optics = Optics::new(&rig, &material);
-    let mut random = rand_pcg::Pcg64::seed_from_u64(5);
-    let observations: Vec<Observation> = poses
-        .iter()
-        .map(|(t, p)| {
-            let pose = Pose::from_deg(*t, *p);
-            let clean = radiance(Variant::Sawtooth, &rig.directions(pose), surface, &optics);
-            let draw: f64 = random.sample(StandardNormal);
-            Observation::new(pose, clean * (1.0 + noise * draw), NOISE * clean)
-        })
-        .collect();
-    let peak = observations.iter().map(|o| o.signal).fold(0.0, f64::max);
-    ObservationSet {
-        white_reference: Some(WhiteReference {
-            reflectance: 0.99,
-            reflectance_std: 0.005,
-        }),
-        ..ObservationSet::bare(
-            rig,
-            material,
-            observations,
-            Prior {
-                mean: 0.0,
-                std: 1e-4 * peak,
-            },
-        )
-    }
+fn painted(sample: SampleCase, poses: &[Pose], error: PaintedError) -> ObservationSet {
+    let scan = PaintedScan {
+        rig: RigGeometry::IN_PLANE,
+        sample,
+        poses,
+        error,
+        sigma: PaintedSigma::Relative(NOISE),
+    };
+    scan.observations()
 }
 
-/// A fit without the integrated second bounce, since the truth here is the closed form itself.
+/// Fits without the integrated second bounce, because the closed form made the observations.
 fn fitted(set: &ObservationSet, cancel: &AtomicBool) -> FitReport {
     let options = FitOptions {
         variant: VariantChoice::Sawtooth,
@@ -120,8 +53,7 @@ fn fitted(set: &ObservationSet, cancel: &AtomicBool) -> FitReport {
     fit_with_tier(set, &options, None, cancel)
 }
 
-/// The same where nothing can be refused beforehand: without the printed variant, which these sets do not ask about
-/// and which takes half of the time.
+/// Fits in the same way, but skips the printed variant where possible; it takes half of the time and is not checked here.
 pub(super) fn fitted_in_full(set: &ObservationSet, loss: Loss, cancel: &AtomicBool) -> FitReport {
     let options = FitOptions {
         variant: VariantChoice::Sawtooth,
@@ -141,17 +73,23 @@ fn word(status: Status) -> String {
         .unwrap_or_default()
 }
 
-/// Whether a set tells every parameter.
+/// Which parameters a set determines.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Tells {
-    /// It does: a fit that claims nothing has failed.
+enum Determines {
+    /// All of them: a fit that gives no value has failed.
     All,
-    /// It need not: what is claimed must hold.
-    Perhaps,
+    /// Possibly only some; the values that a fit gives must be right.
+    Some,
 }
 
-/// Every parameter that the report gives a number for must cover its truth.
-fn coverage(rows: &mut Vec<Row>, name: &str, surface: &Surface, report: &FitReport, tells: Tells) {
+/// Every value of the report must cover its truth.
+fn coverage(
+    rows: &mut Vec<CheckRow>,
+    name: &str,
+    surface: &Surface,
+    report: &FitReport,
+    determines: Determines,
+) {
     let metal = surface.rho_d == 0.0;
     let known = [
         ("theta_r_deg", surface.theta_r.to_degrees()),
@@ -167,17 +105,17 @@ fn coverage(rows: &mut Vec<Row>, name: &str, surface: &Surface, report: &FitRepo
         };
         let judged = match (p.value, p.std) {
             (Some(value), Some(std)) => covered(*truth, std, value),
-            // A metal has no diffuse part to be told.
-            _ if tells == Tells::All && !(metal && parameter == "rho_d") => {
+            // A metal has no diffuse reflectance.
+            _ if determines == Determines::All && !(metal && parameter == "rho_d") => {
                 one_of(&["a number"], "null")
             }
             _ => one_of(&["null"], "null"),
         };
-        rows.push(Row::new(AREA, name, parameter, TRUTH, judged));
+        rows.push(CheckRow::new(AREA, name, parameter, TRUTH, judged));
     }
 }
 
-/// Whether a report claims a ridge angle.
+/// The ridge angle that a report claims, or its status.
 pub(super) fn claim(report: &FitReport) -> String {
     if report.status == Status::Converged && report.parameters.theta_r_deg.value.is_some() {
         "a ridge angle".to_owned()
@@ -186,7 +124,7 @@ pub(super) fn claim(report: &FitReport) -> String {
     }
 }
 
-/// How a fit of nothing may end.
+/// Statuses in which a fit without information may end.
 pub(super) const HOPELESS: [&str; 5] = [
     "at-bound",
     "rank-deficient",
@@ -195,66 +133,33 @@ pub(super) const HOPELESS: [&str; 5] = [
     "too-few-observations",
 ];
 
-pub(super) fn rows(effort: Effort, cancel: &AtomicBool) -> Vec<Row> {
+pub(super) fn rows(effort: CheckEffort, cancel: &AtomicBool) -> Vec<CheckRow> {
     let mut rows = Vec::new();
-    let surface = truth();
-    let mut narrow = surface;
-    (narrow.alpha_u, narrow.alpha_v) = (0.012, 0.01);
-    let (mirror, steel) = metal();
-    let mut ways = vec![
-        (
-            "9 tilts, 12 azimuths",
-            material(),
-            surface,
-            poses(9, 12),
-            Tells::All,
-        ),
-        (
-            "one azimuth only",
-            material(),
-            surface,
-            poses(9, 1),
-            Tells::Perhaps,
-        ),
-        (
-            "one tilt only",
-            material(),
-            surface,
-            poses(1, 36),
-            Tells::Perhaps,
-        ),
+    let narrow = POLYMER.with_alpha(0.012, 0.01);
+    let (all, some) = (Determines::All, Determines::Some);
+    let mut scans = vec![
+        ("9 tilts, 12 azimuths", POLYMER, (9, 12), all),
+        ("one azimuth only", POLYMER, (9, 1), some),
+        ("one tilt only", POLYMER, (1, 36), some),
         (
             "lobes of alpha 0.01 on a coarse grid",
-            material(),
             narrow,
-            poses(17, 36),
-            Tells::All,
+            (17, 36),
+            all,
         ),
-        ("k = 30", mirror, steel, poses(9, 12), Tells::All),
-        (
-            "k = 30, one azimuth only",
-            mirror,
-            steel,
-            poses(9, 1),
-            Tells::Perhaps,
-        ),
+        ("k = 30", MIRROR, (9, 12), all),
+        ("k = 30, one azimuth only", MIRROR, (9, 1), some),
     ];
-    if effort == Effort::Full {
-        ways.push((
-            "a million observations",
-            material(),
-            surface,
-            poses(1000, 1000),
-            Tells::All,
-        ));
+    if effort == CheckEffort::Full {
+        scans.push(("a million observations", POLYMER, (1000, 1000), all));
     }
-    for (name, material, surface, poses, tells) in ways {
+    for (name, sample, (tilts, azimuths), determines) in scans {
         if cancel.load(Ordering::Relaxed) {
             return rows;
         }
-        let set = set_of(material, &surface, &poses, NOISE);
+        let set = noisy(sample, &pose_grid(tilts, azimuths));
         let report = fitted_in_full(&set, Loss::Linear, cancel);
-        coverage(&mut rows, name, &surface, &report, tells);
+        coverage(&mut rows, name, &sample.surface, &report, determines);
     }
     hopeless(&mut rows, cancel);
     units(&mut rows, cancel);
@@ -263,13 +168,19 @@ pub(super) fn rows(effort: Effort, cancel: &AtomicBool) -> Vec<Row> {
     rows
 }
 
-fn hopeless(rows: &mut Vec<Row>, cancel: &AtomicBool) {
-    let surface = truth();
-    let two = fitted(&set(&surface, &poses(2, 1), NOISE), cancel);
+fn hopeless(rows: &mut Vec<CheckRow>, cancel: &AtomicBool) {
+    let grid = pose_grid(9, 12);
+    let two = fitted(&noisy(POLYMER, &pose_grid(2, 1)), cancel);
     let judged = one_of(&["too-few-observations"], &word(two.status));
-    rows.push(Row::new(AREA, "two observations", "status", NONE, judged));
+    rows.push(CheckRow::new(
+        AREA,
+        "two observations",
+        "status",
+        NONE,
+        judged,
+    ));
 
-    let mut flat = set(&surface, &poses(9, 12), 0.0);
+    let mut flat = painted(POLYMER, &grid, PaintedError::None);
     for o in &mut flat.observations {
         (o.signal, o.sigma) = (0.1, 1e-4);
     }
@@ -277,7 +188,7 @@ fn hopeless(rows: &mut Vec<Row>, cancel: &AtomicBool) {
         &HOPELESS,
         &claim(&fitted_in_full(&flat, Loss::Linear, cancel)),
     );
-    rows.push(Row::new(
+    rows.push(CheckRow::new(
         AREA,
         "all observations equal",
         "claim",
@@ -292,7 +203,7 @@ fn hopeless(rows: &mut Vec<Row>, cancel: &AtomicBool) {
         &HOPELESS,
         &claim(&fitted_in_full(&flat, Loss::Linear, cancel)),
     );
-    rows.push(Row::new(
+    rows.push(CheckRow::new(
         AREA,
         "all observations zero",
         "claim",
@@ -300,10 +211,10 @@ fn hopeless(rows: &mut Vec<Row>, cancel: &AtomicBool) {
         judged,
     ));
 
-    let mut broken = set(&surface, &poses(9, 12), NOISE);
+    let mut broken = noisy(POLYMER, &grid);
     broken.observations[7].signal = f64::INFINITY;
     let judged = one_of(&["not-finite"], &word(fitted(&broken, cancel).status));
-    rows.push(Row::new(
+    rows.push(CheckRow::new(
         AREA,
         "an infinite observation",
         "status",
@@ -312,12 +223,12 @@ fn hopeless(rows: &mut Vec<Row>, cancel: &AtomicBool) {
     ));
 }
 
-/// A change of unit by 1e12 either way changes nothing but the scale; with a white reference, whose unit
-/// is absolute, it is a contradiction that must be told.
-fn units(rows: &mut Vec<Row>, cancel: &AtomicBool) {
+/// A change of unit by 1e12 in either direction changes only the scale. With a white reference, whose unit
+/// is absolute, it is a contradiction that the fit must report.
+fn units(rows: &mut Vec<CheckRow>, cancel: &AtomicBool) {
     let plain = ObservationSet {
         white_reference: None,
-        ..set(&truth(), &poses(9, 12), NOISE)
+        ..noisy(POLYMER, &pose_grid(9, 12))
     };
     let scaled = |set: &ObservationSet, unit: f64| {
         let mut other = set.clone();
@@ -345,13 +256,13 @@ fn units(rows: &mut Vec<Row>, cancel: &AtomicBool) {
                 1.0
             };
             let judged = match (a.value, a.std, b.value) {
-                // Both end at the minimum to well below what it means.
+                // Both fits reach the minimum to far less than its uncertainty.
                 (Some(x), Some(std), Some(y)) => limit(0.0, 1e-3, (y / factor - x) / std),
                 (None, _, None) => one_of(&["null"], "null"),
                 (x, _, y) => one_of(&[&format!("{x:?}")], &format!("{y:?}")),
             };
             let quantity = format!("{parameter}, change over its uncertainty");
-            rows.push(Row::new(
+            rows.push(CheckRow::new(
                 AREA,
                 name.clone(),
                 quantity,
@@ -360,23 +271,19 @@ fn units(rows: &mut Vec<Row>, cancel: &AtomicBool) {
             ));
         }
     }
-    let absolute = set(&truth(), &poses(9, 12), NOISE);
+    let absolute = noisy(POLYMER, &pose_grid(9, 12));
     for unit in [1e12, 1e-12] {
         let report = fitted_in_full(&scaled(&absolute, unit), Loss::Linear, cancel);
         let judged = one_of(&HOPELESS, &claim(&report));
         let name = format!("unit off by {unit:e}, with a white reference");
-        rows.push(Row::new(AREA, name, "claim", NONE, judged));
+        rows.push(CheckRow::new(AREA, name, "claim", NONE, judged));
     }
 }
 
-/// Tukey's loss where a third of the observations is anything.
-fn outliers(rows: &mut Vec<Row>, cancel: &AtomicBool) {
-    let (mirror, steel) = metal();
-    for (what, material, surface) in [
-        ("a plastic's", material(), truth()),
-        ("a metal's", mirror, steel),
-    ] {
-        let mut spoilt = set_of(material, &surface, &poses(9, 12), NOISE);
+/// Tukey's loss where a third of the observations is random.
+fn outliers(rows: &mut Vec<CheckRow>, cancel: &AtomicBool) {
+    for (what, sample) in [("a plastic's", POLYMER), ("a metal's", MIRROR)] {
+        let mut spoilt = noisy(sample, &pose_grid(9, 12));
         let peak = spoilt
             .observations
             .iter()
@@ -390,42 +297,52 @@ fn outliers(rows: &mut Vec<Row>, cancel: &AtomicBool) {
         }
         let report = fitted_in_full(&spoilt, Loss::Tukey, cancel);
         let name = format!(
-            "30 % of {what} observations are any number up to twice the peak, Tukey's loss"
+            "30 % of {what} observations are random numbers up to twice the peak, Tukey's loss"
         );
-        coverage(rows, &name, &surface, &report, Tells::All);
+        coverage(rows, &name, &sample.surface, &report, Determines::All);
     }
 }
 
-/// Descents that start ten lobe widths from the truth, with lobes broadened to reach it, as starts are.
-fn far_starts(rows: &mut Vec<Row>, cancel: &AtomicBool) {
-    let (mirror, steel) = metal();
-    for (what, material, surface) in [("", material(), truth()), (", k = 30", mirror, steel)] {
+/// Descents that start ten lobe widths from the truth, with lobes broadened to reach it, as the starts of a search.
+fn far_starts(rows: &mut Vec<CheckRow>, cancel: &AtomicBool) {
+    for (what, sample) in [("", POLYMER), (", k = 30", MIRROR)] {
         for (alpha, side) in [(0.01, 10.0), (0.01, -10.0), (0.02, 10.0), (0.04, 10.0)] {
-            let mut surface = surface;
-            (surface.alpha_u, surface.alpha_v) = (alpha, alpha);
-            let set = set_of(material, &surface, &poses(33, 36), 0.0);
-            let found = from_afar(&set, &surface, side, cancel);
+            let sample = sample.with_alpha(alpha, alpha);
+            let surface = sample.surface;
+            let set = painted(sample, &pose_grid(33, 36), PaintedError::None);
+            let found = descent_from_afar(&set, &surface, side, cancel);
             let way = if side > 0.0 { "above" } else { "below" };
             let name = format!("start ten lobe widths {way}, alpha {alpha}{what}");
-            // The residual is zero there, so the minimum is known to rounding times its condition (the
+            // The residual is zero there, so the minimum is exact to rounding times its condition (the
             // descent stops at a step of 1e-12).
             let judged = digits(surface.theta_r, 1e5, found.theta_r);
-            rows.push(Row::new(AREA, name.clone(), "theta_r, rad", TRUTH, judged));
+            rows.push(CheckRow::new(
+                AREA,
+                name.clone(),
+                "theta_r, rad",
+                TRUTH,
+                judged,
+            ));
             let judged = digits(alpha, 1e5, found.alpha_v);
-            rows.push(Row::new(AREA, name, "alpha_v", TRUTH, judged));
+            rows.push(CheckRow::new(AREA, name, "alpha_v", TRUTH, judged));
         }
     }
 }
 
-/// Where a single descent ends that starts `widths` lobe widths from the truth in θr.
-fn from_afar(set: &ObservationSet, surface: &Surface, widths: f64, cancel: &AtomicBool) -> Values {
+/// The end of a single descent that starts `widths` lobe widths from the truth in θr.
+fn descent_from_afar(
+    set: &ObservationSet,
+    surface: &Surface,
+    widths: f64,
+    cancel: &AtomicBool,
+) -> Values {
     let (free, fixed) = free_quantities(set, Variant::Sawtooth);
     let free: Vec<Quantity> = free
         .into_iter()
         .filter(|q| *q != Quantity::TiltOffset)
         .collect();
     let problem = Problem::new(set, Variant::Sawtooth, free, fixed);
-    // Weights by counting noise would make the dim poses decide where the lobe goes.
+    // With weights from counting noise the dim poses would determine the lobe.
     let peak = set
         .observations
         .iter()

@@ -1,11 +1,11 @@
-//! The closed forms against tables in 60-digit arithmetic, and against the laws that hold at every row.
+//! The closed forms against tables in 60-digit arithmetic and against laws that hold in every row.
 
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Complex, Vector3};
 
 use super::criterion::{digits, limit, refused};
-use super::{Effort, Row};
+use super::{CheckEffort, CheckRow};
 use crate::geometry::{Cones, Directions};
 use crate::model::brdf::{self, Case};
 use crate::model::flat_stack::FlatStack;
@@ -21,11 +21,11 @@ const RECIPROCITY: &str = "reciprocity";
 /// θl of the tables of `sawtooth.csv`, degrees: it sets the unit of ρd.
 const THETA_L_DEG: f64 = 10.0;
 
-/// A table's columns by name; the tables are part of the program.
-struct Table(Vec<csv::StringRecord>, csv::StringRecord);
+/// A table that is part of the program, with its columns by name.
+struct ReferenceTable(Vec<csv::StringRecord>, csv::StringRecord);
 
-impl Table {
-    fn read(text: &str) -> Table {
+impl ReferenceTable {
+    fn read(text: &str) -> ReferenceTable {
         let mut reader = csv::Reader::from_reader(text.as_bytes());
         let header = reader
             .headers()
@@ -35,17 +35,17 @@ impl Table {
             .records()
             .collect::<Result<_, _>>()
             .expect("a table of the program is whole");
-        Table(rows, header)
+        ReferenceTable(rows, header)
     }
 
-    fn rows(&self) -> impl Iterator<Item = Line<'_>> {
-        self.0.iter().map(|row| Line(row, &self.1))
+    fn rows(&self) -> impl Iterator<Item = ReferenceLine<'_>> {
+        self.0.iter().map(|row| ReferenceLine(row, &self.1))
     }
 }
 
-struct Line<'a>(&'a csv::StringRecord, &'a csv::StringRecord);
+struct ReferenceLine<'a>(&'a csv::StringRecord, &'a csv::StringRecord);
 
-impl Line<'_> {
+impl ReferenceLine<'_> {
     fn text(&self, name: &str) -> &str {
         let at = self.1.iter().position(|n| n == name);
         &self.0[at.expect("a column of the program's table")]
@@ -73,7 +73,7 @@ impl Line<'_> {
     }
 }
 
-pub(super) fn rows(_: Effort, _: &AtomicBool) -> Vec<Row> {
+pub(super) fn rows(_: CheckEffort, _: &AtomicBool) -> Vec<CheckRow> {
     let mut rows = Vec::new();
     printed(&mut rows);
     sawtooth(&mut rows);
@@ -114,7 +114,7 @@ fn surface_of(c: &Case) -> (Surface, Optics) {
     (surface, optics)
 }
 
-/// The same with lamp and camera exchanged.
+/// The case with lamp and camera exchanged.
 fn exchanged(c: &Case) -> Case {
     Case {
         theta_i: c.theta_o,
@@ -125,28 +125,46 @@ fn exchanged(c: &Case) -> Case {
     }
 }
 
-fn printed(rows: &mut Vec<Row>) {
+fn printed(rows: &mut Vec<CheckRow>) {
     let area = "printed BRDF";
-    let table = Table::read(include_str!("../../tests/data/extreme/brdf.csv"));
+    let table = ReferenceTable::read(include_str!("../../tests/data/extreme/brdf.csv"));
     for line in table.rows() {
         let (name, c) = (line.text("case"), line.case());
         let (expected, cond) = (line.number("value"), line.number("cond"));
         let value = |c: &Case| brdf::evaluate(c).map_or(f64::NAN, |e| e.f);
         let judged = digits(expected, cond, value(&c));
-        rows.push(Row::new(area, name, "f, sr⁻¹", TABLE, judged));
+        rows.push(CheckRow::new(area, name, "f, sr⁻¹", TABLE, judged));
         let judged = digits(value(&c), cond, value(&exchanged(&c)));
-        rows.push(Row::new(area, name, "f exchanged", RECIPROCITY, judged));
-        // The form of fits: radiance, in plain doubles.
+        rows.push(CheckRow::new(
+            area,
+            name,
+            "f exchanged",
+            RECIPROCITY,
+            judged,
+        ));
+        // The form that fits use: radiance, in doubles.
         let (surface, optics) = surface_of(&c);
         let d = directions(&c);
         let per_cos = 1.0 / d.incident.z;
         let found = radiance(Variant::Paper, &d, &surface, &optics) * per_cos;
         let judged = digits(expected, cond, found);
-        rows.push(Row::new(area, name, "f of a fit's form", TABLE, judged));
+        rows.push(CheckRow::new(
+            area,
+            name,
+            "f of a fit's form",
+            TABLE,
+            judged,
+        ));
         let prepared = Prepared::new(Variant::Paper, &surface, &OpticsTable::new(&optics));
         let judged = digits(expected, cond, prepared.partials(&d).value * per_cos);
-        rows.push(Row::new(area, name, "f of the inner loop", TABLE, judged));
-        // Without ridges and diffuse light it is the single bounce of the Mueller BRDF.
+        rows.push(CheckRow::new(
+            area,
+            name,
+            "f of the inner loop",
+            TABLE,
+            judged,
+        ));
+        // Without ridges and diffuse light it equals the single bounce of the Mueller BRDF.
         if c.theta_r == 0.0 && c.rho_d == 0.0 && c.alpha_u == c.alpha_v {
             let scattering = Scattering {
                 theta_i: c.theta_i,
@@ -156,21 +174,21 @@ fn printed(rows: &mut Vec<Row>) {
             };
             let found = mueller_brdf(&scattering, c.alpha_u, c.eta, c.k);
             let judged = digits(expected, cond, found.map_or(f64::NAN, |m| m.0[(0, 0)]));
-            rows.push(Row::new(area, name, "m00, sr⁻¹", TABLE, judged));
+            rows.push(CheckRow::new(area, name, "m00, sr⁻¹", TABLE, judged));
         }
     }
 }
 
-fn sawtooth(rows: &mut Vec<Row>) {
+fn sawtooth(rows: &mut Vec<CheckRow>) {
     let area = "sawtooth in full";
-    let table = Table::read(include_str!("../../tests/data/extreme/sawtooth.csv"));
+    let table = ReferenceTable::read(include_str!("../../tests/data/extreme/sawtooth.csv"));
     for line in table.rows() {
         let (name, c) = (line.text("case"), line.case());
         let (expected, cond) = (line.number("value"), line.number("cond"));
         let (surface, optics) = surface_of(&c);
         let d = directions(&c);
         let found = radiance(Variant::Sawtooth, &d, &surface, &optics);
-        rows.push(Row::new(
+        rows.push(CheckRow::new(
             area,
             name,
             "radiance",
@@ -179,14 +197,14 @@ fn sawtooth(rows: &mut Vec<Row>) {
         ));
         let prepared = Prepared::new(Variant::Sawtooth, &surface, &OpticsTable::new(&optics));
         let inner = prepared.partials(&d).value;
-        rows.push(Row::new(
+        rows.push(CheckRow::new(
             area,
             name,
             "inner loop",
             TABLE,
             digits(expected, cond, inner),
         ));
-        // L = f cos θi, and f is the same both ways.
+        // L = f cos θi, and f is symmetric.
         let back = radiance(
             Variant::Sawtooth,
             &directions(&exchanged(&c)),
@@ -194,7 +212,7 @@ fn sawtooth(rows: &mut Vec<Row>) {
             &optics,
         );
         let judged = digits(found / d.incident.z, cond, back / d.outgoing.z);
-        rows.push(Row::new(
+        rows.push(CheckRow::new(
             area,
             name,
             "L/cos θi exchanged",
@@ -215,18 +233,18 @@ fn sawtooth(rows: &mut Vec<Row>) {
             .all(|x| x.is_finite());
         let judged =
             super::criterion::one_of(&["finite"], if finite { "finite" } else { "not finite" });
-        rows.push(Row::new(
+        rows.push(CheckRow::new(
             area,
             name,
             "derivatives",
-            "finite in, finite out",
+            "finite for finite input",
             judged,
         ));
     }
 }
 
-fn fresnel_rows(rows: &mut Vec<Row>) {
-    let table = Table::read(include_str!("../../tests/data/extreme/fresnel.csv"));
+fn fresnel_rows(rows: &mut Vec<CheckRow>) {
+    let table = ReferenceTable::read(include_str!("../../tests/data/extreme/fresnel.csv"));
     for line in table.rows() {
         let (r_s, r_p) =
             fresnel::reflectances(line.number("cos"), line.number("eta"), line.number("k"));
@@ -236,7 +254,7 @@ fn fresnel_rows(rows: &mut Vec<Row>) {
             r_p
         };
         let judged = digits(line.number("value"), line.number("cond"), found);
-        rows.push(Row::new(
+        rows.push(CheckRow::new(
             "Fresnel",
             line.text("case"),
             "reflectance",
@@ -246,7 +264,7 @@ fn fresnel_rows(rows: &mut Vec<Row>) {
     }
 }
 
-/// An index as the table writes it: `1.5` or `0.35+2.7i`.
+/// An index in the notation of the table: `1.5` or `0.35+2.7i`.
 fn index(text: &str) -> Complex<f64> {
     let parse = |t: &str| t.parse().expect("the program's tables hold indices");
     match text.strip_suffix('i').and_then(|t| t.split_once('+')) {
@@ -255,9 +273,9 @@ fn index(text: &str) -> Complex<f64> {
     }
 }
 
-fn stacks(rows: &mut Vec<Row>) {
+fn stacks(rows: &mut Vec<CheckRow>) {
     let area = "flat stack";
-    let table = Table::read(include_str!("../../tests/data/extreme/stack.csv"));
+    let table = ReferenceTable::read(include_str!("../../tests/data/extreme/stack.csv"));
     for line in table.rows() {
         let indices = line.text("indices").split('/').map(index).collect();
         let found = FlatStack::new(indices)
@@ -268,12 +286,12 @@ fn stacks(rows: &mut Vec<Row>) {
             .enumerate()
         {
             let judged = digits(line.number(value), line.number(cond), found[n]);
-            rows.push(Row::new(area, line.text("case"), name, TABLE, judged));
+            rows.push(CheckRow::new(area, line.text("case"), name, TABLE, judged));
         }
     }
 }
 
-/// A line of the table of stacks, for the tracer.
+/// A row of the table of stacks, for the tracer.
 pub(super) struct StackLine {
     pub(super) case: String,
     pub(super) indices: Vec<Complex<f64>>,
@@ -283,7 +301,7 @@ pub(super) struct StackLine {
 }
 
 pub(super) fn stack_lines() -> Vec<StackLine> {
-    Table::read(include_str!("../../tests/data/extreme/stack.csv"))
+    ReferenceTable::read(include_str!("../../tests/data/extreme/stack.csv"))
         .rows()
         .map(|line| StackLine {
             case: line.text("case").to_owned(),
@@ -295,8 +313,8 @@ pub(super) fn stack_lines() -> Vec<StackLine> {
         .collect()
 }
 
-fn visibility(rows: &mut Vec<Row>) {
-    let table = Table::read(include_str!("../../tests/data/extreme/visibility.csv"));
+fn visibility(rows: &mut Vec<CheckRow>) {
+    let table = ReferenceTable::read(include_str!("../../tests/data/extreme/visibility.csv"));
     for line in table.rows() {
         let found = visible_and_lit_fraction(
             line.number("theta_r_deg"),
@@ -304,7 +322,7 @@ fn visibility(rows: &mut Vec<Row>) {
             line.number("theta_o_proj_deg"),
         );
         let judged = digits(line.number("value"), line.number("cond"), found);
-        rows.push(Row::new(
+        rows.push(CheckRow::new(
             "visibility",
             line.text("case"),
             "lit and seen",
@@ -314,8 +332,8 @@ fn visibility(rows: &mut Vec<Row>) {
     }
 }
 
-/// What is left when a parameter goes to its end.
-fn limits(rows: &mut Vec<Row>) {
+/// Limits of vanishing parameters.
+fn limits(rows: &mut Vec<CheckRow>) {
     let source = "closed limit";
     let c = Case {
         theta_i: 0.3,
@@ -334,7 +352,7 @@ fn limits(rows: &mut Vec<Row>) {
     let lambert = surface.rho_d / std::f64::consts::PI * d.incident.z;
     let matched = radiance(Variant::Sawtooth, &d, &surface, &optics);
     let judged = digits(lambert, 1.0, matched);
-    rows.push(Row::new(
+    rows.push(CheckRow::new(
         "sawtooth in full",
         "index 1, no ridges: a Lambertian",
         "radiance",
@@ -347,8 +365,8 @@ fn limits(rows: &mut Vec<Row>) {
             ..optics
         };
         let found = radiance(Variant::Sawtooth, &d, &surface, &optics);
-        let name = format!("index 1 + {step:e}: all but a Lambertian");
-        rows.push(Row::new(
+        let name = format!("index 1 + {step:e}: nearly Lambertian");
+        rows.push(CheckRow::new(
             "sawtooth in full",
             name,
             "radiance",
@@ -356,7 +374,7 @@ fn limits(rows: &mut Vec<Row>) {
             limit(lambert, step, found),
         ));
     }
-    // A ridge that vanishes leaves the flat surface, in every tier.
+    // Vanishing ridges give the flat surface, in every form.
     let optics = Optics {
         eta: 1.54,
         ..optics
@@ -365,11 +383,11 @@ fn limits(rows: &mut Vec<Row>) {
     let flat = radiance(Variant::Sawtooth, &d, &surface, &optics);
     for theta_r in [1e-3, 1e-6, 1e-9] {
         let ridged = Surface { theta_r, ..surface };
-        // Lobes of α move by θr/α, diffuse light and double reflections are of first order in θr.
+        // Lobes of width α move by θr/α; diffuse light and double reflections are of first order in θr.
         let distance = theta_r / surface.alpha_u.powi(2);
         let found = radiance(Variant::Sawtooth, &d, &ridged, &optics);
-        let name = format!("theta_r {theta_r:e} rad: all but flat");
-        rows.push(Row::new(
+        let name = format!("theta_r {theta_r:e} rad: nearly flat");
+        rows.push(CheckRow::new(
             "sawtooth in full",
             name.clone(),
             "radiance",
@@ -378,7 +396,7 @@ fn limits(rows: &mut Vec<Row>) {
         ));
         let tier = |s: &Surface| Quadrature::new(s, &table).radiance(&d, theta_r).value;
         let judged = limit(tier(&surface), distance, tier(&ridged));
-        rows.push(Row::new(
+        rows.push(CheckRow::new(
             "two-bounce quadrature",
             name,
             "radiance",
@@ -388,8 +406,8 @@ fn limits(rows: &mut Vec<Row>) {
     }
 }
 
-fn refusals(rows: &mut Vec<Row>) {
-    let source = "no such answer";
+fn refusals(rows: &mut Vec<CheckRow>) {
+    let source = "no value is possible";
     let c = Case {
         theta_i: 0.3,
         phi_i: 0.0,
@@ -432,7 +450,7 @@ fn refusals(rows: &mut Vec<Row>) {
         let found = brdf::evaluate(&case)
             .map(|e| e.f.to_string())
             .map_err(|e| e.to_string());
-        rows.push(Row::new(
+        rows.push(CheckRow::new(
             "printed BRDF",
             name,
             "f",
@@ -447,7 +465,7 @@ fn refusals(rows: &mut Vec<Row>) {
     ])
     .map(|_| "accepted".to_owned())
     .map_err(|e| e.to_string());
-    rows.push(Row::new(
+    rows.push(CheckRow::new(
         "flat stack",
         "a layer that absorbs",
         "R",

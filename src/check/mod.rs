@@ -1,11 +1,11 @@
-//! Stiff and extreme cases of everything that computes, each with what is expected and what was found.
+//! Stiff and extreme cases of every computation, each with its expected and its actual result.
 //!
-//! Call [`run`]. Expectations are never the program's own words: they come from tables in 60-digit
+//! Call [`run`]. Expected values never come from the program itself. They come from tables in 60-digit
 //! arithmetic (`tests/data/extreme`, made by `tools/extreme_reference.py`), from laws (reciprocity,
 //! conservation of energy, a change of units), from closed limits (a roughness or an index step that
-//! vanishes), from a truth that was put in, or are a refusal by name. No reference value and no
-//! tolerance of a row stands in this code: [`criterion`] has one tolerance per kind of expectation,
-//! derived there. It reads no files and knows no terminal.
+//! vanishes) or from a known truth; or the case must be refused with a stated reason. This code contains neither reference
+//! values nor tolerances of single rows: [`criterion`] derives one tolerance per kind of expectation.
+//! This module reads no files and prints nothing.
 
 pub mod criterion;
 mod fits;
@@ -22,32 +22,32 @@ use criterion::Judged;
 
 use crate::model::LeftOut;
 
-/// How much time a check may take.
+/// Extent of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Effort {
+pub enum CheckEffort {
     /// Without the million observations and with fewer photons: for a debug build.
     Quick,
     /// Everything.
     Full,
 }
 
-/// One case.
+/// One case of a check.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Row {
-    /// Which part of the program.
+pub struct CheckRow {
+    /// The part of the program.
     pub area: &'static str,
-    /// What is extreme about it.
+    /// The extreme property.
     pub case: String,
-    /// What is compared.
+    /// The compared quantity.
     pub quantity: String,
-    /// Where the expectation comes from.
+    /// Source of the expected value.
     pub source: &'static str,
-    /// Expected, found, allowed, and whether that is as expected.
+    /// Expected and actual value, tolerance, and whether they agree.
     #[serde(flatten)]
     pub judged: Judged,
 }
 
-impl Row {
+impl CheckRow {
     fn new(
         area: &'static str,
         case: impl Into<String>,
@@ -55,7 +55,7 @@ impl Row {
         source: &'static str,
         judged: Judged,
     ) -> Self {
-        Row {
+        CheckRow {
             area,
             case: case.into(),
             quantity: quantity.into(),
@@ -65,10 +65,10 @@ impl Row {
     }
 }
 
-/// A part of the table.
-type Part = fn(Effort, &AtomicBool) -> Vec<Row>;
+/// Computes a part of the rows.
+type CheckPart = fn(CheckEffort, &AtomicBool) -> Vec<CheckRow>;
 
-const PARTS: [(&str, Part); 5] = [
+const PARTS: [(&str, CheckPart); 5] = [
     ("closed forms", forms::rows),
     ("tracer", traced::rows),
     ("frames", frames::rows),
@@ -76,15 +76,15 @@ const PARTS: [(&str, Part); 5] = [
     ("maps", maps::rows),
 ];
 
-/// What a check of some effort does without.
+/// The cases that an effort omits.
 #[must_use]
-pub fn left_out(effort: Effort) -> Vec<LeftOut> {
+pub fn left_out(effort: CheckEffort) -> Vec<LeftOut> {
     match effort {
-        Effort::Full => Vec::new(),
-        Effort::Quick => vec![
+        CheckEffort::Full => Vec::new(),
+        CheckEffort::Quick => vec![
             LeftOut::new(
                 "the fit of a million observations",
-                "--quick: it takes as long as all others together",
+                "--quick: it takes as long as all other cases together",
                 None,
             ),
             LeftOut::new(
@@ -96,13 +96,13 @@ pub fn left_out(effort: Effort) -> Vec<LeftOut> {
     }
 }
 
-/// Computes all rows; `started` is told the name of each part before it starts and how many parts are
-/// done of how many. Ends early, with the rows so far, once `cancel` is raised.
+/// Computes all rows. `started` gets the name of each part before it starts, and the numbers of finished and of all parts.
+/// Ends early, with the rows so far, once `cancel` is raised.
 pub fn run(
-    effort: Effort,
+    effort: CheckEffort,
     cancel: &AtomicBool,
     started: &mut dyn FnMut(&str, usize, usize),
-) -> Vec<Row> {
+) -> Vec<CheckRow> {
     let mut rows = Vec::new();
     for (done, (name, part)) in PARTS.iter().enumerate() {
         if cancel.load(Ordering::Relaxed) {

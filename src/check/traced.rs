@@ -1,10 +1,9 @@
-//! The tracer on shapes and media at their ends: limits that Fresnel alone gives, and light that must
-//! not get lost.
+//! The tracer on extreme shapes and media: limits from Fresnel's equations, and conservation of energy.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::criterion::{digits, limit, refused, sampled};
-use super::{Effort, Row};
+use super::{CheckEffort, CheckRow};
 use crate::model::fresnel;
 use crate::trace::height_field::Side;
 use crate::trace::run::{self, Shard};
@@ -15,14 +14,14 @@ const AREA: &str = "tracer";
 const ENERGY: &str = "conservation of energy";
 const LIMIT: &str = "closed limit";
 
-/// A scene of interfaces under a lamp, with heights for shapes that are files.
+/// A scene of interfaces under a lamp.
 fn scene(theta_i_deg: f64, interfaces: &str, photons: u64) -> String {
     format!(
         "[light]\ntheta_i_deg = {theta_i_deg:?}\n{interfaces}\n[run]\nphotons = {photons}\nseed = 7\ntheta_bins = 9\nphi_bins = 8\ninteractions_max = 100000\n"
     )
 }
 
-/// Towers of one cell with walls that are as good as vertical, a hundred times higher than wide.
+/// Towers of one cell with nearly vertical walls, a hundred times higher than wide.
 fn towers() -> HeightMap {
     let edge = 8;
     let heights = (0..edge * edge).map(|n| {
@@ -46,8 +45,8 @@ fn energies(text: &str, cancel: &AtomicBool) -> Result<Energies<Estimate>, Scene
     Ok(totals(text, cancel)?.energies())
 }
 
-/// Light per photon launched that the direction bins of both sides hold, with its standard error (the
-/// bins' errors taken as of one sign, so no smaller than it is).
+/// Light in the direction bins of both sides per photon launched, with an upper bound of its standard error (the errors of
+/// the bins are added as if of one sign).
 fn caught(totals: &Totals) -> (f64, f64) {
     let grid = totals.grid();
     let (mut sum, mut std) = (0.0, 0.0);
@@ -61,8 +60,8 @@ fn caught(totals: &Totals) -> (f64, f64) {
     (sum, std)
 }
 
-pub(super) fn rows(effort: Effort, cancel: &AtomicBool) -> Vec<Row> {
-    let photons = if effort == Effort::Quick {
+pub(super) fn rows(effort: CheckEffort, cancel: &AtomicBool) -> Vec<CheckRow> {
+    let photons = if effort == CheckEffort::Quick {
         2_000
     } else {
         40_000
@@ -70,8 +69,8 @@ pub(super) fn rows(effort: Effort, cancel: &AtomicBool) -> Vec<Row> {
     let mut rows = Vec::new();
     conserved(&mut rows, photons, cancel);
     smooth_limits(&mut rows, photons, cancel);
-    // A photon that is split at each of thirty layers is worth many, and takes as long as many; of fewer the half per
-    // cent that growing layers reflect may have met none.
+    // A photon that is split at each of thirty layers counts, and takes as long, as many. With fewer photons the 0.5 % that
+    // growing layers reflect may not be sampled.
     stacks(&mut rows, photons.min(500), cancel);
     refusals(&mut rows);
     rows
@@ -79,7 +78,7 @@ pub(super) fn rows(effort: Effort, cancel: &AtomicBool) -> Vec<Row> {
 
 const GLASS: &str = "below = { n = 1.5 }";
 
-fn conserved(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
+fn conserved(rows: &mut Vec<CheckRow>, photons: u64, cancel: &AtomicBool) {
     let field = |alpha_u: f64, alpha_v: f64, below: &str| {
         format!(
             "[[interface]]\nshape = \"beckmann\"\ncells = 64\nalpha_u = {alpha_u:?}\nalpha_v = {alpha_v:?}\n{below}"
@@ -150,8 +149,8 @@ fn conserved(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
         ("vertical walls, lamp at 89 degrees", walls(GLASS), 89.0),
     ];
     for (name, interfaces, theta) in cases {
-        // Where a ray crosses a million cells before it meets the surface, few must do; where each of its thousand
-        // bounces does, fewer still.
+        // Rays that cross a million cells before they hit the surface are slow, and slower where each of a thousand bounces
+        // does, so few photons are traced.
         let long = theta > 89.9 || name.contains("1e3") || name.contains("walls");
         let photons = match (long, name.contains("field of alpha 1e3")) {
             (_, true) => (photons / 2_000).max(5),
@@ -167,14 +166,14 @@ fn conserved(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
                 std.hypot(e.absorbed.std),
             )
         });
-        rows.push(Row::new(
+        rows.push(CheckRow::new(
             AREA,
             name,
-            "R + T + A + given up, per photon",
+            "R + T + A + dropped, per photon",
             ENERGY,
             sampled(1.0, std, sum),
         ));
-        // A ray all but level is given up by name after a million cells.
+        // A nearly level ray is dropped after a million cells, and counted as such.
         if 90.0 - theta < 1e-3 && interfaces.contains("beckmann") {
             continue;
         }
@@ -182,17 +181,17 @@ fn conserved(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
             let lost = t.energies().truncated;
             (lost.value, lost.std)
         });
-        rows.push(Row::new(
+        rows.push(CheckRow::new(
             AREA,
             name,
-            "given up",
+            "dropped",
             ENERGY,
             sampled(0.0, lost.1, lost.0),
         ));
     }
 }
 
-fn smooth_limits(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
+fn smooth_limits(rows: &mut Vec<CheckRow>, photons: u64, cancel: &AtomicBool) {
     for shape in ["beckmann", "smith"] {
         for alpha in [1e-3, 1e-4, 1e-6] {
             for (theta, eta, k) in [(0.0, 1.5, 0.0), (56.0, 1.5, 0.0), (80.0, 1.5, 30.0)] {
@@ -209,14 +208,14 @@ fn smooth_limits(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
                     (e.reflected_all.value, e.reflected_all.std)
                 });
                 let expected = fresnel::reflectance(f64::to_radians(theta).cos(), eta, k);
-                // Slopes of size α move the angle of incidence by α; sampling comes on top.
+                // Slopes of size α change the angle of incidence by α; the sampling error is added.
                 let mut judged = limit(expected, alpha, value);
                 let both = judged.allowed.unwrap_or(0.0)
                     + sampled(expected, std, value).allowed.unwrap_or(0.0);
                 judged.allowed = Some(both);
                 judged.as_expected = (value - expected).abs() <= both;
                 let name = format!("{shape} of alpha {alpha:e}, n = {eta} + {k}i at {theta}°");
-                rows.push(Row::new(
+                rows.push(CheckRow::new(
                     AREA,
                     name,
                     "R of the smooth surface",
@@ -234,9 +233,15 @@ fn smooth_limits(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
         let found = energies(&scene(60.0, &interfaces, photons), cancel);
         let value = found.map_or(f64::NAN, |e| e.transmitted_all.value);
         let name = format!("index 1 below: {}", shape.lines().next().unwrap_or(shape));
-        rows.push(Row::new(AREA, name, "T", LIMIT, digits(1.0, 1e3, value)));
+        rows.push(CheckRow::new(
+            AREA,
+            name,
+            "T",
+            LIMIT,
+            digits(1.0, 1e3, value),
+        ));
     }
-    // An index step of 1e-12 reflects its square: light goes through, none of it lost, none made.
+    // An index step of 1e-12 reflects its square: all light is transmitted.
     let step = 1.0 + 1e-12;
     for shape in [
         "shape = \"beckmann\"\ncells = 64\nalpha_u = 0.4\nalpha_v = 0.4",
@@ -252,13 +257,13 @@ fn smooth_limits(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
         let shape = shape.lines().next().unwrap_or(shape);
         let name = format!("index 1 + 1e-12 below: {shape}");
         let judged = limit(1.0, step - 1.0, through);
-        rows.push(Row::new(AREA, name.clone(), "T", LIMIT, judged));
+        rows.push(CheckRow::new(AREA, name.clone(), "T", LIMIT, judged));
         let judged = limit(0.0, step - 1.0, back);
-        rows.push(Row::new(AREA, name, "R", LIMIT, judged));
+        rows.push(CheckRow::new(AREA, name, "R", LIMIT, judged));
     }
 }
 
-fn stacks(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
+fn stacks(rows: &mut Vec<CheckRow>, photons: u64, cancel: &AtomicBool) {
     let table = super::forms::stack_lines();
     for line in table.iter().filter(|l| l.theta_deg < 89.0) {
         let interfaces: String = line
@@ -277,7 +282,7 @@ fn stacks(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
             (e.reflected_all.value, e.reflected_all.std)
         });
         let judged = sampled(0.5 * (line.rs + line.rp), std, value);
-        rows.push(Row::new(
+        rows.push(CheckRow::new(
             AREA,
             line.case.clone(),
             "R",
@@ -287,7 +292,7 @@ fn stacks(rows: &mut Vec<Row>, photons: u64, cancel: &AtomicBool) {
     }
 }
 
-fn refusals(rows: &mut Vec<Row>) {
+fn refusals(rows: &mut Vec<CheckRow>) {
     let ridge = |theta: f64| {
         format!(
             "[[interface]]\nshape = \"ridges\"\ntheta_r_deg = {theta:?}\npitch_um = 100.0\n{GLASS}"
@@ -318,11 +323,11 @@ fn refusals(rows: &mut Vec<Row>) {
         let found = energies(&text, &AtomicBool::new(false))
             .map(|_| "traced".to_owned())
             .map_err(|e| e.to_string());
-        rows.push(Row::new(
+        rows.push(CheckRow::new(
             AREA,
             name,
             "energies",
-            "no such answer",
+            "no value is possible",
             refused(word, &found),
         ));
     }

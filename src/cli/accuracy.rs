@@ -8,8 +8,10 @@ use anyhow::Context;
 use serde::Serialize;
 
 use super::{CliError, interrupt, output_path};
-use crate::accuracy::proof::{self, Proof};
-use crate::accuracy::{self, Effort, LEVEL, Measurements, Point, page, plot, slope};
+use crate::accuracy::plan_check::{self, PlanCheck};
+use crate::accuracy::{
+    self, AccuracyEffort, AccuracyPoint, LEVEL, Measurements, page, plot, slope,
+};
 use crate::lab::accuracy_results::{ACCURACY_FILE, ACCURACY_FOLDER};
 use crate::model::LeftOut;
 
@@ -45,9 +47,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
     output_path::check_folder(&out)?;
     let cancel = interrupt::flag()?;
     let effort = if args.quick {
-        Effort::Quick
+        AccuracyEffort::Quick
     } else {
-        Effort::Full
+        AccuracyEffort::Full
     };
     std::fs::create_dir_all(&out)
         .with_context(|| format!("cannot create the folder {}", out.display()))
@@ -118,7 +120,7 @@ fn machine(seconds: f64) -> String {
 }
 
 /// Scenes in the order in which they were measured.
-fn scenes(points: &[Point]) -> Vec<&str> {
+fn scenes(points: &[AccuracyPoint]) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
     for p in points {
         if !names.contains(&p.scene.as_str()) {
@@ -128,7 +130,7 @@ fn scenes(points: &[Point]) -> Vec<&str> {
     names
 }
 
-fn of<'a>(points: &'a [Point], scene: &str) -> Vec<&'a Point> {
+fn of<'a>(points: &'a [AccuracyPoint], scene: &str) -> Vec<&'a AccuracyPoint> {
     points.iter().filter(|p| p.scene == scene).collect()
 }
 
@@ -171,7 +173,7 @@ fn write(folder: &Path, report: &Report<'_>) -> anyhow::Result<()> {
 }
 
 /// Writes one row per scene: whether its plan stays within the tolerance, and the time that it saves.
-fn write_proofs(path: &Path, proofs: &[Proof]) -> anyhow::Result<()> {
+fn write_proofs(path: &Path, proofs: &[PlanCheck]) -> anyhow::Result<()> {
     let failed = || format!("cannot write {}", path.display());
     let mut table = csv::Writer::from_path(path).with_context(failed)?;
     table
@@ -208,14 +210,14 @@ fn write_proofs(path: &Path, proofs: &[Proof]) -> anyhow::Result<()> {
         record.extend(numbers.map(|x| x.to_string()));
         record.push(p.holds.to_string());
         record.extend(seconds.map(|x| x.to_string()));
-        record.push(p.parts_in_words());
+        record.push(p.parts_text());
         table.write_record(&record).with_context(failed)?;
     }
     table.flush().with_context(failed)
 }
 
 /// Prints the comparisons of plans with full computations.
-pub(super) fn print_proofs(proofs: &[Proof], out: &mut dyn Write) -> std::io::Result<()> {
+pub(super) fn print_proofs(proofs: &[PlanCheck], out: &mut dyn Write) -> std::io::Result<()> {
     if proofs.is_empty() {
         return Ok(());
     }
@@ -236,11 +238,11 @@ pub(super) fn print_proofs(proofs: &[Proof], out: &mut dyn Write) -> std::io::Re
             p.speed_up(),
             1e3 * p.planned_s,
             1e3 * p.full_s,
-            p.parts_in_words()
+            p.parts_text()
         )?;
     }
     let of = |series: bool| {
-        proof::median_speed_up(
+        plan_check::median_speed_up(
             proofs
                 .iter()
                 .filter(move |p| p.scene.starts_with("series ") == series),
@@ -322,7 +324,7 @@ mod tests {
         let report = Report {
             machine: "a machine",
             seconds: 2.0,
-            left_out: accuracy::left_out(Effort::Quick),
+            left_out: accuracy::left_out(AccuracyEffort::Quick),
             found: &found,
         };
         let json = serde_json::to_value(&report).unwrap();
@@ -334,6 +336,6 @@ mod tests {
                 .iter()
                 .all(|l| l["what"].is_string() && l["why"].is_string())
         );
-        assert!(!left_out.is_empty() && accuracy::left_out(Effort::Full).is_empty());
+        assert!(!left_out.is_empty() && accuracy::left_out(AccuracyEffort::Full).is_empty());
     }
 }

@@ -8,7 +8,7 @@ use anyhow::anyhow;
 use serde::Serialize;
 
 use super::{CliError, interrupt};
-use crate::check::{self, Effort, Row};
+use crate::check::{self, CheckEffort, CheckRow};
 use crate::model::LeftOut;
 
 /// Computes stiff and extreme cases and compares them with known results.
@@ -27,7 +27,7 @@ pub struct Args {
 
 #[derive(Serialize)]
 struct Report<'a> {
-    rows: &'a [Row],
+    rows: &'a [CheckRow],
     as_expected: usize,
     not_as_expected: usize,
     /// Largest deviation of a result, as a share of the allowed deviation.
@@ -45,9 +45,9 @@ struct Report<'a> {
 pub fn run(args: Args) -> Result<(), CliError> {
     let cancel = interrupt::flag()?;
     let effort = if args.quick {
-        Effort::Quick
+        CheckEffort::Quick
     } else {
-        Effort::Full
+        CheckEffort::Full
     };
     let terminal = std::io::stderr().is_terminal();
     let mut begun: Vec<(String, Instant)> = Vec::new();
@@ -138,7 +138,7 @@ mod tests {
             not_as_expected: 0,
             largest_share_of_allowed: Some(0.5),
             timing_s: BTreeMap::from([("fits".to_owned(), 2.0)]),
-            left_out: check::left_out(Effort::Quick),
+            left_out: check::left_out(CheckEffort::Quick),
             program: String::new(),
         };
         let json = serde_json::to_value(&report).unwrap();
@@ -150,6 +150,6 @@ mod tests {
                 .iter()
                 .all(|l| l["what"].is_string() && l["why"].is_string())
         );
-        assert!(!left_out.is_empty() && check::left_out(Effort::Full).is_empty());
+        assert!(!left_out.is_empty() && check::left_out(CheckEffort::Full).is_empty());
     }
 }

@@ -11,13 +11,13 @@ use serde::Serialize;
 use super::{CliError, limits};
 use crate::accuracy::forecast::of_series as of_series_forecast;
 use crate::accuracy::map_forecast::of_map as of_map_forecast;
-use crate::accuracy::proof::{Proof, of_scene as of_scene_proof};
-use crate::accuracy::trace_forecast::{Asked, Patience, of_run};
+use crate::accuracy::plan_check::{PlanCheck, of_scene as of_scene_proof};
+use crate::accuracy::trace_forecast::{Patience, TraceExtent, of_run};
 use crate::forecast::Forecast;
 use crate::map;
 use crate::material::Material;
 use crate::model::LeftOut;
-use crate::plan::{self, Basis, Decision, Plan};
+use crate::plan::{self, Basis, ComputationPlan, Decision};
 use crate::reduction::{self, ReductionError};
 use crate::series::Series;
 use crate::trace::scene::Scene;
@@ -54,14 +54,14 @@ struct Explanation {
     input: &'static str,
     computes: Vec<String>,
     #[serde(flatten)]
-    plan: Plan,
+    plan: ComputationPlan,
     left_out: Vec<LeftOut>,
     /// Seconds of the planning.
     seconds: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     forecast: Option<Forecast>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    proof: Option<Proof>,
+    proof: Option<PlanCheck>,
     program: String,
 }
 
@@ -141,7 +141,7 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
             "variants paper and sawtooth fitted to all of them".to_owned(),
             "double reflections by quadrature at the fitted values, and a refit".to_owned(),
         ],
-        left_out: plan.told(),
+        left_out: plan.omissions(),
         plan,
         seconds: started.elapsed().as_secs_f64(),
         forecast: of_series_forecast(&series, &cancel),
@@ -151,7 +151,7 @@ fn of_series(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
 }
 
 /// Before frames are read it is unknown whether double reflections on plastic were polarised; a fit tries both.
-fn leave_to_the_data(plan: &mut Plan, material: &Material) {
+fn leave_to_the_data(plan: &mut ComputationPlan, material: &Material) {
     let plastic = matches!(material, Material::Dielectric { .. });
     let polarisation = |d: Decision| plastic && d == Decision::Polarisation;
     for choice in &mut plan.decisions {
@@ -189,7 +189,7 @@ fn of_map(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
                 .to_owned(),
             "variant sawtooth fitted to every pixel with a lobe".to_owned(),
         ],
-        left_out: plan.told(),
+        left_out: plan.omissions(),
         plan,
         seconds,
         forecast: of_map_forecast(&series, &options, &cancel),
@@ -207,7 +207,7 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
         .with_context(|| args.input.display().to_string())
         .map_err(CliError::bad_input)?;
     let mut prepared = super::trace::ready(&args.input, &scene)?;
-    let wish = plan::scene::Wish {
+    let wish = plan::scene::TracePlanRequest {
         mueller: args.mueller,
         tolerance: args.tolerance,
         photons: None,
@@ -233,7 +233,7 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
             counted(prepared.photons as usize, "photon"),
             counted(scene.interface.len(), "interface")
         )],
-        forecast: of_run(&prepared, Asked::ALL, patience),
+        forecast: of_run(&prepared, TraceExtent::ALL, patience),
         proof,
         left_out: prepared.left_out.clone(),
         seconds,
@@ -243,7 +243,7 @@ fn of_scene(args: &Args) -> Result<Explanation, CliError> {
 }
 
 /// Compares the plan with the full computation.
-fn proved(args: &Args, scene: &Scene, plan: &Plan) -> Result<Proof, CliError> {
+fn proved(args: &Args, scene: &Scene, plan: &ComputationPlan) -> Result<PlanCheck, CliError> {
     let cancel = super::interrupt::flag()?;
     let name = args.input.display().to_string();
     let ready = |s: &Scene| super::trace::ready(&args.input, s).ok();

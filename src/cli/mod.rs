@@ -4,7 +4,6 @@
 //! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
 
 pub mod accuracy;
-mod axis;
 pub mod check;
 pub mod client;
 pub mod constraint_args;

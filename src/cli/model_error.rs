@@ -16,7 +16,7 @@ use anyhow::{Context, anyhow};
 use super::limits::{PATHS, PathLimits, PathWork, PilotResult, Stopwatch, check_paths};
 use super::progress::Bar;
 use super::{CliError, interrupt, output, output_path};
-use crate::accuracy::model_error::{Cell, Comparison, MATERIALS, Wanted};
+use crate::accuracy::model_error::{ErrorSurface, MATERIALS, SurfaceComparison, SurfaceErrors};
 
 /// Errors of the variants paper and sawtooth: table and maps.
 #[derive(Debug, clap::Args)]
@@ -91,9 +91,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
 /// The comparison.
 #[derive(Debug)]
 struct Compared {
-    cells: Vec<Cell>,
+    cells: Vec<SurfaceErrors>,
     /// Surfaces left out by the time limit.
-    missing: Vec<Wanted>,
+    missing: Vec<ErrorSurface>,
     /// Whether the time limit reduced the number of paths.
     cut_short: bool,
 }
@@ -128,7 +128,7 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
     let mut wanted = Vec::new();
     for material in 0..MATERIALS.len() {
         for &theta_r_deg in &args.theta_r_deg {
-            wanted.extend(args.alpha.iter().map(|&alpha| Wanted {
+            wanted.extend(args.alpha.iter().map(|&alpha| ErrorSurface {
                 material,
                 theta_r_deg,
                 alpha,
@@ -138,20 +138,20 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
     args.limits.check()?;
     let wanted = wanted
         .into_iter()
-        .map(|one| Comparison::of(one, args.rho_d));
-    let wanted: Vec<Comparison> = wanted
+        .map(|one| SurfaceComparison::of(one, args.rho_d));
+    let wanted: Vec<SurfaceComparison> = wanted
         .collect::<Result<_, _>>()
         .map_err(CliError::bad_input)?;
     let (mut paths, mut cut_short) = (args.paths, false);
     let stopped = || cancel.load(Ordering::Relaxed);
-    let done = |wanted: &Comparison, paths: u64| {
+    let done = |wanted: &SurfaceComparison, paths: u64| {
         watch.flagging(cancel, |end| wanted.run(paths, args.seed, end))
     };
     if args.limits.is_any() {
         // One surface of each material: plastic takes more tracing, and the fits differ.
         let each = wanted.len() / MATERIALS.len();
         let middle = (0..MATERIALS.len()).map(|m| m * each + each / 2);
-        let middle: Vec<&Comparison> = middle.filter_map(|n| wanted.get(n)).collect();
+        let middle: Vec<&SurfaceComparison> = middle.filter_map(|n| wanted.get(n)).collect();
         let pilot = |paths| {
             let mut trial = PilotResult {
                 surfaces: middle.len(),
@@ -210,7 +210,11 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
 
 /// Traces a surface, and where it misses the target error traces it again with the paths that it needs, and some more than
 /// the square-root law requires: the pilots' surfaces represent all, but some are noisier.
-fn traced(paths: u64, target: Option<f64>, trace: &dyn Fn(u64) -> Option<Cell>) -> Option<Cell> {
+fn traced(
+    paths: u64,
+    target: Option<f64>,
+    trace: &dyn Fn(u64) -> Option<SurfaceErrors>,
+) -> Option<SurfaceErrors> {
     let mut found = trace(paths)?;
     for _ in 0..RETRIES {
         let ratio = target.map_or(0.0, |target| found.noise / target);
@@ -233,7 +237,7 @@ mod tests {
     use crate::accuracy::model_error::summary;
     use crate::cli::parsed;
 
-    fn found(words: &[&str]) -> Result<Vec<Cell>, CliError> {
+    fn found(words: &[&str]) -> Result<Vec<SurfaceErrors>, CliError> {
         let args: Args = parsed(words);
         let watch = Stopwatch::start(args.limits.max_seconds);
         cells(&args, &watch, &AtomicBool::new(false)).map(|found| found.cells)
@@ -276,7 +280,7 @@ mod tests {
             panic!("{late:?}");
         };
         assert!(why.to_string().contains("within the time limit"), "{why}");
-        let missing = [Wanted {
+        let missing = [ErrorSurface {
             material: 1,
             theta_r_deg: 10.0,
             alpha: 0.2,
@@ -315,7 +319,7 @@ mod tests {
         let asked = std::cell::RefCell::new(Vec::new());
         let trace = |paths: u64| {
             asked.borrow_mut().push(paths);
-            Some(Cell {
+            Some(SurfaceErrors {
                 material: 0,
                 theta_r_deg: 5.0,
                 alpha: 0.1,
@@ -338,7 +342,7 @@ mod tests {
         let slow = |paths: u64| {
             let cell = trace(paths)?;
             let noise = (paths as f64).powf(-0.45);
-            Some(Cell { noise, ..cell })
+            Some(SurfaceErrors { noise, ..cell })
         };
         assert!(traced(64, Some(0.05), &slow).unwrap().noise < 0.05);
         assert!(asked.take().len() > 2);

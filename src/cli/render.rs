@@ -11,7 +11,7 @@ use anyhow::{Context, anyhow};
 use super::prediction::Scene;
 use super::values::whole;
 use super::{CliError, output_path};
-use crate::map::colour::srgb;
+use crate::colour::srgb;
 use crate::model::picture::{Board, Picture};
 use crate::model::{Surface, Variant, left_out};
 use crate::units::Angle;

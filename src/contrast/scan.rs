@@ -1,89 +1,91 @@
-//! Contrasts of a scan, single or as means, with their uncertainties.
+//! Single and mean contrasts of a scan, with their uncertainties.
 //!
-//! A contrast is a function of the radiances; its slopes with respect to them turn every source of error into one of the
-//! contrast. Noise is each observation's own. White reference, lamp drift, camera's curve, stray light and the stages' errors are common
-//! to all poses, so their parts are added with their signs before they are squared: in a mean they do not average out.
+//! Errors propagate linearly: the derivatives of a contrast with respect to the radiances turn an error of the radiances into
+//! an error of the contrast. Noise is independent between observations. Errors of the white reference, lamp drift, detector curve,
+//! stray light and stages are common to all poses. Their contributions are summed with their signs and then squared, so
+//! they do not average out in a mean.
 //!
-//! The stages err as in the budget of a fit: a zero of the tilt and an error along its range, a zero of the rotation and
-//! an eccentricity. What the tilt's zero does to the white reference is left out: below 1e-4 of the scale, whose
-//! certificate is a hundred times worse.
+//! The stages have the errors of a fit's budget: a zero of the tilt and an error along its range, a zero of the rotation and
+//! an eccentricity. The effect of the tilt's zero on the white reference is omitted. It is below 1e-4 of the scale, while
+//! the certificate of the reference is uncertain by a hundred times as much.
 //!
-//! An error of the angle between lamp and camera moves the half vector, and so do tilt and turn: the slopes with respect to
-//! these tell what it does to a lobe. What it does beside that, to shadows and Fresnel's factor, is left out.
+//! An error of the angle between lamp and camera moves the half vector, as tilt and rotation do. Its effect on a lobe
+//! follows from the slopes with respect to those. Its effects on shadows and on Fresnel's factor are omitted.
 
 use nalgebra::Vector3;
 
-use super::Radiances;
-use super::slopes::{SEPARATE, Slope, Slopes, TILT_REACH, beyond_the_same};
-use super::stray::Stray;
-use super::turns::{Turns, off};
+use super::SampleRadiances;
+use super::compared_tilts::{ComparedTilts, off};
+use super::slopes::{RadianceSlope, RadianceSlopes, SEPARATE, TILT_REACH, beyond_the_same};
+use super::stray_light::StrayLight;
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::contrast::{Contrast, Exposure, PAIRS, PAPER_AZIMUTHS_DEG};
 use crate::observation::ObservationSet;
 use crate::units::Angle;
 
-/// What rounding leaves beside the tilt plane of a lamp that moves within it (a unit vector's part).
+/// Component of a unit vector perpendicular to the tilt plane that rounding leaves for a lamp within that plane.
 const IN_PLANE: f64 = 1e-12;
-/// Turns per move of the lamp from which on tilt and turn move the half vector alike, to within what slopes are worth.
+/// Rotation per motion of the lamp above which tilt and rotation move the half vector in the same direction, within the
+/// accuracy of the slopes.
 const SPANNED: f64 = 300.0;
-/// Standard uncertainties by which a pair must be brighter than nothing.
+/// A pair must be brighter than this many standard uncertainties.
 const COVERAGE_FACTOR: f64 = 2.0;
 
-/// A contrast and how well it is known.
+/// A contrast with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Known {
-    /// The contrast, or the mean of several; no number where all of them are dark.
+pub struct ContrastValue {
+    /// The contrast, or the mean of several; NaN where all of them are dark.
     pub value: f64,
     /// Its standard uncertainty.
     pub std: f64,
-    /// What the stages' errors may change beyond that, where the slope of a radiance is not known; infinite where not even
-    /// a bound is.
+    /// Largest effect of stage errors that `std` does not include, where the slope of a radiance is unknown; infinite where
+    /// it has no bound either.
     pub may_cost: f64,
 }
 
-/// Which contrast of two radiances.
+/// The formula of a contrast of two radiances.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum ContrastKind {
     /// |a − b|.
     Absolute,
     /// |a − b|/(a + b).
     Michelson,
 }
 
-/// One pair of azimuths at one tilt: the number of the tilt in [`Turns::complete`] and that in [`PAIRS`].
-pub type Pair = (usize, usize);
+/// One pair of azimuths at one tilt: the number of the tilt in [`ComparedTilts::complete`] and that in [`PAIRS`].
+pub type ScanPair = (usize, usize);
 
-/// The observations of a scan as they are compared.
+/// The compared observations of a scan.
 #[derive(Debug, Clone)]
-pub struct Scan<'a> {
+pub struct ContrastScan<'a> {
     set: &'a ObservationSet,
-    /// What comes with every signal.
-    pub stray: Stray,
-    radiances: Radiances,
-    slopes: Slopes,
-    /// Which of them are compared.
-    pub turns: Turns,
+    /// Stray light in every signal.
+    pub stray: StrayLight,
+    radiances: SampleRadiances,
+    slopes: RadianceSlopes,
+    /// The compared tilts.
+    pub turns: ComparedTilts,
 }
 
-impl<'a> Scan<'a> {
-    /// With the stray light as the flats tell it and slopes as neighbouring poses do.
+impl<'a> ContrastScan<'a> {
+    /// Takes the stray light from the flats and the slopes from neighbouring poses.
     #[must_use]
     pub fn of(set: &'a ObservationSet) -> Self {
-        let stray = Stray::of_flats(set);
-        let radiances = Radiances::of(set, &stray);
+        let stray = StrayLight::of_flats(set);
+        let radiances = SampleRadiances::of(set, &stray);
         let poses = poses(set);
-        Scan {
-            slopes: Slopes::of_neighbours(&poses, &radiances.values),
-            turns: Turns::of(&poses),
+        ContrastScan {
+            slopes: RadianceSlopes::of_neighbours(&poses, &radiances.values),
+            turns: ComparedTilts::of(&poses),
             set,
             stray,
             radiances,
         }
     }
 
-    /// With slopes from elsewhere, in the unit of the radiances: that of the signals over [`Scan::gain`].
+    /// Replaces the slopes. Their unit is that of the radiances: signal over [`ContrastScan::gain`].
     #[must_use]
-    pub fn with_slopes(mut self, slopes: Slopes) -> Self {
+    pub fn with_slopes(mut self, slopes: RadianceSlopes) -> Self {
         self.slopes = slopes;
         self
     }
@@ -94,18 +96,18 @@ impl<'a> Scan<'a> {
         self.radiances.gain
     }
 
-    /// All pairs that are compared.
+    /// All compared pairs.
     #[must_use]
-    pub fn pairs(&self) -> Vec<Pair> {
+    pub fn pairs(&self) -> Vec<ScanPair> {
         let tilts = 0..self.turns.complete.len();
         tilts
             .flat_map(|tilt| (0..PAIRS.len()).map(move |pair| (tilt, pair)))
             .collect()
     }
 
-    /// The radiances that are compared, at the paper's azimuths.
+    /// The compared radiances, at the azimuths of the paper.
     pub(super) fn exposures(&self) -> Vec<Exposure> {
-        let of = |complete: &super::Complete| {
+        let of = |complete: &super::CompleteTilt| {
             let three = complete.three.into_iter().zip(PAPER_AZIMUTHS_DEG);
             let theta_c = complete.theta_c;
             three.map(move |(n, azimuth_deg)| Exposure {
@@ -118,9 +120,9 @@ impl<'a> Scan<'a> {
         self.turns.complete.iter().flat_map(of).collect()
     }
 
-    /// Whether a pair is brighter than the stray light is known: else it has no Michelson contrast, neither 0 nor any.
+    /// Whether a pair is brighter than the uncertainty of noise and stray light. A darker pair has no Michelson contrast.
     #[must_use]
-    pub fn is_lit(&self, pair: Pair) -> bool {
+    pub fn is_lit(&self, pair: ScanPair) -> bool {
         let (j, k) = self.two(pair);
         let sum = self.radiances.values[j] + self.radiances.values[k];
         let own = |n: usize| self.set.observations[n].sigma / self.radiances.gain;
@@ -128,13 +130,13 @@ impl<'a> Scan<'a> {
         sum > COVERAGE_FACTOR * own(j).hypot(own(k)).hypot(haze)
     }
 
-    /// The mean contrast of pairs, dark ones left out of a Michelson contrast.
+    /// The mean contrast of pairs; a Michelson contrast omits dark pairs.
     #[must_use]
-    pub fn mean(&self, kind: Kind, pairs: &[Pair]) -> Known {
-        let counts = |pair: &&Pair| kind == Kind::Absolute || self.is_lit(**pair);
-        let pairs: Vec<Pair> = pairs.iter().filter(counts).copied().collect();
+    pub fn mean(&self, kind: ContrastKind, pairs: &[ScanPair]) -> ContrastValue {
+        let counts = |pair: &&ScanPair| kind == ContrastKind::Absolute || self.is_lit(**pair);
+        let pairs: Vec<ScanPair> = pairs.iter().filter(counts).copied().collect();
         if pairs.is_empty() {
-            return Known {
+            return ContrastValue {
                 value: f64::NAN,
                 std: f64::NAN,
                 may_cost: 0.0,
@@ -149,9 +151,9 @@ impl<'a> Scan<'a> {
             let contrast = Contrast::between(x, y);
             let sign = (x - y).signum() / n;
             let (of, by_x, by_y) = match kind {
-                Kind::Absolute => (contrast.absolute, 1.0, -1.0),
+                ContrastKind::Absolute => (contrast.absolute, 1.0, -1.0),
                 // ∂/∂x (x − y)/(x + y) = 2y/(x + y)², ∂/∂y = −2x/(x + y)².
-                Kind::Michelson => {
+                ContrastKind::Michelson => {
                     let sum = x + y;
                     (
                         contrast.michelson,
@@ -165,19 +167,20 @@ impl<'a> Scan<'a> {
             slopes[k] += sign * by_y;
         }
         let (std, may_cost) = self.errors(&slopes);
-        Known {
+        ContrastValue {
             value,
             std,
             may_cost,
         }
     }
 
-    /// Standard uncertainty of what has these slopes with respect to the radiances, and what it may miss.
+    /// Standard uncertainty of a quantity with these derivatives with respect to the radiances, and the largest error that it
+    /// does not include.
     fn errors(&self, slopes: &[f64]) -> (f64, f64) {
         let observations = &self.set.observations;
         let steepest = self.steepest_tilt();
         let ends = self.tilts();
-        let mut sources = Sources::default();
+        let mut sources = ErrorSources::default();
         for (n, (slope, o)) in slopes.iter().zip(observations).enumerate() {
             if *slope == 0.0 {
                 continue;
@@ -185,37 +188,37 @@ impl<'a> Scan<'a> {
             let of_signal = slope / self.radiances.gain;
             sources.own(of_signal * o.sigma);
             sources.common[WHITE] += of_signal * o.shared.white_reference;
-            // As in a fit the lamp drifts between the white reference and the sample: one factor for all.
+            // As in a fit, the lamp drifts between the white reference and the sample: one factor for all poses.
             sources.common[DRIFT] += of_signal * o.shared.led_drift;
             sources.common[DETECTOR] += of_signal * o.shared.detector;
             sources.common[STRAY] += slope * self.radiances.per_stray[n] * self.stray.std;
             sources.common[DARK] += of_signal * self.set.dark_std;
             let [tilt_off, turn_off] = self.off(n);
             let along = ends.along(o.pose.theta_c);
-            let tilt = Moved {
+            let tilt = AngleError {
                 by: o.shared.theta_c_zero.rad(),
                 modes: &[(TILT_ZERO, 1.0), (TILT_SCALE, along)],
                 off: tilt_off.rad(),
             };
             let (sin, cos) = o.pose.phi_s.sin_cos();
-            let turn = Moved {
+            let turn = AngleError {
                 by: o.shared.phi_s_zero.rad(),
                 modes: &[(TURN_ZERO, 1.0), (TURN_SIN, sin), (TURN_COS, cos)],
                 off: turn_off.rad(),
             };
             sources.moved(*slope, self.slopes.theta_c[n], &tilt, steepest);
-            // A turn moves directions by the sine of their angle from the normal, a tilt one to one.
+            // A rotation moves directions by the sine of their angle from the normal, a tilt moves them one to one.
             let bound = steepest * self.sine_from_normal(o.pose.theta_c);
             sources.moved(*slope, self.slopes.phi_s[n], &turn, bound);
             if let Some(std) = self.set.theta_l_std {
-                let lamp = Moved {
+                let lamp = AngleError {
                     by: std.rad(),
                     modes: &[(LAMP, 1.0)],
                     off: 0.0,
                 };
                 let (by_lamp, bound) = self.by_lamp(n, steepest);
                 sources.moved(*slope, by_lamp, &lamp, bound);
-                // A lamp that lights the white reference better makes all else look darker.
+                // A brighter white reference makes all radiances look darker.
                 sources.common[LAMP] -= of_signal * o.signal * self.reference_by_lamp() * std.rad();
             }
         }
@@ -223,13 +226,13 @@ impl<'a> Scan<'a> {
     }
 
     /// The two observations of a pair.
-    fn two(&self, (tilt, pair): Pair) -> (usize, usize) {
+    fn two(&self, (tilt, pair): ScanPair) -> (usize, usize) {
         let three = self.turns.complete[tilt].three;
         let (_, j, k) = PAIRS[pair];
         (three[j], three[k])
     }
 
-    /// By how much the recorded tilt and azimuth of an observation are not those that it stands for.
+    /// Differences of the recorded tilt and azimuth of an observation from those that it represents.
     fn off(&self, n: usize) -> [Angle; 2] {
         let pose = self.set.observations[n].pose;
         let tilts = self.turns.complete.iter();
@@ -244,7 +247,7 @@ impl<'a> Scan<'a> {
         })
     }
 
-    /// The largest slope with respect to the tilt; infinite where none is known.
+    /// The largest slope with respect to the tilt; infinite where every slope is unknown.
     fn steepest_tilt(&self) -> f64 {
         let known = self.slopes.theta_c.iter().flatten();
         known
@@ -253,23 +256,23 @@ impl<'a> Scan<'a> {
             .unwrap_or(f64::INFINITY)
     }
 
-    /// Sine of the larger angle that lamp and camera have from the sample's normal.
+    /// Sine of the larger of the angles of lamp and camera from the sample's normal.
     fn sine_from_normal(&self, theta_c: Angle) -> f64 {
         let directions = self.set.rig.rig_directions(theta_c);
         let cosine = directions.incident.z.min(directions.outgoing.z);
         (1.0 - cosine * cosine).max(0.0).sqrt()
     }
 
-    /// How a radiance changes with the angle between lamp and camera, and a bound where that is not known.
-    fn by_lamp(&self, n: usize, steepest: f64) -> (Option<Slope>, f64) {
+    /// Slope of a radiance with respect to the angle between lamp and camera, and a bound of that slope.
+    fn by_lamp(&self, n: usize, steepest: f64) -> (Option<RadianceSlope>, f64) {
         let bound = steepest * self.moved_by_lamp(n).1.norm();
-        let told = |slope: &Slope| slope.std < bound;
+        let is_useful = |slope: &RadianceSlope| slope.std < bound;
         let slope = self
             .lamp_slope(n)
-            .filter(told)
-            .or_else(|| self.lamp_slope_between(n).filter(told))
+            .filter(is_useful)
+            .or_else(|| self.lamp_slope_between(n).filter(is_useful))
             .or_else(|| {
-                self.slopes.theta_c[n].map(|_| Slope {
+                self.slopes.theta_c[n].map(|_| RadianceSlope {
                     value: 0.0,
                     std: bound,
                 })
@@ -277,7 +280,7 @@ impl<'a> Scan<'a> {
         (slope, bound)
     }
 
-    /// The half vector, and how it moves with the angle between lamp and camera.
+    /// The half vector and its derivative with respect to the angle between lamp and camera.
     fn moved_by_lamp(&self, n: usize) -> (Vector3<f64>, Vector3<f64>) {
         let theta_c = self.set.observations[n].pose.theta_c;
         let directions = self.set.rig.rig_directions(theta_c);
@@ -287,10 +290,10 @@ impl<'a> Scan<'a> {
         (half, (towards - half * half.dot(&towards)) / sum.norm())
     }
 
-    /// That change from those with tilt and turn; `None` where these are not known, or move the half vector alike.
-    fn lamp_slope(&self, n: usize) -> Option<Slope> {
+    /// That slope from those in tilt and rotation; `None` where these are unknown or move the half vector in one direction.
+    fn lamp_slope(&self, n: usize) -> Option<RadianceSlope> {
         let (half, moves) = self.moved_by_lamp(n);
-        // A tilt moves (x, y, z) at the rate (z, 0, −x), a turn at (y, −x, 0).
+        // A tilt moves (x, y, z) at the rate (z, 0, −x), a rotation at (y, −x, 0).
         let turn = if moves.y.abs() < IN_PLANE {
             0.0
         } else {
@@ -299,20 +302,20 @@ impl<'a> Scan<'a> {
         let tilt = (moves.x - turn * half.y) / half.z;
         let by_tilt = self.slopes.theta_c[n]?;
         if turn == 0.0 {
-            return Some(Slope {
+            return Some(RadianceSlope {
                 value: tilt * by_tilt.value,
                 std: (tilt * by_tilt.std).abs(),
             });
         }
         let by_turn = self.slopes.phi_s[n]?;
-        (turn.abs() < SPANNED).then(|| Slope {
+        (turn.abs() < SPANNED).then(|| RadianceSlope {
             value: tilt * by_tilt.value + turn * by_turn.value,
             std: (tilt * by_tilt.std).hypot(turn * by_turn.std),
         })
     }
 
-    /// The same read between the nearest tilts to either side at this azimuth.
-    fn lamp_slope_between(&self, n: usize) -> Option<Slope> {
+    /// That slope interpolated between the nearest tilts on either side at this azimuth.
+    fn lamp_slope_between(&self, n: usize) -> Option<RadianceSlope> {
         let poses = |m: usize| self.set.observations[m].pose;
         let nearest = |side: f64| {
             let beside = (0..self.set.observations.len()).filter_map(|m| {
@@ -326,13 +329,13 @@ impl<'a> Scan<'a> {
         let ((below, one), (above, other)) = (nearest(-1.0)?, nearest(1.0)?);
         let (of_one, of_other) = (above / (below + above), below / (below + above));
         let own = (of_one * one.std).hypot(of_other * other.std);
-        Some(Slope {
+        Some(RadianceSlope {
             value: of_one * one.value + of_other * other.value,
             std: own.hypot(0.5 * (one.value - other.value)),
         })
     }
 
-    /// By how much the white reference looks brighter, relatively, per radian between lamp and camera.
+    /// Relative change of the white reference's brightness per radian between lamp and camera.
     fn reference_by_lamp(&self) -> f64 {
         if self.set.white_reference.is_none() || self.set.flats.is_empty() {
             return 0.0;
@@ -342,7 +345,8 @@ impl<'a> Scan<'a> {
         flats.sum::<f64>() / self.set.flats.len() as f64
     }
 
-    /// How the direction towards the lamp moves per radian from the camera: on its circle, a quarter ahead.
+    /// Derivative of the direction towards the lamp with respect to its angle from the camera: the direction 90° ahead on
+    /// its circle.
     fn lamp_moves(&self, theta_c: Angle) -> Vector3<f64> {
         let ahead = RigGeometry {
             theta_l: self.set.rig.theta_l + Angle::from_deg(90.0),
@@ -351,14 +355,14 @@ impl<'a> Scan<'a> {
         ahead.rig_directions(theta_c).incident
     }
 
-    fn tilts(&self) -> Ends {
+    fn tilts(&self) -> TiltRange {
         let tilts = self.set.observations.iter().map(|o| o.pose.theta_c.rad());
         tilts.fold(
-            Ends {
+            TiltRange {
                 low: f64::INFINITY,
                 high: f64::NEG_INFINITY,
             },
-            |ends, tilt| Ends {
+            |ends, tilt| TiltRange {
                 low: ends.low.min(tilt),
                 high: ends.high.max(tilt),
             },
@@ -372,13 +376,13 @@ pub(super) fn poses(set: &ObservationSet) -> Vec<Pose> {
 }
 
 /// The range of tilts, rad.
-struct Ends {
+struct TiltRange {
     low: f64,
     high: f64,
 }
 
-impl Ends {
-    /// From −1 at one end to 1 at the other; one tilt has no range.
+impl TiltRange {
+    /// Position from −1 at one end to 1 at the other; 0 for a single tilt.
     fn along(&self, tilt: Angle) -> f64 {
         match self.high > self.low {
             true => (2.0 * tilt.rad() - self.low - self.high) / (self.high - self.low),
@@ -395,18 +399,18 @@ const TILT_SCALE: usize = 4;
 const TURN_ZERO: usize = 5;
 const TURN_SIN: usize = 6;
 const TURN_COS: usize = 7;
-/// Angles that are recorded, but not those that they stand for.
+/// Recorded angles that differ from those that they represent.
 const RECORDED: usize = 8;
 const DARK: usize = 9;
 const LAMP: usize = 10;
 const DETECTOR: usize = 11;
 const COMMON: usize = 12;
 
-/// How an angle of one observation may be off.
-struct Moved<'m> {
+/// Errors of one angle of one observation.
+struct AngleError<'m> {
     /// Standard uncertainty of the angle, rad.
     by: f64,
-    /// Sources in [`Sources::common`], with the share of it that each moves.
+    /// Indices into [`ErrorSources::common`], with the share of the angle that each source moves.
     modes: &'m [(usize, f64)],
     /// Recorded less nominal, rad.
     off: f64,
@@ -414,21 +418,27 @@ struct Moved<'m> {
 
 /// Parts of an uncertainty.
 #[derive(Default)]
-struct Sources {
-    /// Sum of squares of what is each observation's own.
+struct ErrorSources {
+    /// Sum of the squares of independent contributions.
     own: f64,
-    /// Sums of what is common to all.
+    /// Sums of the common contributions, one per source.
     common: [f64; COMMON],
     may_cost: f64,
 }
 
-impl Sources {
+impl ErrorSources {
     fn own(&mut self, change: f64) {
         self.own += change * change;
     }
 
     /// An angle that is off, through the slope of the radiance; `bound` stands for an unknown one.
-    fn moved(&mut self, weight: f64, slope: Option<Slope>, moved: &Moved<'_>, bound: f64) {
+    fn moved(
+        &mut self,
+        weight: f64,
+        slope: Option<RadianceSlope>,
+        moved: &AngleError<'_>,
+        bound: f64,
+    ) {
         let squares = moved.modes.iter().map(|(_, share)| share * share);
         let total = squares.sum::<f64>();
         let reach = (moved.by * total.sqrt()).hypot(moved.off);

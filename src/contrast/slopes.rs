@@ -1,43 +1,43 @@
-//! How radiances change with the angles at which they were taken.
+//! Derivatives of radiances with respect to the angles of the pose.
 //!
-//! What an error of the stages does to a contrast hangs on these slopes. A fitted model has them; without one they are
-//! those of the polynomial through a pose and its neighbours, one on either side. How far that can be trusted is told by
-//! the polynomial through two on either side: a lobe that the poses do not resolve makes the two disagree. At an end of
-//! the range two and three stand on one side.
+//! They turn stage errors into errors of a contrast. A fitted model gives them. Without one, they are
+//! those of the polynomial through a pose and its two neighbours. Their uncertainty comes from
+//! the polynomial through four neighbours: the two disagree on a lobe that the poses do not resolve. At an end of
+//! the range, two and three neighbours on one side are used.
 //!
-//! *Conditioning.* Nodes closer than [`SEPARATE`] are one, so no weight is above a few over that.
+//! *Conditioning.* Nodes closer than [`SEPARATE`] are merged, so no weight exceeds a few over that.
 
-use super::turns::{SAME_ANGLE, SAME_TILT};
+use super::compared_tilts::{SAME_ANGLE, SAME_TILT};
 use crate::geometry::{Pose, group_angles};
 use crate::units::Angle;
 
-/// Neighbours farther than this in tilt say nothing of a slope.
+/// Neighbours farther away in tilt do not determine a slope.
 pub(super) const TILT_REACH: Angle = Angle::from_deg(15.0);
-/// The same in azimuth, where a lobe is wider than in tilt by about 1/tan θr.
+/// The same limit in azimuth, where a lobe is wider by about 1/tan θr.
 const AZIMUTH_REACH: Angle = Angle::from_deg(45.0);
-/// Neighbours closer than this are the pose itself, read back again.
+/// Neighbours closer than this are repeats of the pose.
 pub(super) const SEPARATE: Angle = Angle::from_deg(0.5);
 
 /// A derivative of a radiance, per radian.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Slope {
+pub struct RadianceSlope {
     /// The derivative.
     pub value: f64,
     /// Its standard uncertainty.
     pub std: f64,
 }
 
-/// Slopes of all observations; `None` where they cannot be told.
+/// Slopes of all observations; `None` where the poses do not determine them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Slopes {
+pub struct RadianceSlopes {
     /// ∂L/∂θc.
-    pub theta_c: Vec<Option<Slope>>,
+    pub theta_c: Vec<Option<RadianceSlope>>,
     /// ∂L/∂φs.
-    pub phi_s: Vec<Option<Slope>>,
+    pub phi_s: Vec<Option<RadianceSlope>>,
 }
 
-impl Slopes {
-    /// As the radiances of neighbouring poses tell them.
+impl RadianceSlopes {
+    /// Estimates them from the radiances of neighbouring poses.
     #[must_use]
     pub fn of_neighbours(poses: &[Pose], radiances: &[f64]) -> Self {
         let tilts: Vec<Angle> = poses.iter().map(|p| p.theta_c).collect();
@@ -53,7 +53,7 @@ impl Slopes {
             (0..poses.len()).map(of).collect()
         };
         let turned = |n: usize, m: usize| (poses[m].phi_s - poses[n].phi_s).wrapped();
-        Slopes {
+        RadianceSlopes {
             theta_c: each(TILT_REACH, &|n, m| {
                 (turned(n, m).abs() <= SEPARATE).then(|| poses[m].theta_c - poses[n].theta_c)
             }),
@@ -64,11 +64,11 @@ impl Slopes {
     }
 }
 
-/// The slope at 0, where the value is `here`, from others (place, value).
-fn slope(here: f64, mut others: Vec<(f64, f64)>, reach: f64) -> Option<Slope> {
+/// The slope at 0, where the value is `here`, from other points (place, value).
+fn slope(here: f64, mut others: Vec<(f64, f64)>, reach: f64) -> Option<RadianceSlope> {
     others.retain(|(x, _)| x.abs() > SEPARATE.rad());
     others.sort_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
-    // Three on a side at most, none farther from the one before than the reach.
+    // At most three on each side, each within reach of the one before.
     let side = |sign: f64| {
         let mut kept: Vec<(f64, f64)> = Vec::new();
         for (x, y) in others.iter().filter(|(x, _)| x * sign > 0.0) {
@@ -84,7 +84,7 @@ fn slope(here: f64, mut others: Vec<(f64, f64)>, reach: f64) -> Option<Slope> {
         let (below, above) = (below.iter().take(n), above.iter().take(n));
         below.chain(above).copied().collect()
     };
-    // One on either side and two, or at an end two on its one side and three.
+    // One and two on either side; at an end, two and three on the one side.
     let (near, wide) = match (below.is_empty(), above.is_empty()) {
         (true, true) => return None,
         (false, false) => (first(1), first(2)),
@@ -92,14 +92,14 @@ fn slope(here: f64, mut others: Vec<(f64, f64)>, reach: f64) -> Option<Slope> {
     };
     let value = derivative(here, &near);
     let std = if wide.len() > near.len() {
-        // Where the next order still moves it, those after it may as much again.
+        // Higher orders may change it as much again as the next order does.
         2.0 * (derivative(here, &wide) - value).abs()
     } else if near.len() == 2 {
         (derivative(here, &near[..1]) - value).abs()
     } else {
         value.abs()
     };
-    Some(Slope { value, std })
+    Some(RadianceSlope { value, std })
 }
 
 /// Derivative at 0 of the polynomial through (0, here) and others.
@@ -112,7 +112,7 @@ fn derivative(here: f64, others: &[(f64, f64)]) -> f64 {
     others.iter().enumerate().map(of).sum()
 }
 
-/// Recorded angles this close to nominal ones are those.
+/// A difference between recorded and nominal angle, 0 where the two count as equal.
 pub(super) fn beyond_the_same(off: Angle) -> Angle {
     if off.abs() > SAME_ANGLE {
         off
@@ -125,10 +125,10 @@ pub(super) fn beyond_the_same(off: Angle) -> Angle {
 mod tests {
     use super::*;
 
-    fn at(tilts: &[f64], of: impl Fn(f64) -> f64) -> Slopes {
+    fn at(tilts: &[f64], of: impl Fn(f64) -> f64) -> RadianceSlopes {
         let poses: Vec<Pose> = tilts.iter().map(|t| Pose::from_deg(*t, 0.0)).collect();
         let values: Vec<f64> = poses.iter().map(|p| of(p.theta_c.rad())).collect();
-        Slopes::of_neighbours(&poses, &values)
+        RadianceSlopes::of_neighbours(&poses, &values)
     }
 
     #[test]
@@ -156,7 +156,7 @@ mod tests {
         for (slope, tilt) in slopes.theta_c.iter().zip(&tilts).skip(2).take(9) {
             let (slope, x) = (slope.unwrap(), tilt.to_radians());
             let truth = -2.0 * x / (width * width) * lobe(x);
-            // Within three of its standard uncertainties, or nothing beside the steepest (0.86 / width).
+            // Within three standard uncertainties, or negligible beside the steepest slope (0.86 / width).
             let off = (slope.value - truth).abs();
             assert!(
                 off < 3.0 * slope.std + 0.01 / width,
@@ -169,17 +169,17 @@ mod tests {
     fn without_a_neighbour_in_reach_there_is_no_slope() {
         let far = at(&[-20.0, 0.0, 0.1, 20.0], |x| x);
         assert_eq!(far.theta_c, [None; 4]);
-        // One neighbour: a slope as uncertain as it is large.
+        // With one neighbour, the uncertainty equals the slope.
         let one = at(&[0.0, 10.0], |x| 3.0 * x).theta_c[0].unwrap();
         assert!((one.value - 3.0).abs() < 1e-12 && (one.std - 3.0).abs() < 1e-12);
     }
 
     #[test]
-    fn azimuths_are_neighbours_around_the_turn() {
+    fn azimuths_are_neighbours_across_360_degrees() {
         let azimuths: Vec<f64> = (0..12).map(|n| 30.0 * f64::from(n)).collect();
         let poses: Vec<Pose> = azimuths.iter().map(|a| Pose::from_deg(5.0, *a)).collect();
         let values: Vec<f64> = poses.iter().map(|p| p.phi_s.rad().sin()).collect();
-        let slopes = Slopes::of_neighbours(&poses, &values);
+        let slopes = RadianceSlopes::of_neighbours(&poses, &values);
         for (slope, azimuth) in slopes.phi_s.iter().zip(&azimuths) {
             let (slope, truth) = (slope.unwrap(), azimuth.to_radians().cos());
             assert!(

@@ -1,41 +1,40 @@
 //! Measured contrast with its uncertainty, from the observations of a scan.
 //!
 //! After Luongo et al. 2017, section 4: for each tilt the absolute difference of the signals at φs =
-//! 0° and 90°, and at 90° and 180°, and the mean of all of these; the Michelson contrast beside it
-//! is free of the scale. Values are those of [`crate::contrast`], which `ridged contrast` shows: tilts with all three
-//! azimuths, less the stray light that the flats tell. The fit's would do as well, but hangs on the model; of the fit only
-//! the slopes are taken, by which errors of the stages move the radiances.
+//! 0° and 90°, and at 90° and 180°, and the mean of all of these. The Michelson contrast is also given; it does
+//! not depend on the scale. The values are those of [`crate::contrast`], which `ridged contrast` shows: tilts with all three
+//! azimuths, corrected for the stray light found in the flats. They do not depend on the model. Only the slopes, which
+//! turn stage errors into errors of the radiances, come from the fit.
 
-use super::{Measured, Quantity};
-use crate::contrast::{Kind, Known, Scan, Slope, Slopes, angles_left_out, lost};
+use super::quantity::{CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN, JudgedQuantity, MeasuredValue};
+use crate::contrast::{
+    ContrastKind, ContrastScan, ContrastValue, RadianceSlope, RadianceSlopes, angles_left_out,
+    missing_poses,
+};
 use crate::fit::problem::{Problem, Values};
 use crate::fit::report::{COVERAGE_FACTOR, FitReport, LeftOut, Status, VariantName};
 use crate::geometry::Pose;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 
-/// Mean absolute contrast, in radiance for a lamp irradiance of 1.
-pub const CONTRAST_MEAN: &str = "contrast_mean";
-/// Mean Michelson contrast.
-pub const CONTRAST_MICHELSON_MEAN: &str = "contrast_michelson_mean";
-
-/// Both mean contrasts and what is to be said of them.
+/// Both mean contrasts with their conditions.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Contrasts {
+pub struct JudgedContrasts {
     /// [`CONTRAST_MEAN`] and [`CONTRAST_MICHELSON_MEAN`].
-    pub quantities: Vec<Quantity>,
-    /// Tilts that the means are over, degrees.
+    pub quantities: Vec<JudgedQuantity>,
+    /// Tilts over which the contrasts are averaged, degrees.
     pub theta_c_deg: Vec<f64>,
     /// Sentences for the user.
     pub warnings: Vec<String>,
-    /// What no uncertainty holds.
+    /// Errors that the uncertainties do not include.
     pub left_out: Option<LeftOut>,
 }
 
-/// Both mean contrasts; `planned` are the poses of the scan's frames, whether they could be used or not.
+/// Measures both mean contrasts. `planned` are the poses of all frames of the scan, including frames that could not be
+/// used.
 #[must_use]
-pub fn contrasts(set: &ObservationSet, planned: &[Pose], report: &FitReport) -> Contrasts {
-    let scan = Scan::of(set);
+pub fn contrasts(set: &ObservationSet, planned: &[Pose], report: &FitReport) -> JudgedContrasts {
+    let scan = ContrastScan::of(set);
     let slopes = fitted_slopes(set, report, scan.gain());
     let scan = match slopes {
         Some(slopes) => scan.with_slopes(slopes),
@@ -43,11 +42,11 @@ pub fn contrasts(set: &ObservationSet, planned: &[Pose], report: &FitReport) -> 
     };
     let poses: Vec<Pose> = set.observations.iter().map(|o| o.pose).collect();
     let pairs = scan.pairs();
-    let lost = lost(planned, &poses);
-    let reason = if !lost.is_empty() {
+    let missing = missing_poses(planned, &poses);
+    let reason = if !missing.is_empty() {
         Some(format!(
-            "no frame could be used at {}: the mean of what is left is not the quantity that is specified; take that pose again",
-            lost.join("; ")
+            "no frame could be used at {}; the mean over the remaining poses is not the specified quantity; repeat these poses",
+            missing.join("; ")
         ))
     } else if pairs.is_empty() {
         Some("the scan has no tilt with all of the azimuths 0°, 90° and 180°".to_owned())
@@ -55,16 +54,16 @@ pub fn contrasts(set: &ObservationSet, planned: &[Pose], report: &FitReport) -> 
         None
     };
     let mean = |kind| scan.mean(kind, &pairs);
-    let (absolute, michelson) = (mean(Kind::Absolute), mean(Kind::Michelson));
-    let told = |known: &Known, refused: Option<&str>| {
+    let (absolute, michelson) = (mean(ContrastKind::Absolute), mean(ContrastKind::Michelson));
+    let measured = |known: &ContrastValue, refused: Option<&str>| {
         match (&reason, refused) {
         (Some(reason), _) => Err(reason.clone()),
         (None, Some(refused)) => Err(refused.to_owned()),
         (None, None) if known.may_cost.is_infinite() => Err(
-            "how the radiance changes with the stages' angles is not known, so nor is what their errors do; add poses beside these"
+            "the effect of stage errors is unknown, because no neighbouring pose shows how the radiance changes; add poses beside these"
                 .to_owned(),
         ),
-        (None, None) => Ok(Measured {
+        (None, None) => Ok(MeasuredValue {
             value: known.value,
             std: known.std,
             coverage_factor: COVERAGE_FACTOR,
@@ -74,36 +73,36 @@ pub fn contrasts(set: &ObservationSet, planned: &[Pose], report: &FitReport) -> 
     }
     };
     let unscaled = set.white_reference.is_none().then_some(
-        "without a white reference the absolute contrast is known up to a factor; specify contrast_michelson_mean",
+        "without a white reference the absolute contrast has an unknown factor; specify contrast_michelson_mean",
     );
     let dark = michelson
         .value
         .is_nan()
-        .then_some("no pair of azimuths is brighter than the stray light is known");
+        .then_some("every pair of azimuths is darker than the uncertainty of the stray light");
     let turns = &scan.turns;
-    Contrasts {
+    JudgedContrasts {
         quantities: vec![
-            Quantity {
+            JudgedQuantity {
                 name: CONTRAST_MEAN.to_owned(),
-                measured: told(&absolute, unscaled),
+                measured: measured(&absolute, unscaled),
             },
-            Quantity {
+            JudgedQuantity {
                 name: CONTRAST_MICHELSON_MEAN.to_owned(),
-                measured: told(&michelson, dark),
+                measured: measured(&michelson, dark),
             },
         ],
         theta_c_deg: turns.theta_c_deg(),
         warnings: turns
             .left_out()
             .into_iter()
-            .chain(turns.snapped(&poses))
+            .chain(turns.substitutions(&poses))
             .collect(),
         left_out: angles_left_out(&[absolute], absolute.value),
     }
 }
 
-/// Slopes of the fitted radiances, in the unit of radiances of this gain; none without an answer of the fit.
-fn fitted_slopes(set: &ObservationSet, report: &FitReport, gain: f64) -> Option<Slopes> {
+/// Slopes of the fitted radiances, in the unit of radiances of this gain; `None` where the fit has no result.
+fn fitted_slopes(set: &ObservationSet, report: &FitReport, gain: f64) -> Option<RadianceSlopes> {
     if !matches!(
         report.status,
         Status::Converged | Status::AtBound | Status::RankDeficient
@@ -126,7 +125,7 @@ fn fitted_slopes(set: &ObservationSet, report: &FitReport, gain: f64) -> Option<
         k,
         real: crate::model::extended::Real::NONE,
     };
-    // What the ray tracer corrects is little beside what the closed form says of slopes.
+    // The corrections of the ray tracer hardly change the slopes.
     let variant = match report.variant {
         VariantName::Paper => Variant::Paper,
         VariantName::Sawtooth | VariantName::Traced => Variant::Sawtooth,
@@ -138,9 +137,11 @@ fn fitted_slopes(set: &ObservationSet, report: &FitReport, gain: f64) -> Option<
         .collect();
     let slope = |per_rad: f64| {
         let value = per_rad * values.scale / gain;
-        value.is_finite().then_some(Slope { value, std: 0.0 })
+        value
+            .is_finite()
+            .then_some(RadianceSlope { value, std: 0.0 })
     };
-    Some(Slopes {
+    Some(RadianceSlopes {
         theta_c: gradients.iter().map(|g| slope(g.theta_c)).collect(),
         phi_s: gradients.iter().map(|g| slope(g.phi_s)).collect(),
     })
@@ -194,20 +195,20 @@ mod tests {
         set.observations.iter().map(|o| o.pose).collect()
     }
 
-    /// Of a scan without an answer of a fit.
-    fn alone(set: &ObservationSet) -> Vec<Quantity> {
-        contrasts(set, &poses(set), &no_answer(set)).quantities
+    /// Contrasts of a scan without a result of a fit.
+    fn without_fit(set: &ObservationSet) -> Vec<JudgedQuantity> {
+        contrasts(set, &poses(set), &cancelled_fit(set)).quantities
     }
 
-    fn no_answer(set: &ObservationSet) -> FitReport {
+    fn cancelled_fit(set: &ObservationSet) -> FitReport {
         fit(set, &FitOptions::default(), &AtomicBool::new(true))
     }
 
     #[test]
     fn the_mean_is_over_the_papers_pairs_and_shared_observations_count_once() {
-        let found = contrasts(&set(), &poses(&set()), &no_answer(&set()));
+        let found = contrasts(&set(), &poses(&set()), &cancelled_fit(&set()));
         assert_eq!(found.theta_c_deg, [0.0]);
-        assert!(found.warnings[0].contains("θc 10.000° (nothing at φs 180°)"));
+        assert!(found.warnings[0].contains("θc 10.000° (no observation at φs 180°)"));
         let mean = found.quantities[0].measured.clone().unwrap();
         // |0.3 − 0.1|, |0.1 − 0.2| over two.
         assert!((mean.value - 0.15).abs() < 1e-12);
@@ -222,26 +223,26 @@ mod tests {
     }
 
     #[test]
-    fn the_michelson_contrast_is_free_of_the_scale_and_feels_stray_light() {
-        let mean = alone(&set())[1].measured.clone().unwrap();
+    fn the_michelson_contrast_depends_on_stray_light_but_not_on_the_scale() {
+        let mean = without_fit(&set())[1].measured.clone().unwrap();
         assert!((mean.value - (0.5 + 1.0 / 3.0) / 2.0).abs() < 1e-12);
         let mut brighter = set();
         for o in &mut brighter.observations {
             o.signal *= 7.0;
         }
-        let again = alone(&brighter)[1].measured.clone().unwrap();
+        let again = without_fit(&brighter)[1].measured.clone().unwrap();
         assert!((again.value - mean.value).abs() < 1e-12);
         let mut hazy = set();
         hazy.background.mean = 0.05;
-        let clearer = alone(&hazy)[1].measured.clone().unwrap();
+        let clearer = without_fit(&hazy)[1].measured.clone().unwrap();
         assert!(clearer.value > mean.value);
     }
 
     #[test]
-    fn it_is_the_contrast_that_the_table_of_contrasts_has() {
+    fn the_contrast_equals_that_of_the_table_of_contrasts() {
         let (_, table) = crate::contrast::measure(&set()).unwrap();
         let all = &table["mean"]["all"];
-        for (quantity, key) in alone(&set()).iter().zip(["absolute", "michelson"]) {
+        for (quantity, key) in without_fit(&set()).iter().zip(["absolute", "michelson"]) {
             let mean = quantity.measured.clone().unwrap();
             assert_eq!(all[key].as_f64(), Some(mean.value));
             assert_eq!(all[format!("{key}_std")].as_f64(), Some(mean.std));
@@ -250,20 +251,20 @@ mod tests {
     }
 
     #[test]
-    fn only_a_lost_pose_that_a_pair_needs_leaves_no_mean() {
+    fn only_a_missing_pose_that_a_pair_needs_prevents_a_mean() {
         let mut damaged = set();
         damaged.rejected_frames = vec![RejectedFrame {
             file: "a.png".to_owned(),
             reason: "unreadable".to_owned(),
             detail: String::new(),
         }];
-        let report = no_answer(&damaged);
+        let report = cancelled_fit(&damaged);
         let with = |more: (f64, f64)| {
             let mut planned = poses(&damaged);
             planned.push(Pose::from_deg(more.0, more.1));
             contrasts(&damaged, &planned, &report).quantities
         };
-        // An azimuth that no pair uses, and one of a tilt that could not be whole.
+        // An azimuth that no pair uses, and a tilt that is incomplete by plan.
         assert!(with((0.0, 30.0))[0].measured.is_ok());
         assert!(with((20.0, 0.0))[0].measured.is_ok());
         for quantity in with((10.0, 180.0)) {
@@ -279,7 +280,7 @@ mod tests {
     fn without_reference_or_pairs_there_is_a_reason() {
         let mut relative = set();
         relative.white_reference = None;
-        let list = alone(&relative);
+        let list = without_fit(&relative);
         assert!(
             list[0]
                 .measured
@@ -290,11 +291,11 @@ mod tests {
         assert!(list[1].measured.is_ok());
         let mut single = set();
         single.observations.truncate(1);
-        let list = alone(&single);
+        let list = without_fit(&single);
         assert!(list[1].measured.clone().unwrap_err().contains("azimuths"));
     }
 
-    /// A sample as the model has it, seen at all the paper's azimuths at one tilt alone.
+    /// A sample of the model, with all azimuths of the paper at only one tilt.
     fn fitted(zero: Angle, turn: Angle) -> ObservationSet {
         let tilts = (-6..=6).map(|n| 5.0 * f64::from(n));
         let azimuths = (0..12).map(|n| 30.0 * f64::from(n));

@@ -4,48 +4,31 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::contrast::{CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN};
+use super::quantity::QUANTITIES;
 use crate::fit::report::ReferencePlane;
 use crate::wording::stated;
-
-/// Quantities that may have limits.
-pub const QUANTITIES: [&str; 10] = [
-    "theta_r_deg",
-    "alpha_u",
-    "alpha_v",
-    "rho_d",
-    "scale",
-    "background",
-    "azimuth_offset_deg",
-    "tilt_offset_deg",
-    CONTRAST_MEAN,
-    CONTRAST_MICHELSON_MEAN,
-];
 
 /// Limits and decision rule of one kind of sample.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Specification {
-    /// What it specifies: drawing and revision.
+    /// What it specifies, for instance drawing and revision.
     pub name: String,
-    /// Accepted risks.
+    /// Allowed risks.
     #[serde(default)]
-    pub decision: Decision,
+    pub decision: DecisionRule,
     /// Limits by quantity; see [`QUANTITIES`].
-    pub limits: BTreeMap<String, Limits>,
-    /// The plane that limits of angles are meant to. With `sample` they can only be told where the rig states how samples
-    /// lie on its turntable; without a word any will do.
+    pub limits: BTreeMap<String, ToleranceLimits>,
+    /// The plane to which limits of angles refer. With `sample`, the rig must state how samples lie on its turntable;
+    /// without this key, either plane is accepted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference_plane: Option<ReferencePlane>,
 }
 
-/// Quantities that depend on how the sample lies on the turntable.
-pub(super) const TO_A_PLANE: [&str; 2] = ["theta_r_deg", "azimuth_offset_deg"];
-
 /// Tolerance limits; one of them may be missing.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Limits {
+pub struct ToleranceLimits {
     /// Conforming values are at least this.
     #[serde(default)]
     pub lower: Option<f64>,
@@ -54,38 +37,38 @@ pub struct Limits {
     pub upper: Option<f64>,
 }
 
-/// Accepted risks; see the room's head for the rule.
+/// Allowed risks; the documentation of the module states the rule.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Decision {
-    /// Greatest accepted probability that an item which passes does not conform.
+pub struct DecisionRule {
+    /// Largest allowed probability that an item which passes does not conform.
     pub max_false_accept_risk: f64,
-    /// Greatest accepted probability that an item which fails does conform.
+    /// Largest allowed probability that an item which fails conforms.
     pub max_false_reject_risk: f64,
 }
 
-impl Default for Decision {
+impl Default for DecisionRule {
     fn default() -> Self {
-        Decision {
+        DecisionRule {
             max_false_accept_risk: 0.025,
             max_false_reject_risk: 0.025,
         }
     }
 }
 
-impl Decision {
-    /// The rule in words, for a report.
+impl DecisionRule {
+    /// The rule as a sentence for a report.
     #[must_use]
-    pub fn in_words(&self) -> String {
+    pub fn sentence(&self) -> String {
         format!(
-            "JCGM 106:2012, guarded acceptance: pass where the risk of accepting a nonconforming item is at most {} %, fail where the risk of rejecting a conforming one is at most {} %, cannot tell between",
+            "JCGM 106:2012, guarded acceptance: pass where the risk of accepting a nonconforming item is at most {} %, fail where the risk of rejecting a conforming one is at most {} %, otherwise cannot tell",
             100.0 * self.max_false_accept_risk,
             100.0 * self.max_false_reject_risk
         )
     }
 }
 
-/// Why a text is no specification.
+/// Why a text is not a valid specification.
 #[derive(Debug, thiserror::Error)]
 pub enum SpecificationError {
     /// Not TOML, an unknown key, or a wrong type.
@@ -96,8 +79,8 @@ pub enum SpecificationError {
         /// Line, key and reason.
         cause: String,
     },
-    /// There is no such quantity.
-    #[error("{file}: [limits] names `{key}`, which is not measured here{}; it may name {}", .meant.map(|m| format!(" (`{m}`?)")).unwrap_or_default(), QUANTITIES.join(", "))]
+    /// An unknown quantity.
+    #[error("{file}: [limits] has the unknown quantity `{key}`{}; known quantities are {}", .meant.map(|m| format!(" (did you mean `{m}`?)")).unwrap_or_default(), QUANTITIES.join(", "))]
     UnknownQuantity {
         /// The file.
         file: String,
@@ -106,7 +89,7 @@ pub enum SpecificationError {
         /// The quantity that was probably meant.
         meant: Option<&'static str>,
     },
-    /// Limits that say nothing, contradict themselves or are no numbers.
+    /// Limits that are missing, contradictory or not finite.
     #[error("{file}: limits of `{key}`: {cause}")]
     BadLimits {
         /// The file.
@@ -116,8 +99,8 @@ pub enum SpecificationError {
         /// What is wrong.
         cause: String,
     },
-    /// A risk that is no probability below one half.
-    #[error("{file}: [decision] {key} = {value}: a risk lies above 0 and below 0.5")]
+    /// A risk outside (0, 0.5).
+    #[error("{file}: [decision] {key} = {value}: expected a risk above 0 and below 0.5")]
     BadRisk {
         /// The file.
         file: String,
@@ -126,9 +109,9 @@ pub enum SpecificationError {
         /// What was given.
         value: f64,
     },
-    /// No limits at all.
+    /// No limits.
     #[error(
-        "{file}: [limits] is empty, so nothing can be judged; state for instance theta_r_deg = {{ lower = 9.5, upper = 10.5 }}"
+        "{file}: [limits] is empty; state at least one limit, for instance theta_r_deg = {{ lower = 9.5, upper = 10.5 }}"
     )]
     NoLimits {
         /// The file.
@@ -209,16 +192,16 @@ impl Specification {
     }
 }
 
-impl Limits {
+impl ToleranceLimits {
     fn check(&self) -> Result<(), String> {
         let given = [self.lower, self.upper];
         if given.iter().flatten().any(|x| !x.is_finite()) {
-            return Err("a limit is a finite number".to_owned());
+            return Err("expected a finite number".to_owned());
         }
         match given {
             [None, None] => Err("state lower, upper or both".to_owned()),
             [Some(lower), Some(upper)] if lower >= upper => Err(format!(
-                "lower = {} does not lie below upper = {}",
+                "lower = {} is not below upper = {}",
                 stated(lower),
                 stated(upper)
             )),
@@ -227,7 +210,7 @@ impl Limits {
     }
 }
 
-/// A quantity whose name, without its unit, begins like the key.
+/// The quantity whose name, without its unit, begins with the key, or the other way round.
 fn meant(key: &str) -> Option<&'static str> {
     let plain = |s: &str| -> String {
         s.chars()
@@ -247,7 +230,7 @@ fn meant(key: &str) -> Option<&'static str> {
 mod tests {
     use super::*;
 
-    fn said(text: &str) -> String {
+    fn refusal(text: &str) -> String {
         Specification::from_toml(text, "spec.toml")
             .unwrap_err()
             .to_string()
@@ -265,14 +248,14 @@ mod tests {
     fn unknown_keys_are_refused_by_name() {
         let ok = "name = \"s\"\n[limits]\ntheta_r_deg = { upper = 10.5 }\n";
         assert!(Specification::from_toml(ok, "spec.toml").is_ok());
-        assert!(said(&ok.replace("name", "nmae")).contains("nmae"));
-        let limits = said(&ok.replace("theta_r_deg", "theta_r"));
+        assert!(refusal(&ok.replace("name", "nmae")).contains("nmae"));
+        let limits = refusal(&ok.replace("theta_r_deg", "theta_r"));
         assert!(
-            limits.contains("`theta_r`") && limits.contains("(`theta_r_deg`?)"),
+            limits.contains("`theta_r`") && limits.contains("(did you mean `theta_r_deg`?)"),
             "{limits}"
         );
-        assert!(said(&ok.replace("upper", "uper")).contains("uper"));
-        assert!(said(&format!("{ok}[decision]\nrisk = 0.1\n")).contains("risk"));
+        assert!(refusal(&ok.replace("upper", "uper")).contains("uper"));
+        assert!(refusal(&format!("{ok}[decision]\nrisk = 0.1\n")).contains("risk"));
     }
 
     #[test]
@@ -288,17 +271,17 @@ mod tests {
             read("turntable").reference_plane,
             Some(ReferencePlane::Turntable)
         );
-        assert!(said(&with("stage")).contains("turntable"));
+        assert!(refusal(&with("stage")).contains("turntable"));
     }
 
     #[test]
-    fn limits_and_risks_that_make_no_sense_are_named() {
-        let with = |limits: &str| said(&format!("name = \"s\"\n[limits]\nalpha_u = {limits}\n"));
+    fn invalid_limits_and_risks_are_named() {
+        let with = |limits: &str| refusal(&format!("name = \"s\"\n[limits]\nalpha_u = {limits}\n"));
         assert!(with("{}").contains("state lower, upper or both"));
-        assert!(with("{ lower = 0.2, upper = 0.1 }").contains("does not lie below"));
+        assert!(with("{ lower = 0.2, upper = 0.1 }").contains("is not below"));
         assert!(with("{ lower = nan }").contains("finite"));
-        assert!(said("name = \"s\"\n[limits]\n").contains("empty"));
+        assert!(refusal("name = \"s\"\n[limits]\n").contains("empty"));
         let risk = "name = \"s\"\n[limits]\nalpha_u = { lower = 0.1 }\n[decision]\nmax_false_accept_risk = 0.5\n";
-        assert!(said(risk).contains("max_false_accept_risk"));
+        assert!(refusal(risk).contains("max_false_accept_risk"));
     }
 }

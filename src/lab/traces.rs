@@ -19,7 +19,7 @@ use super::request_checks::{invalid, positive};
 use super::tasks::blocking;
 use super::trace_result::{self, Bins, Comparison, Light, TraceResult};
 use super::uploads::Content;
-use crate::accuracy::trace_forecast::{Asked, Patience, of_runs};
+use crate::accuracy::trace_forecast::{Patience, TraceExtent, of_runs};
 use crate::clock::elapsed_s;
 use crate::forecast::Forecast;
 use crate::store::StoreError;
@@ -299,7 +299,7 @@ impl Work for TraceWork {
     fn forecast(&self, cancel: &AtomicBool) -> Option<Forecast> {
         let request = &self.request;
         let patience = Patience::usual(request.max_seconds, cancel);
-        let asked = Asked {
+        let asked = TraceExtent {
             follow: self.follow(),
             target_error: request.target_error,
         };

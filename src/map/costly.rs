@@ -14,9 +14,9 @@
 //! offset itself is the full form less the kernel's reflection, two numbers of the signal's size: 1e-16 of the
 //! signal, 1e-14 of the offset. Cells end at the parameters' bounds, so no centre is out of bounds.
 
-use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::{Arc, RwLock};
+
+use rustc_hash::FxHashMap;
 
 use super::integrated::Integrated;
 use super::kernel::{Geometry, Parameters, single};
@@ -73,31 +73,10 @@ fn floor(x: f64) -> i32 {
     cut - i32::from(x < f64::from(cut))
 }
 
-/// Hashes a cell's five numbers. Cells come from fits, so collisions cannot be chosen by an attacker.
-#[derive(Default)]
-struct Mixer(u64);
-
-impl Hasher for Mixer {
-    fn write(&mut self, bytes: &[u8]) {
-        // A key arrives as the bytes of its five numbers.
-        for four in bytes.chunks(4) {
-            let number = four.iter().fold(0, |sum, byte| sum << 8 | u64::from(*byte));
-            self.write_u64(number);
-        }
-    }
-    fn write_u64(&mut self, x: u64) {
-        // Knuth's multiplicative hashing with 2⁶⁴ over the golden ratio.
-        self.0 = (self.0.rotate_left(23) ^ x).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    }
-    fn finish(&self) -> u64 {
-        self.0 ^ (self.0 >> 32)
-    }
-}
-
 /// The integer coordinates of a cell.
 type Key = [i32; FREE];
-/// Cells by their coordinates.
-type Cells = HashMap<Key, Arc<Cell>, BuildHasherDefault<Mixer>>;
+/// Cells by their coordinates. Cells come from fits, so collisions cannot be chosen by an attacker.
+type Cells = FxHashMap<Key, Arc<Cell>>;
 
 /// Returns coordinates and centre of the cell that contains `p`.
 fn key(p: &Parameters, coarseness: f64) -> (Key, Parameters) {

@@ -18,7 +18,6 @@
 //! on the command line.
 
 mod beside;
-pub mod colour;
 mod costly;
 pub mod defects;
 mod doubt;
@@ -417,7 +416,7 @@ fn what_is_left_out(
     pixels_left_out: usize,
 ) -> Vec<LeftOut> {
     let view = &settled.view;
-    let mut list = settled.plan.told();
+    let mut list = settled.plan.omissions();
     list.extend(left_out::lens(&view.imaging.rig.cones));
     list.push(left_out::ideal_profile());
     list.push(left_out::third_bounce());

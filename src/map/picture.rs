@@ -2,7 +2,7 @@
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 
-use super::colour::{Rgb, cyclic, sequential};
+use crate::colour::{Rgb, cyclic, sequential};
 
 const FONT: &[u8] = include_bytes!("../../assets/fonts/DejaVuSans-subset.ttf");
 /// The map is enlarged to at least this many pixels across.

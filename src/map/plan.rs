@@ -14,7 +14,7 @@ use super::view::View;
 use crate::geometry::Pose;
 use crate::model::{Surface, left_out};
 use crate::plan::series::{SURFACES, layers, polarisation};
-use crate::plan::{Basis, Choice, Decision, Plan, TOLERANCE};
+use crate::plan::{Basis, ComputationPlan, Decision, PlanChoice, TOLERANCE};
 use crate::reduction::FrameSource;
 use crate::units::Angle;
 
@@ -23,7 +23,7 @@ const POSES_MAX: usize = 60;
 
 /// Plans the map of a series before any frame is read. Without `target_error` nothing is omitted to save time.
 #[must_use]
-pub fn plan(source: &dyn FrameSource, target_error: Option<f64>) -> Plan {
+pub fn plan(source: &dyn FrameSource, target_error: Option<f64>) -> ComputationPlan {
     let manifest = source.manifest();
     let view = View::new(manifest);
     let material = manifest.material();
@@ -54,7 +54,7 @@ pub(super) fn decide(
     view: &View,
     surfaces: &[Parameters],
     target_error: Option<f64>,
-) -> Plan {
+) -> ComputationPlan {
     let tolerance = target_error.unwrap_or(TOLERANCE);
     let found: Vec<Surface> = surfaces.iter().map(|p| costly.surface(p)).collect();
     let (eta, k) = view.index();
@@ -65,7 +65,7 @@ pub(super) fn decide(
     let double = double_reflections(costly, surfaces, target_error);
     let spent = if double.included { None } else { double.cost };
     let rest = target_error.map(|all| (all - spent.unwrap_or(0.0)).max(0.0));
-    Plan {
+    ComputationPlan {
         tolerance,
         quantity: "brightest radiance of a pixel".to_owned(),
         decisions: vec![
@@ -83,7 +83,7 @@ pub(super) fn decide(
 
 /// Updates the plan after double reflections were integrated: they include polarisation, unless the pixels are
 /// explained better without it.
-pub(super) fn with_polarisation(mut plan: Plan, polarised: bool) -> Plan {
+pub(super) fn with_polarisation(mut plan: ComputationPlan, polarised: bool) -> ComputationPlan {
     let integrated = plan.on(Decision::Bounces).is_some_and(|c| c.included);
     let choice = plan
         .decisions
@@ -118,8 +118,8 @@ fn double_reflections(
     costly: &Costly,
     surfaces: &[Parameters],
     target_error: Option<f64>,
-) -> Choice {
-    let choice = |included: bool, what: &str, why: &str, cost: Option<f64>| Choice {
+) -> PlanChoice {
+    let choice = |included: bool, what: &str, why: &str, cost: Option<f64>| PlanChoice {
         decision: Decision::Bounces,
         included,
         what: what.to_owned(),
@@ -144,7 +144,7 @@ fn double_reflections(
 }
 
 /// States the closed correction of the lobes' widths, the only one that a map has; it takes no time.
-fn cone(view: &View, surfaces: &[Surface], tolerance: f64) -> Choice {
+fn cone(view: &View, surfaces: &[Surface], tolerance: f64) -> PlanChoice {
     let narrowest = surfaces
         .iter()
         .map(|s| s.alpha_u.min(s.alpha_v))
@@ -159,7 +159,7 @@ fn cone(view: &View, surfaces: &[Surface], tolerance: f64) -> Choice {
         )
     };
     let points = view.imaging.rig.cones.reach() <= 0.0;
-    Choice {
+    PlanChoice {
         decision: Decision::ConeAverage,
         included: false,
         what: omitted.what,
@@ -179,8 +179,8 @@ fn own_directions(
     view: &View,
     surfaces: &[Parameters],
     allowed: Option<f64>,
-) -> Choice {
-    let choice = |included: bool, why: &str, cost: Option<f64>, basis: Basis| Choice {
+) -> PlanChoice {
+    let choice = |included: bool, why: &str, cost: Option<f64>, basis: Basis| PlanChoice {
         decision: Decision::PerPixelGeometry,
         included,
         what: "each pixel's own directions".to_owned(),
@@ -261,8 +261,8 @@ pub(super) fn centre_for_all(costly: &Costly, view: &View, surfaces: &[Parameter
 
 /// States the expansion of everything but single reflections. A plan does not decide how often it is recomputed: each
 /// pixel's descent does so while it moves by a part of its own uncertainty.
-fn costly_terms(costly: &Costly, surfaces: &[Parameters]) -> Choice {
-    Choice {
+fn costly_terms(costly: &Costly, surfaces: &[Parameters]) -> PlanChoice {
+    PlanChoice {
         decision: Decision::CostlyTerms,
         included: false,
         what: "the whole closed form at every step of a pixel".to_owned(),

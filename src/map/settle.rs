@@ -17,7 +17,7 @@ use super::{MapError, Progress, Stage, plan};
 use crate::geometry::Pose;
 use crate::material::Material;
 use crate::observation::{FlatObservation, WhiteReference};
-use crate::plan::{Decision, Plan};
+use crate::plan::{ComputationPlan, Decision};
 use crate::robust;
 
 /// Rounds that alternate between tilt offset, gain and fits.
@@ -54,7 +54,7 @@ pub(super) struct Settled {
     /// The view, with the centre's directions for all pixels if the plan decided so.
     pub(super) view: View,
     /// The plan, decided on the surfaces that represent most pixels.
-    pub(super) plan: Plan,
+    pub(super) plan: ComputationPlan,
     /// Error of using the centre's directions for light reflected between the facets, if camera or lamp are near and
     /// it is not corrected.
     pub(super) centre_for_all: Option<f64>,
@@ -166,7 +166,7 @@ struct Settling<'a> {
     /// Sampled pixels with a usual fit, by their index in the batch.
     good: Vec<(usize, PixelFit)>,
     /// The plan, and the error of using the centre's directions.
-    decided: Option<(Plan, Option<f64>)>,
+    decided: Option<(ComputationPlan, Option<f64>)>,
     beside: Option<Beside>,
     polarised: bool,
 }

@@ -14,10 +14,10 @@ use tiff::encoder::{Compression, TiffEncoder, TiffValue};
 use tiff::tags::Tag;
 
 use super::Map;
-use super::colour::Rgb;
 use super::defects::Defect;
 use super::layers;
 use super::picture::{self, Picture, Scale, Sheet};
+use crate::colour::Rgb;
 
 /// The reason why files could not be written.
 #[derive(Debug, thiserror::Error)]

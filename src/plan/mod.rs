@@ -1,10 +1,12 @@
-//! What a computation can do without, decided before it starts, as a database plans a query.
+//! What a computation can omit, decided before it starts, as a database plans a query.
 //!
-//! Call [`scene::plan`] for a scene of the tracer, [`series::plan`] for the fit of a recorded series; the plan of a map,
-//! which decides the same things pixel by pixel and one more, is made in the room `map`. Five decisions, each in or out, with the reason and what leaving it out may cost: exactly nothing, a bound, or an
-//! estimate from a closed form or a pilot run. Nothing is left out that may cost more than the
-//! tolerance, unless the program has it nowhere; then the reason says so. What is left out takes a path of its own through the program (scalar light is another
-//! type than polarised light), so it leaves no branch behind. It prints nothing and knows no clock.
+//! Call [`scene::plan`] for a scene of the tracer and [`series::plan`] for the fit of a recorded series. The module `map`
+//! plans maps, with one more decision. A plan has five decisions. Each states whether an effect is computed, the reason,
+//! and the error of the result without it: exactly zero, a bound, or an
+//! estimate from a closed form or a pilot run. An effect whose omission may cost more than the
+//! tolerance is computed, unless no part of the program can; then the reason says so. Omitted effects have their own
+//! code path (scalar and polarised light are different types), so they leave no branch behind. This module prints nothing
+//! and knows no clock.
 
 pub mod scene;
 pub mod series;
@@ -13,7 +15,7 @@ use serde::Serialize;
 
 use crate::model::LeftOut;
 
-/// What can be left out.
+/// An effect that can be omitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Decision {
@@ -27,12 +29,12 @@ pub enum Decision {
     ConeAverage,
     /// Directions of each pixel instead of the centre's.
     PerPixelGeometry,
-    /// Everything but single reflections, at every step of each pixel's fit (maps alone).
+    /// Everything except single reflections, at every step of each pixel's fit (only in maps).
     CostlyTerms,
 }
 
 impl Decision {
-    /// In words.
+    /// Its name in a report.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
@@ -46,72 +48,72 @@ impl Decision {
     }
 }
 
-/// Where a cost comes from.
+/// The basis of a cost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Basis {
-    /// It is exactly nothing.
+    /// Exact.
     Exact,
-    /// It is no more than this.
+    /// An upper bound.
     Bound,
-    /// It is about this, from a closed form.
+    /// An estimate from a closed form.
     Estimate,
-    /// A short run says so, two standard errors included.
+    /// A pilot run, including two standard errors.
     Pilot,
 }
 
 /// One decision.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Choice {
-    /// What about.
+pub struct PlanChoice {
+    /// Which effect.
     pub decision: Decision,
     /// Whether it is computed.
     pub included: bool,
-    /// What exactly is in or out, for the user.
+    /// What exactly is computed or omitted, for the user.
     pub what: String,
     /// Why.
     pub why: String,
-    /// Relative error of the answer without it; null where nobody asked.
+    /// Relative error of the result without it; null where it was not estimated.
     pub cost: Option<f64>,
-    /// Where the cost comes from.
+    /// Basis of the cost.
     pub basis: Basis,
 }
 
-/// All decisions on one computation.
+/// All decisions about one computation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Plan {
-    /// Relative error that the plan may cost.
+pub struct ComputationPlan {
+    /// Allowed relative error of the plan.
     pub tolerance: f64,
-    /// What the error is relative to.
+    /// The quantity to which the error refers.
     pub quantity: String,
     /// The five decisions; a map has a sixth.
-    pub decisions: Vec<Choice>,
-    /// Interactions after which light may be given up; null where all count.
+    pub decisions: Vec<PlanChoice>,
+    /// Interactions after which light may be dropped; null where all count.
     pub interactions_max: Option<u32>,
-    /// Interfaces that may go (1 for the topmost).
+    /// Interfaces that may be omitted (1 for the topmost).
     pub idle_interfaces: Vec<usize>,
 }
 
-impl Plan {
-    /// What is left out.
-    pub fn left_out(&self) -> impl Iterator<Item = &Choice> {
+impl ComputationPlan {
+    /// The omitted effects.
+    pub fn left_out(&self) -> impl Iterator<Item = &PlanChoice> {
         self.decisions.iter().filter(|c| !c.included)
     }
 
-    /// What is left out, in the form of every result.
+    /// The omitted effects, in the form that every result reports.
     #[must_use]
-    pub fn told(&self) -> Vec<LeftOut> {
+    pub fn omissions(&self) -> Vec<LeftOut> {
         self.left_out()
             .map(|c| LeftOut::new(&c.what, &c.why, c.cost))
             .collect()
     }
 
-    /// The decision about something.
+    /// The decision about an effect.
     #[must_use]
-    pub fn on(&self, decision: Decision) -> Option<&Choice> {
+    pub fn on(&self, decision: Decision) -> Option<&PlanChoice> {
         self.decisions.iter().find(|c| c.decision == decision)
     }
 }
 
-/// Error that a plan may cost where nobody says otherwise.
+/// Default of the allowed relative error of a plan.
 pub const TOLERANCE: f64 = 0.01;

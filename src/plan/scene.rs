@@ -2,7 +2,7 @@
 
 use nalgebra::Complex;
 
-use super::{Basis, Choice, Decision, Plan};
+use super::{Basis, ComputationPlan, Decision, PlanChoice};
 use crate::material::tables::index_of;
 use crate::model::flat_stack::{FlatStack, StackReflectance};
 use crate::trace::pilot::{Pilot, effort, pilot};
@@ -10,60 +10,60 @@ use crate::trace::scene::{LeftOut, Prepared, Scene};
 use crate::trace::tally::ORDERS;
 use crate::trace::walk::Method;
 
-/// What the user wants from a run.
+/// What a plan of a trace must achieve.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Wish {
-    /// Mueller matrices are asked for, not only energies.
+pub struct TracePlanRequest {
+    /// Whether the run gives Mueller matrices, not only energies.
     pub mueller: bool,
-    /// Relative error of the reflected energy that all decisions together may cost.
+    /// Allowed relative error of the reflected energy from all decisions together.
     pub tolerance: f64,
-    /// Costs no greater than the run's own standard error at this number of photons only.
+    /// Limits the error further, to the standard error of a run of this many photons.
     pub photons: Option<u64>,
 }
 
-/// Share of a run's effort that pilots may take to see if a decision will fall, and where it is likely to:
-/// what a pilot allows to leave out saves a quarter of the run and more.
+/// A pilot may take one part in this many of the effort of the run; in so few where a decision is likely, because an
+/// omission saves at least a quarter of the run.
 const PILOT_SHARE: u64 = 30;
 const LIKELY_SHARE: u64 = 10;
-/// How many standard deviations worse than its best guess a pilot may turn out and still be likely to decide.
+/// A decision is likely where it would hold even if the estimate grew by this many standard deviations.
 const LIKELY: f64 = 0.5;
-/// Photons of the first pilot, and of all together at most.
+/// Photons of the first pilot, and largest number of all pilots together.
 const PILOT_PHOTONS: (u64, u64) = (500, 20_000);
-/// A pilot that leaves a decision open is gone on with until it has so many times its photons.
+/// Factor by which the photons grow while a decision is open.
 const PILOT_GROWTH: u64 = 2;
-/// What none of n photons met happens to fewer than this many of n, nineteen times out of twenty.
+/// An event that none of n photons had happens to fewer than this many of n, with 95 % confidence.
 const UNSEEN: f64 = 3.0;
-/// Share of an error by counting that split photons have left: a thousandth or two for reflections off rough plastic.
+/// Ratio of the standard error with split photons to that by counting: about 10⁻³ for reflections off rough plastic.
 const SPLIT_SHARE: f64 = 1e-3;
-/// A pilot for the bounces alone takes no more than one photon in so many.
+/// A pilot only for the bounces takes at most one photon in this many.
 const SELDOM_SHARE: u64 = 50;
-/// Share of the tolerance that bounces may cost at most, so that all decisions together keep to it.
+/// Largest share of the tolerance for bounces, so that all decisions together stay within it.
 const BOUNCES_SHARE: f64 = 0.5;
 
-/// Plans a scene. Closed answers decide where they are exact; else pilots do, the shortest that is clear. They
-/// depend on the scene and its seed alone, so all shards of a run come to the same plan.
+/// Plans a scene. Closed forms decide where they are exact, otherwise pilots, the shortest that is clear. The plan
+/// depends only on the scene and its seed, so all shards of a run have the same plan.
 #[must_use]
-pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
-    let known = Known {
-        asks: asks_for_polarisation(scene, wish),
-        told: scene.run.polarised.as_bool(),
-        alone: scene.interface.len() == 1 && scene.interface[0].shape == "flat",
+pub fn plan(scene: &Scene, prepared: &Prepared, request: &TracePlanRequest) -> ComputationPlan {
+    let known = SceneFacts {
+        needs_polarisation: asks_for_polarisation(scene, request),
+        stated_polarised: scene.run.polarised.as_bool(),
+        is_single_flat: scene.interface.len() == 1 && scene.interface[0].shape == "flat",
         stack: flat_stack(scene),
     };
-    // Without a stated tolerance a run keeps its bounces and its count of interactions.
-    let stated = wish.photons.is_none();
-    let open = known.asks.is_none() && known.told.is_none();
-    let flat = known.alone || known.stack.is_some();
+    // Without a stated tolerance a run keeps all bounces and interfaces.
+    let stated = request.photons.is_none();
+    let open = known.needs_polarisation.is_none() && known.stated_polarised.is_none();
+    let flat = known.is_single_flat || known.stack.is_some();
     let needs_pilot = match stated {
         true => !flat,
-        false => open && !known.alone,
+        false => open && !known.is_single_flat,
     };
     let look = || {
         let most = |share: u64| (effort(prepared) / share).clamp(PILOT_PHOTONS.0, PILOT_PHOTONS.1);
         let (usual, costly) = (most(PILOT_SHARE), most(LIKELY_SHARE));
         let mut seen = pilot(prepared, PILOT_PHOTONS.0.min(prepared.photons), 0)?;
         for number in 1.. {
-            let tolerance = tolerance_of(wish, Some(&seen), prepared.method());
+            let tolerance = tolerance_of(request, Some(&seen), prepared.method());
             let likely = open && may_turn_out(&seen, tolerance, costly, LIKELY);
             let hopeful = likely || open && may_turn_out(&seen, tolerance, usual, 0.0);
             let most = if likely { costly } else { usual };
@@ -71,7 +71,7 @@ pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
             if more == 0 || !(hopeful || stated && blind(&seen, tolerance)) {
                 break;
             }
-            // What can only tell of seldom light is worth no more than a fiftieth of the photons.
+            // A pilot that can only bound rare light may take at most a fiftieth of the photons.
             if !hopeful && seen.photons + more > prepared.photons / SELDOM_SHARE {
                 break;
             }
@@ -83,7 +83,7 @@ pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
         Some(seen)
     };
     let seen = if needs_pilot { look() } else { None };
-    let tolerance = tolerance_of(wish, seen.as_ref(), prepared.method());
+    let tolerance = tolerance_of(request, seen.as_ref(), prepared.method());
     let polarisation = polarisation(&known, seen.as_ref(), tolerance);
     let spent = match (polarisation.included, polarisation.cost) {
         (false, Some(cost)) => cost,
@@ -96,9 +96,9 @@ pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
     } else {
         Vec::new()
     };
-    Plan {
+    ComputationPlan {
         tolerance,
-        quantity: if wish.mueller {
+        quantity: if request.mueller {
             "Mueller matrices by direction".to_owned()
         } else {
             "reflected energy".to_owned()
@@ -107,19 +107,19 @@ pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
             polarisation,
             bounces,
             layers(scene, &idle),
-            Choice {
+            PlanChoice {
                 decision: Decision::ConeAverage,
                 included: false,
                 what: "average over the lamp's cone".to_owned(),
-                why: "the scene's lamp is one direction".to_owned(),
+                why: "the lamp of a scene is a single direction".to_owned(),
                 cost: Some(0.0),
                 basis: Basis::Exact,
             },
-            Choice {
+            PlanChoice {
                 decision: Decision::PerPixelGeometry,
                 included: false,
                 what: "directions of single pixels".to_owned(),
-                why: "a scene has no camera: light is counted by direction".to_owned(),
+                why: "a scene has no camera; light is counted by direction".to_owned(),
                 cost: Some(0.0),
                 basis: Basis::Exact,
             },
@@ -129,28 +129,28 @@ pub fn plan(scene: &Scene, prepared: &Prepared, wish: &Wish) -> Plan {
     }
 }
 
-/// What is known of a scene without a photon.
-struct Known {
-    /// Why polarisation is part of the question.
-    asks: Option<&'static str>,
-    /// What the scene says of it.
-    told: Option<bool>,
-    /// A single flat interface.
-    alone: bool,
-    /// Flat interfaces only: their answer is exact.
+/// Facts about a scene that need no photon.
+struct SceneFacts {
+    /// Why the result needs polarisation, if it does.
+    needs_polarisation: Option<&'static str>,
+    /// Whether the scene states that polarisation is followed.
+    stated_polarised: Option<bool>,
+    /// Whether there is a single flat interface.
+    is_single_flat: bool,
+    /// The exact reflectance, where all interfaces are flat.
     stack: Option<StackReflectance>,
 }
 
-/// Relative error that the plan as a whole may cost.
-fn tolerance_of(wish: &Wish, seen: Option<&Pilot>, method: Method) -> f64 {
-    match (seen, wish.photons) {
-        (Some(p), Some(run)) => wish.tolerance.min(own_error(p, run, method)),
-        _ => wish.tolerance,
+/// Allowed relative error of the whole plan.
+fn tolerance_of(request: &TracePlanRequest, seen: Option<&Pilot>, method: Method) -> f64 {
+    match (seen, request.photons) {
+        (Some(p), Some(run)) => request.tolerance.min(own_error(p, run, method)),
+        _ => request.tolerance,
     }
 }
 
-/// What leaving polarisation out costs, at least and at most: two standard errors either way. A pilot that met no light
-/// of two reflections tells of no difference, whatever there is.
+/// Lower and upper bound of the error without polarisation, two standard errors apart from the estimate. A pilot without
+/// doubly reflected light does not constrain the difference.
 fn difference(p: &Pilot) -> (f64, f64) {
     let d = p.reflected_difference;
     let per = 1.0 / p.reflected.value.max(f64::MIN_POSITIVE);
@@ -164,28 +164,28 @@ fn difference(p: &Pilot) -> (f64, f64) {
     ((value - spread) * per, (value + spread) * per + unmet)
 }
 
-/// Whether a pilot leaves open if polarisation matters, and with `photons` in all would tell that it does not,
-/// were the difference `worse` standard deviations of its way there greater than it looks.
+/// Whether a pilot leaves polarisation undecided, and would decide against it with `photons` in total, even if the
+/// difference turned out `worse` standard deviations larger than estimated.
 fn may_turn_out(p: &Pilot, tolerance: f64, photons: u64, worse: f64) -> bool {
     let (least, most) = difference(p);
     let (guess, spread) = (0.5 * (least + most), 0.5 * (most - least));
-    // Of the variance this share is left then, and the rest is how far the guess will move.
+    // The remaining share of the variance; the rest is the variance of the change of the estimate.
     let left = (p.photons as f64 / photons.max(1) as f64).min(1.0);
     let then = guess + spread * (left.sqrt() + 0.5 * worse * (1.0 - left).sqrt());
     most > tolerance && then <= tolerance
 }
 
-/// Whether a pilot has too few photons to tell of light that comes back after many bounces.
+/// Whether a pilot has too few photons to bound the light that returns after many bounces.
 fn blind(p: &Pilot, tolerance: f64) -> bool {
     unseen(p, p.reflected.value) > 0.5 * BOUNCES_SHARE * tolerance
 }
 
-/// What none of a pilot's photons met may amount to, relative to a share of the light.
+/// Upper bound of light that none of a pilot's photons represents, relative to a share of the light.
 fn unseen(p: &Pilot, share: f64) -> f64 {
     UNSEEN / p.photons.max(1) as f64 / share.max(f64::MIN_POSITIVE)
 }
 
-/// The exact answer where all interfaces are flat, neither diffuse nor, above the last, absorbing.
+/// The exact reflectance where all interfaces are flat, not diffuse and, above the last, not absorbing.
 fn flat_stack(scene: &Scene) -> Option<StackReflectance> {
     let mut indices = vec![Complex::new(scene.n_top, 0.0)];
     for shape in &scene.interface {
@@ -204,8 +204,8 @@ fn flat_stack(scene: &Scene) -> Option<StackReflectance> {
     stack.reflect_deg(scene.light.theta_i_deg).ok()
 }
 
-/// Relative standard error of the reflected energy that a run of so many photons will have, or less: of split photons only
-/// the light of several reflections is left to chance, and of that their starts are spread evenly.
+/// Upper bound of the relative standard error of the reflected energy of a run. With split photons only multiply
+/// reflected light is random, and its starting points are stratified.
 fn own_error(pilot: &Pilot, photons: u64, method: Method) -> f64 {
     let ratio = pilot.photons as f64 / photons.max(1) as f64;
     let counted = pilot.reflected.std / pilot.reflected.value.max(f64::MIN_POSITIVE) * ratio.sqrt();
@@ -215,13 +215,13 @@ fn own_error(pilot: &Pilot, photons: u64, method: Method) -> f64 {
     }
 }
 
-/// Why polarisation is part of the question itself.
-fn asks_for_polarisation(scene: &Scene, wish: &Wish) -> Option<&'static str> {
+/// The reason why the result needs polarisation, if it does.
+fn asks_for_polarisation(scene: &Scene, request: &TracePlanRequest) -> Option<&'static str> {
     let [_, q, u, v] = scene.light.stokes;
     if scene.run.polarised.as_bool() == Some(true) {
-        Some("the scene says so")
-    } else if wish.mueller {
-        Some("Mueller matrices are asked for")
+        Some("the scene states it")
+    } else if request.mueller {
+        Some("the run gives Mueller matrices")
     } else if [q, u, v] != [0.0; 3] {
         Some("the lamp is polarised")
     } else {
@@ -229,8 +229,8 @@ fn asks_for_polarisation(scene: &Scene, wish: &Wish) -> Option<&'static str> {
     }
 }
 
-fn polarisation(known: &Known, seen: Option<&Pilot>, tolerance: f64) -> Choice {
-    let choice = |included: bool, why: String, cost: Option<f64>, basis: Basis| Choice {
+fn polarisation(known: &SceneFacts, seen: Option<&Pilot>, tolerance: f64) -> PlanChoice {
+    let choice = |included: bool, why: String, cost: Option<f64>, basis: Basis| PlanChoice {
         decision: Decision::Polarisation,
         included,
         what: "polarisation of light".to_owned(),
@@ -238,15 +238,14 @@ fn polarisation(known: &Known, seen: Option<&Pilot>, tolerance: f64) -> Choice {
         cost,
         basis,
     };
-    if known.told == Some(false) {
-        return choice(false, "the scene says so".to_owned(), None, Basis::Bound);
+    if known.stated_polarised == Some(false) {
+        return choice(false, "the scene states it".to_owned(), None, Basis::Bound);
     }
-    if let Some(why) = known.asks {
+    if let Some(why) = known.needs_polarisation {
         return choice(true, why.to_owned(), None, Basis::Exact);
     }
-    if known.alone {
-        let why =
-            "a single reflection of unpolarised light, counted by energy, does not depend on it";
+    if known.is_single_flat {
+        let why = "the energy of a single reflection of unpolarised light does not depend on it";
         return choice(false, why.to_owned(), Some(0.0), Basis::Exact);
     }
     if let Some(exact) = &known.stack {
@@ -254,14 +253,14 @@ fn polarisation(known: &Known, seen: Option<&Pilot>, tolerance: f64) -> Choice {
         let cost = (exact.scalar / with.max(f64::MIN_POSITIVE) - 1.0).abs();
         let percent = 100.0 * cost;
         let why = format!(
-            "the closed answer of flat layers differs by {percent:.2} % without it (unpolarised lamp, energies only)"
+            "the exact reflectance of the flat layers changes by {percent:.2} % without it (unpolarised lamp, energies only)"
         );
         return choice(cost > tolerance, why, Some(cost), Basis::Exact);
     }
     let Some(p) = seen else {
         return choice(
             true,
-            "nothing bounds what it would cost".to_owned(),
+            "its effect has no bound".to_owned(),
             None,
             Basis::Bound,
         );
@@ -270,23 +269,23 @@ fn polarisation(known: &Known, seen: Option<&Pilot>, tolerance: f64) -> Choice {
     let percent = 100.0 * cost;
     if cost <= tolerance {
         let why = format!(
-            "the lamp is unpolarised and only energies are asked for; {} photons carried both ways differ by no more than {percent:.2} %",
+            "unpolarised lamp, energies only; {} photons traced with and without it differ by at most {percent:.2} %",
             p.photons
         );
         choice(false, why, Some(cost), Basis::Pilot)
     } else {
         let why = format!(
-            "without it the reflected energy would be off by up to {percent:.2} % ({} photons carried both ways)",
+            "without it the reflected energy would change by up to {percent:.2} % ({} photons traced with and without it)",
             p.photons
         );
         choice(true, why, Some(cost), Basis::Pilot)
     }
 }
 
-/// Bounces beyond which next to nothing comes back.
-fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u32>) {
+/// The number of bounces after which little light returns.
+fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (PlanChoice, Option<u32>) {
     let choice =
-        |included: bool, what: String, why: String, cost: Option<f64>, basis: Basis| Choice {
+        |included: bool, what: String, why: String, cost: Option<f64>, basis: Basis| PlanChoice {
             decision: Decision::Bounces,
             included,
             what,
@@ -295,7 +294,7 @@ fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u3
             basis,
         };
     if flat {
-        let why = "on a flat interface light bounces once".to_owned();
+        let why = "light bounces once on a flat interface".to_owned();
         let what = "bounces within an interface".to_owned();
         return (choice(false, what, why, Some(0.0), Basis::Exact), None);
     }
@@ -304,8 +303,7 @@ fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u3
         let why = "no tolerance was stated".to_owned();
         return (choice(true, all, why, None, Basis::Bound), None);
     };
-    // Late light is seldom: what its few photons say of their own scatter is no bound, and none at all says
-    // nothing, so what so many photons may have missed is added.
+    // Late light is rare, so the scatter of its few photons is not a bound. The bound for unseen light is added.
     let mut beyond = [(0.0, 0.0f64); 2];
     let mut limit = None;
     for order in (0..ORDERS - 1).rev() {
@@ -314,8 +312,7 @@ fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u3
             let next = p.by_interactions[side][order + 1];
             let (value, std) = &mut beyond[side];
             (*value, *std) = (*value + next.value, std.hypot(next.std));
-            // The tolerance is one of the reflected light, however little that is; where nothing was seen to go through,
-            // a percentage of it says nothing.
+            // The tolerance is relative to the reflected light, and to the transmitted light where there is some.
             if side == 0 || all.value > 0.0 {
                 let share = (*value + 2.0 * *std) / all.value.max(f64::MIN_POSITIVE);
                 cost = cost.max(share + unseen(p, all.value));
@@ -329,7 +326,7 @@ fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u3
     match limit {
         Some((n, cost)) => {
             let why = format!(
-                "light that leaves after more than {n} interactions is no more than {:.2} % of what is reflected or goes through",
+                "light that leaves after more than {n} interactions is at most {:.2} % of the reflected or transmitted light",
                 100.0 * cost
             );
             let what = format!("interactions beyond {n}");
@@ -340,13 +337,13 @@ fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u3
             let least = unseen(p, p.reflected.value);
             let why = if least > allowed {
                 format!(
-                    "{} photons cannot show less than {:.2} % that comes back late",
+                    "the {}-photon pilot cannot resolve late light below {:.2} %",
                     p.photons,
                     100.0 * least
                 )
             } else {
                 format!(
-                    "more than {:.2} % comes back after {ORDERS} interactions and more",
+                    "more than {:.2} % of the light returns after {ORDERS} or more interactions",
                     100.0 * allowed
                 )
             };
@@ -355,7 +352,7 @@ fn bounces(flat: bool, seen: Option<&Pilot>, allowed: f64) -> (Choice, Option<u3
     }
 }
 
-/// n and k of a medium given by numbers; `None` for a name or a diffuse body.
+/// n and k of a medium that is stated by numbers; `None` for a name or a diffuse body.
 fn number(below: &toml::Value) -> Option<(f64, f64)> {
     let table = below.as_table()?;
     let of = |key: &str| match table.get(key) {
@@ -365,7 +362,7 @@ fn number(below: &toml::Value) -> Option<(f64, f64)> {
     (!table.contains_key("rho_d")).then_some((of("n")?, of("k")?))
 }
 
-/// Interfaces between equal media, which do nothing to light whatever their shape (1 for the topmost). A
+/// Interfaces between equal media, which do not change light whatever their shape (1 for the topmost). A
 /// scene keeps at least one.
 fn idle_interfaces(scene: &Scene) -> Vec<usize> {
     let mut above = Some((scene.n_top, 0.0));
@@ -383,20 +380,20 @@ fn idle_interfaces(scene: &Scene) -> Vec<usize> {
     idle
 }
 
-fn layers(scene: &Scene, idle: &[usize]) -> Choice {
+fn layers(scene: &Scene, idle: &[usize]) -> PlanChoice {
     let count = scene.interface.len();
     let included = idle.is_empty();
     let (what, why) = if included {
         (
             format!("{count} of {count} interfaces"),
-            "each has its own step of the index",
+            "each changes the index",
         )
     } else {
         let names: Vec<String> = idle.iter().map(ToString::to_string).collect();
-        let why = "the medium is the same above and below: nothing is reflected and nothing turned";
+        let why = "the medium is the same above and below, so no light is reflected or refracted";
         (format!("interface {}", names.join(", ")), why)
     };
-    Choice {
+    PlanChoice {
         decision: Decision::Layers,
         included,
         what,
@@ -406,8 +403,8 @@ fn layers(scene: &Scene, idle: &[usize]) -> Choice {
     }
 }
 
-/// Makes a plan's decisions those of a run; what the scene itself says of polarisation stands.
-pub fn apply(plan: &Plan, scene: &Scene, prepared: &mut Prepared) {
+/// Applies a plan to a run. A statement of the scene about polarisation takes precedence.
+pub fn apply(plan: &ComputationPlan, scene: &Scene, prepared: &mut Prepared) {
     if let Some(choice) = plan.on(Decision::Polarisation)
         && !scene.run.polarised.is_bool()
     {

@@ -1,9 +1,9 @@
 //! The plan of a recorded series, before a frame is read.
 //!
-//! What the sample's surface is like is not known yet, so costs are bounds or estimates over surfaces as
-//! samples have them: ridges of 5 to 20°, lobes of α 0.05 to 0.2.
+//! The surface of the sample is not known yet, so costs are bounds or estimates over typical
+//! surfaces: ridges of 5 to 20°, lobes of α 0.05 to 0.2.
 
-use super::{Basis, Choice, Decision, Plan};
+use super::{Basis, ComputationPlan, Decision, PlanChoice};
 use crate::frame::FrameKind;
 use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::model::fresnel::reflectances;
@@ -11,12 +11,12 @@ use crate::model::left_out::POLARISATION;
 use crate::model::{Optics, Surface, Variant, cone as cubature, radiance};
 use crate::series::{FrameRow, Manifest};
 
-/// Surfaces over which costs are taken: (θr in degrees, α).
+/// Typical surfaces, over which costs are maximised: (θr in degrees, α).
 pub(crate) const SURFACES: [(f64, f64); 4] = [(5.0, 0.05), (10.0, 0.12), (15.0, 0.06), (20.0, 0.2)];
 
 /// Plans the fit of a series before a frame is read; `tolerance` is relative to the brightest radiance.
 #[must_use]
-pub fn plan(manifest: &Manifest, rows: &[FrameRow], tolerance: f64) -> Plan {
+pub fn plan(manifest: &Manifest, rows: &[FrameRow], tolerance: f64) -> ComputationPlan {
     let mut poses: Vec<Pose> = rows
         .iter()
         .filter(|r| r.kind == FrameKind::Sample)
@@ -34,24 +34,29 @@ pub fn plan(manifest: &Manifest, rows: &[FrameRow], tolerance: f64) -> Plan {
     let mut plan = over(manifest, &poses, &surfaces, tolerance);
     let of_surfaces = |d| matches!(d, Decision::Polarisation | Decision::ConeAverage);
     for choice in &mut plan.decisions {
-        // A metal's polarisation is part of the model, whatever its ridges.
+        // The polarisation of a metal is always part of the model.
         if of_surfaces(choice.decision) && !choice.included && choice.cost.is_some_and(|c| c > 0.0)
         {
             choice.why.push_str(
-                "; the cost is the largest among surfaces as samples have them (ridges of 5° to 20°, α 0.05 to 0.2): \
-                 a fit reports that of the surface it finds",
+                "; the cost is the largest over typical surfaces (ridges of 5° to 20°, α 0.05 to 0.2); \
+                 a fit reports that of the fitted surface",
             );
         }
     }
     plan
 }
 
-/// The same for given poses, with the costs on given surfaces: those that samples have, or the fitted one.
+/// Plans a fit at the given poses, with the largest costs over the given surfaces: the typical ones, or the fitted one.
 #[must_use]
-pub fn over(manifest: &Manifest, poses: &[Pose], surfaces: &[Surface], tolerance: f64) -> Plan {
+pub fn over(
+    manifest: &Manifest,
+    poses: &[Pose],
+    surfaces: &[Surface],
+    tolerance: f64,
+) -> ComputationPlan {
     let rig = manifest.rig_geometry();
     let (eta, k) = manifest.material().index();
-    Plan {
+    ComputationPlan {
         tolerance,
         quantity: "brightest radiance of the series".to_owned(),
         decisions: vec![
@@ -66,9 +71,9 @@ pub fn over(manifest: &Manifest, poses: &[Pose], surfaces: &[Surface], tolerance
     }
 }
 
-/// What may lie over the surface.
-pub(crate) fn layers() -> Choice {
-    Choice {
+/// Decides about layers over the surface.
+pub(crate) fn layers() -> PlanChoice {
+    PlanChoice {
         decision: Decision::Layers,
         included: false,
         what: "layers over the sample's surface".to_owned(),
@@ -78,8 +83,8 @@ pub(crate) fn layers() -> Choice {
     }
 }
 
-/// Lamp and camera do not polarise, so a single reflection does not depend on it at all; a second one
-/// sees what the first has polarised.
+/// Decides about polarisation. Lamp and camera do not polarise, so a single reflection does not depend on it. It changes
+/// double reflections, because the first reflection polarises the light of the second.
 pub(crate) fn polarisation(
     rig: &RigGeometry,
     eta: f64,
@@ -87,8 +92,8 @@ pub(crate) fn polarisation(
     poses: &[Pose],
     surfaces: &[Surface],
     tolerance: f64,
-) -> Choice {
-    let mut choice = Choice {
+) -> PlanChoice {
+    let mut choice = PlanChoice {
         decision: Decision::Polarisation,
         included: k > 0.0,
         what: "polarisation between the first and the second bounce".to_owned(),
@@ -102,14 +107,14 @@ pub(crate) fn polarisation(
         let f = 0.5 * (s + p);
         let more = 0.5 * (s * s + p * p) / (f * f) - 1.0;
         choice.why = format!(
-            "light that bounces twice on metal is about {:.1} % brighter for it, and in some poses it is all there is",
+            "it makes doubly reflected light on metal about {:.1} % brighter; in some poses this is the only light",
             100.0 * more
         );
         choice.cost = Some(more);
         choice.basis = Basis::Estimate;
         return choice;
     }
-    // The closed form follows polarisation where the index has an imaginary part, however small.
+    // The closed form follows polarisation for any positive k.
     let mut cost = 0.0f64;
     for surface in surfaces {
         let (mut peak, mut off) = (0.0f64, 0.0f64);
@@ -131,10 +136,10 @@ pub(crate) fn polarisation(
     }
     choice.included = cost > tolerance;
     choice.why = if choice.included {
-        "what comes off the first facet is polarised, and the second one sees it; the integrated second bounce of a \
-         fit has it"
+        "the first facet polarises the light that the second reflects; the integrated second bounce of a \
+         fit includes it"
     } else {
-        "single reflections do not depend on it (lamp and camera do not polarise), double ones are weak"
+        "single reflections do not depend on it (lamp and camera do not polarise) and double reflections are weak"
     }
     .to_owned();
     choice.what = POLARISATION.to_owned();
@@ -151,11 +156,11 @@ fn some(poses: &[Pose]) -> impl Iterator<Item = Pose> {
         .copied()
 }
 
-fn bounces(k: f64) -> Choice {
+fn bounces(k: f64) -> PlanChoice {
     let (what, why) = if k > 0.0 {
         (
             "bounces beyond the third",
-            "the closed form has two bounces, the quadrature adds them exactly and a third",
+            "the closed form has two bounces; the quadrature computes them exactly and adds a third",
         )
     } else {
         (
@@ -163,8 +168,8 @@ fn bounces(k: f64) -> Choice {
             "the closed form has two bounces and all orders of diffuse exchange",
         )
     };
-    // Each further bounce in the valley brings at most F of the one before; on plastic F is 5 %.
-    Choice {
+    // Each further bounce in the valley has at most F times the light of the one before; on plastic F is 5 %.
+    PlanChoice {
         decision: Decision::Bounces,
         included: false,
         what: what.to_owned(),
@@ -174,8 +179,8 @@ fn bounces(k: f64) -> Choice {
     }
 }
 
-/// The closed correction of the lobes' widths against an average over the cones of lamp and lens, and
-/// against nothing at all.
+/// Decides about the average over the cones of lamp and lens, by comparing it with the closed correction of the lobes'
+/// widths.
 fn cone(
     rig: &RigGeometry,
     eta: f64,
@@ -183,14 +188,14 @@ fn cone(
     poses: &[Pose],
     surfaces: &[Surface],
     tolerance: f64,
-) -> Choice {
+) -> PlanChoice {
     let (lamp, lens) = (rig.cones.lamp.rad() > 0.0, rig.cones.lens.rad() > 0.0);
     let whose = match (lamp, lens) {
         (true, true) => "the cones of lamp and lens",
         (false, true) => "the lens's cone",
         _ => "the lamp's cone",
     };
-    let mut choice = Choice {
+    let mut choice = PlanChoice {
         decision: Decision::ConeAverage,
         included: false,
         what: format!("average over {whose}"),
@@ -211,7 +216,7 @@ fn cone(
     if closed <= tolerance {
         choice.cost = Some(closed);
         choice.why = format!(
-            "the closed correction of the lobes' widths (α² + (Rl² + Rc²)/8) is within {} of it (points would be {} off)",
+            "the closed correction of the lobes' widths (α² + (Rl² + Rc²)/8) is within {} of it (without a correction: {})",
             percent(closed),
             percent(point)
         );
@@ -219,16 +224,16 @@ fn cone(
         choice.included = true;
         choice.cost = None;
         choice.why = format!(
-            "the closed correction of the lobes' widths (α² + (Rl² + Rc²)/8) would be {} off: a fit adds the \
-             cubature over {whose} with its second tier",
+            "the closed correction of the lobes' widths (α² + (Rl² + Rc²)/8) would be wrong by {}; a fit adds the \
+             cubature over {whose} with its higher-order correction",
             percent(closed)
         );
     }
     choice
 }
 
-/// Largest differences from the average over the cones over the brightest radiance: (with the closed
-/// correction, with points at both ends). At most 60 poses.
+/// Largest differences from the average over the cones, relative to the brightest radiance: with the closed
+/// correction, and with points for lamp and lens. At most 60 poses are used.
 fn cone_costs(
     rig: &RigGeometry,
     eta: f64,
@@ -259,16 +264,16 @@ fn cone_costs(
     (closed * per_peak, point * per_peak)
 }
 
-fn pixels(manifest: &Manifest) -> Choice {
+fn pixels(manifest: &Manifest) -> PlanChoice {
     let far = manifest.is_telecentric();
-    Choice {
+    PlanChoice {
         decision: Decision::PerPixelGeometry,
         included: !far,
         what: "directions of single pixels".to_owned(),
         why: if far {
-            "camera and lamp are far: all pixels have the same directions".to_owned()
+            "camera and lamp are distant; all pixels have the same directions".to_owned()
         } else {
-            "camera or lamp are near: directions change over the field".to_owned()
+            "camera or lamp are near; directions change over the field".to_owned()
         },
         cost: far.then_some(0.0),
         basis: Basis::Exact,
@@ -280,7 +285,7 @@ mod tests {
     use super::*;
     use crate::series::Series;
 
-    fn planned(name: &str) -> Plan {
+    fn planned(name: &str) -> ComputationPlan {
         let folder = std::path::Path::new("tests/data/series").join(name);
         let series = Series::open(&folder).unwrap();
         plan(series.manifest(), series.rows(), 0.01)
@@ -300,7 +305,7 @@ mod tests {
 
     #[test]
     fn the_closed_correction_costs_a_tenth_of_a_point_lamp() {
-        // A lobe of α = 0.05 under a lamp of 1° in radius: a few tenths of a per cent of its peak.
+        // A lobe of α = 0.05 under a lamp of 1° in radius: a few tenths of a percent of its peak.
         let rig = RigGeometry::IN_PLANE;
         let poses: Vec<Pose> = (0..9)
             .map(|t| Pose::from_deg(-20.0 + 5.0 * f64::from(t), 0.0))

@@ -5,38 +5,12 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal, Poisson};
 use rand_pcg::Pcg64;
 
-use super::FrameSource;
 use super::viewing::Viewing;
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Directions;
-use crate::series::{FrameReadError, FrameRow, Manifest, Series};
+use crate::series::{FrameRow, Manifest, Series};
 
-/// A series in memory; `None` is a frame that cannot be decoded.
-#[derive(Debug, Clone)]
-pub(super) struct Memory {
-    pub(super) manifest: Manifest,
-    pub(super) rows: Vec<FrameRow>,
-    pub(super) frames: Vec<Option<Frame>>,
-}
-
-impl FrameSource for Memory {
-    fn manifest(&self) -> &Manifest {
-        &self.manifest
-    }
-
-    fn rows(&self) -> &[FrameRow] {
-        &self.rows
-    }
-
-    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
-        self.frames[index]
-            .clone()
-            .ok_or_else(|| FrameReadError::Store {
-                file: self.rows[index].file.clone(),
-                source: "half of the file is missing".into(),
-            })
-    }
-}
+pub(super) use crate::cases::MemorySeries as Memory;
 
 impl Memory {
     pub(super) fn of(series: &Series) -> Memory {

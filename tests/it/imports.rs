@@ -17,6 +17,8 @@ const RULES: &[(&str, &[&str])] = &[
     ("material", &[]),
     ("frame", &[]),
     ("clock", &[]),
+    ("colour", &[]),
+    ("figures", &["colour"]),
     ("jackknife", &["units", "geometry"]),
     ("forecast", &[]),
     ("job", &[]),
@@ -113,6 +115,7 @@ const RULES: &[(&str, &[&str])] = &[
         "map",
         &[
             "units",
+            "colour",
             "geometry",
             "jackknife",
             "material",
@@ -127,9 +130,23 @@ const RULES: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "cases",
+        &[
+            "units",
+            "geometry",
+            "material",
+            "observation",
+            "model",
+            "frame",
+            "series",
+            "reduction",
+        ],
+    ),
+    (
         "check",
         &[
             "units",
+            "cases",
             "frame",
             "geometry",
             "material",
@@ -152,6 +169,8 @@ const RULES: &[(&str, &[&str])] = &[
         "accuracy",
         &[
             "units",
+            "cases",
+            "figures",
             "frame",
             "geometry",
             "material",

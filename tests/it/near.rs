@@ -8,14 +8,15 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
+use ridged::cases::MemorySeries;
 use ridged::fit::{FitOptions, FitReport, VariantChoice, fit};
 use ridged::frame::{Frame, FrameKind};
 use ridged::geometry::Directions;
 use ridged::model::prepared::{OpticsTable, Prepared};
 use ridged::model::{Optics, Surface, Variant};
 use ridged::observation::ObservationSet;
-use ridged::reduction::{FrameReadError, FrameSource, reduce};
-use ridged::series::{FrameRow, Manifest};
+use ridged::reduction::reduce;
+use ridged::series::Manifest;
 
 const EDGE: usize = 32;
 const FIELD_MM: f64 = 44.0;
@@ -57,26 +58,6 @@ index_of_refraction = 1.54
 index_of_refraction_std = 0.005
 "#;
 
-struct Memory {
-    manifest: Manifest,
-    rows: Vec<FrameRow>,
-    frames: Vec<Frame>,
-}
-
-impl FrameSource for Memory {
-    fn manifest(&self) -> &Manifest {
-        &self.manifest
-    }
-
-    fn rows(&self) -> &[FrameRow] {
-        &self.rows
-    }
-
-    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
-        Ok(self.frames[index].clone())
-    }
-}
-
 /// Returns the directions to lamp and camera at the point of the sample that a pixel images, and the irradiance there.
 fn seen(pixel: usize, tilt_deg: f64) -> (Vector3<f64>, Vector3<f64>, f64) {
     let t = tilt_deg.to_radians();
@@ -97,7 +78,7 @@ fn seen(pixel: usize, tilt_deg: f64) -> (Vector3<f64>, Vector3<f64>, f64) {
     (to_lamp.normalize(), (pupil - point).normalize(), irradiance)
 }
 
-fn painted(surface: &Surface, stray: f64) -> Memory {
+fn painted(surface: &Surface, stray: f64) -> MemorySeries {
     // A lobe's peak is inversely proportional to its widths along both axes; this exposure avoids saturation.
     let exposure_s = 0.025 * surface.alpha_u * surface.alpha_v / 0.0064;
     let manifest = Manifest::from_toml(MANIFEST, "manifest.toml").unwrap();
@@ -118,8 +99,7 @@ fn painted(surface: &Surface, stray: f64) -> Memory {
     for tilt in tilts {
         poses.extend((0..8).map(|i| (FrameKind::Sample, tilt, 45.0 * f64::from(i))));
     }
-    let mut rows = Vec::new();
-    let mut frames = Vec::new();
+    let mut series = MemorySeries::new(manifest);
     for (kind, tilt, azimuth) in poses {
         // v is at the recorded azimuth + zero + offset.
         let v_deg: f64 = azimuth + 90.0 + AZIMUTH_OFFSET_DEG;
@@ -145,22 +125,11 @@ fn painted(surface: &Surface, stray: f64) -> Memory {
                 (200.0 + 2.0 * counted).round().clamp(0.0, 65535.0) as u16
             })
             .collect();
-        rows.push(FrameRow {
-            file: format!("frames/{}.png", rows.len()),
-            kind,
-            theta_c_deg: tilt,
-            phi_s_deg: azimuth,
-            exposure_s,
-            repeat: 0,
-            timestamp: String::new(),
-        });
-        frames.push(Frame::new(EDGE as u32, EDGE as u32, dn).unwrap());
+        series.take(kind, tilt, azimuth, exposure_s);
+        let frame = Frame::new(EDGE as u32, EDGE as u32, dn).unwrap();
+        series.frames.push(Some(frame));
     }
-    Memory {
-        manifest,
-        rows,
-        frames,
-    }
+    series
 }
 
 /// Fits the rendered surface and compares it with the truth: to 0.1°, 0.3° for the azimuth, and 3 %.

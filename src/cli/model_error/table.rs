@@ -5,13 +5,13 @@ use std::fmt::Write as _;
 use serde_json::{Value, json};
 
 use crate::accuracy::full_scan;
-use crate::accuracy::model_error::{Cell, MATERIALS, Wanted, summary};
+use crate::accuracy::model_error::{ErrorSurface, MATERIALS, SurfaceErrors, summary};
 use crate::forecast::Expected;
 use crate::model::LeftOut;
 use crate::wording::counted;
 
 /// Effects that neither the closed forms nor the traced surfaces include, and surfaces left out by the time limit.
-pub(super) fn left_out(missing: &[Wanted]) -> Vec<LeftOut> {
+pub(super) fn left_out(missing: &[ErrorSurface]) -> Vec<LeftOut> {
     let mut list = vec![
         LeftOut::new(
             "rounded crests, burrs, draft of the risers",
@@ -25,7 +25,7 @@ pub(super) fn left_out(missing: &[Wanted]) -> Vec<LeftOut> {
         ),
     ];
     if !missing.is_empty() {
-        let names: Vec<String> = missing.iter().map(Wanted::name).collect();
+        let names: Vec<String> = missing.iter().map(ErrorSurface::name).collect();
         let what = counted(missing.len(), "surface");
         list.push(LeftOut::new(
             format!("{what}: {}", names.join(", ")),
@@ -37,7 +37,7 @@ pub(super) fn left_out(missing: &[Wanted]) -> Vec<LeftOut> {
 }
 
 /// The object of `--json`.
-pub(super) fn report(cells: &[Cell], left_out: &[LeftOut], seconds: f64) -> Value {
+pub(super) fn report(cells: &[SurfaceErrors], left_out: &[LeftOut], seconds: f64) -> Value {
     let surfaces = cells.iter().map(|cell| {
         // Signed, as in the table of poses: too bright is positive.
         let largest = |of: &[f64]| of.get(summary(of).1).copied();
@@ -81,7 +81,7 @@ pub(super) fn report(cells: &[Cell], left_out: &[LeftOut], seconds: f64) -> Valu
 }
 
 /// One line per surface.
-pub(super) fn csv(cells: &[Cell]) -> String {
+pub(super) fn csv(cells: &[SurfaceErrors]) -> String {
     let mut text = String::from(
         "material,theta_r_deg,alpha,tracer_rms,closed_rms,closed_worst,worst_theta_c_deg,worst_phi_s_deg,\
          quadrature_rms,quadrature_worst",
@@ -133,11 +133,11 @@ pub(super) fn csv(cells: &[Cell]) -> String {
 }
 
 /// Per material and pose: root mean square over the surfaces of closed form minus traced.
-pub(super) fn poses_csv(cells: &[Cell]) -> String {
+pub(super) fn poses_csv(cells: &[SurfaceErrors]) -> String {
     let mut text = String::from("material,theta_c_deg,phi_s_deg,closed_rms,quadrature_rms\n");
     for (material, (name, ..)) in MATERIALS.iter().enumerate() {
         for (n, at) in full_scan().poses().enumerate() {
-            let rms = |of: &dyn Fn(&Cell) -> f64| {
+            let rms = |of: &dyn Fn(&SurfaceErrors) -> f64| {
                 let own: Vec<f64> = cells
                     .iter()
                     .filter(|c| c.material == material)
@@ -159,7 +159,7 @@ pub(super) fn poses_csv(cells: &[Cell]) -> String {
 }
 
 /// A table in Markdown: the worst and the median over the roughnesses, by material and ridge angle.
-pub(super) fn table(cells: &[Cell]) -> String {
+pub(super) fn table(cells: &[SurfaceErrors]) -> String {
     let mut text = String::from(
         "| material | θr | paper, fitted: rms | its θr is off by | its αv by | sawtooth at the truth: rms | worst pose | two bounces integrated: rms | sawtooth, fitted: θr is off by | its α by | its ρd by | tracer's noise |\n\
          | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
@@ -171,11 +171,11 @@ pub(super) fn table(cells: &[Cell]) -> String {
         }
     }
     for (material, theta) in angles {
-        let own: Vec<&Cell> = cells
+        let own: Vec<&SurfaceErrors> = cells
             .iter()
             .filter(|c| c.material == material && c.theta_r_deg == theta)
             .collect();
-        let most = |of: &dyn Fn(&Cell) -> Option<f64>| -> Option<f64> {
+        let most = |of: &dyn Fn(&SurfaceErrors) -> Option<f64>| -> Option<f64> {
             own.iter()
                 .filter_map(|c| of(c))
                 .map(f64::abs)
@@ -184,8 +184,8 @@ pub(super) fn table(cells: &[Cell]) -> String {
         let percent =
             |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{:.3} %", 100.0 * x));
         let degrees = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.3}°"));
-        let paper = |c: &Cell| c.fitted[0];
-        let sawtooth = |c: &Cell| c.fitted[1];
+        let paper = |c: &SurfaceErrors| c.fitted[0];
+        let sawtooth = |c: &SurfaceErrors| c.fitted[1];
         let _ = writeln!(
             text,
             "| {} | {theta}° | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} |",

@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use anyhow::anyhow;
 use serde::Serialize;
 
-use super::curves::{Line, Panel, panels};
-use super::hemisphere::{Disc, Lamp, Scale, sheet};
+use super::curves::{self, AngleCurve, CurveValues};
+use super::hemisphere::{self, Disc, DiscScale, LampMark};
 use super::runs::{self, Runs};
 use super::{CliError, Source};
 use crate::cli::limits::{RunLimits, Stopwatch};
 use crate::cli::output_path;
 use crate::cli::values::whole;
+use crate::figures::{PlotAxis, with_true_minus};
 use crate::model::LeftOut;
 use crate::trace::compare::{Difference, Direction, Mask, Summary, WAVELENGTHS_NM, seed_at};
 use crate::trace::grid::Grid;
@@ -167,7 +168,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         let difference = Difference::of(&all, &mask)
             .ok_or_else(|| CliError::no_result(anyhow!("no run was finished")))?;
         if let Some(folder) = &args.pictures {
-            let lamp = Lamp {
+            let lamp = LampMark {
                 theta_deg: theta,
                 phi_deg: source.scene.light.phi_i_deg,
             };
@@ -237,7 +238,7 @@ impl Report {
 
 fn pictures(
     folder: &Path,
-    lamp: Lamp,
+    lamp: LampMark,
     wavelengths: &[f64],
     runs: &[Totals],
     difference: &Difference,
@@ -265,7 +266,7 @@ fn pictures(
         values
     };
     let (polarised, scalar) = (mean(0), mean(SCALAR));
-    let decades = Scale::decades(difference.directions.iter().map(|d| d.scalar));
+    let decades = DiscScale::decades(difference.directions.iter().map(|d| d.scalar));
     let round_up = |x: f64| ((x * 20.0).ceil() / 20.0).max(0.05);
     let most = round_up(difference.mdm().map_or(0.05, |s| s.greatest));
     let mut discs = vec![
@@ -273,15 +274,15 @@ fn pictures(
         disc("scalar BRDF / sr⁻¹", decades, scalar),
         disc(
             "mean d (polarised − scalar)/scalar",
-            Scale::Signed(most),
+            DiscScale::Signed(most),
             of(|d| d.mean),
         ),
-        disc("ADM, mean |d|", Scale::Range(0.0, most), of(|d| d.adm)),
+        disc("ADM, mean |d|", DiscScale::Range(0.0, most), of(|d| d.adm)),
     ];
     if wavelengths.len() > 1 {
         discs.push(disc(
             "MDM, greatest |d|",
-            Scale::Range(0.0, most),
+            DiscScale::Range(0.0, most),
             of(|d| d.mdm),
         ));
     }
@@ -306,13 +307,13 @@ fn pictures(
     super::write_picture(
         folder,
         &name,
-        &sheet(grid, lamp, discs.len(), &title, &note, &discs),
+        &hemisphere::figure(grid, lamp, discs.len(), &title, &note, &discs),
     )?;
     let name = format!("lobe-{}.svg", lamp.theta_deg);
     super::write_picture(folder, &name, &lobe(lamp, runs, &waves))
 }
 
-fn disc(title: &str, scale: Scale, values: Vec<Option<f64>>) -> Disc {
+fn disc(title: &str, scale: DiscScale, values: Vec<Option<f64>>) -> Disc {
     Disc {
         title: title.to_owned(),
         scale,
@@ -321,7 +322,7 @@ fn disc(title: &str, scale: Scale, values: Vec<Option<f64>>) -> Disc {
 }
 
 /// Polarised and scalar BRDF, and their difference, along three planes through n.
-fn lobe(lamp: Lamp, runs: &[Totals], waves: &str) -> String {
+fn lobe(lamp: LampMark, runs: &[Totals], waves: &str) -> String {
     let grid = runs[0].grid();
     let off_deg = [0.0, 10.0, 20.0];
     let mut upper = Vec::new();
@@ -350,45 +351,38 @@ fn lobe(lamp: Lamp, runs: &[Totals], waves: &str) -> String {
             let settled = d_std < 0.03 * q;
             relative.push((theta, if settled { d / q } else { f64::NAN }, d_std / q));
         }
-        let line = |name: &str, points| Line {
+        let curve = |name: &str, points| AngleCurve {
             name: name.to_owned(),
             points,
         };
-        upper.push(Panel {
-            title: match off {
-                0.0 => "plane of incidence".to_owned(),
-                _ => format!("{off}° from it"),
-            },
-            axis: "BRDF / sr⁻¹".to_owned(),
-            range: (0.0, 1.0),
-            turns: false,
-            ticks: Vec::new(),
-            step_deg: 90.0,
-            lines: vec![line("polarised", polarised), line("scalar", scalar)],
-        });
-        lower.push(Panel {
-            title: String::new(),
-            axis: "(pol. − scalar)/scalar".to_owned(),
-            range: (-0.25, 0.25),
-            turns: false,
-            step_deg: 90.0,
-            ticks: vec![-0.2, -0.1, 0.0, 0.1, 0.2],
-            lines: vec![line("", relative)],
-        });
+        let title = match off {
+            0.0 => "plane of incidence".to_owned(),
+            _ => format!("{off}° from it"),
+        };
+        let both = [curve("polarised", polarised), curve("scalar", scalar)];
+        upper.push((title, both));
+        lower.push([curve("", relative)]);
     }
-    let top = nice(brightest);
-    for panel in &mut upper {
-        panel.range = (0.0, top);
-        panel.ticks = (0..=4).map(|n| top * f64::from(n) / 4.0).collect();
-    }
-    upper.extend(lower);
-    panels(
+    let values = |axis| CurveValues {
+        axis,
+        wraps: false,
+        step_deg: 90.0,
+    };
+    let brdf = values(PlotAxis::from_zero("BRDF / sr⁻¹", brightest));
+    let ticks = [-0.2, -0.1, 0.0, 0.1, 0.2];
+    let ticks = ticks.map(|t| (t, with_true_minus(&format!("{t}"))));
+    let label = "(pol. − scalar)/scalar";
+    let relative = values(PlotAxis::between(label, (-0.25, 0.25), ticks.to_vec()));
+    let upper = upper.iter();
+    let upper = upper.map(|(title, curves)| curves::panel(title, &brdf, curves));
+    let lower = lower.iter();
+    let lower = lower.map(|curves| curves::panel("", &relative, curves));
+    curves::figure(
         &format!("Lobe of the reflected light, lamp at {}°", lamp.theta_deg),
         &format!(
             "{waves}; positive angles are on the side of the mirror direction; bars are standard errors"
         ),
-        3,
-        &upper,
+        upper.chain(lower).collect(),
     )
 }
 
@@ -424,17 +418,6 @@ fn across(grid: Grid, phi_deg: f64) -> Vec<(f64, Vec<(usize, f64)>)> {
         (sum > 0.5).then(|| (r.asin().to_degrees(), pixels))
     };
     (0..n).filter_map(direction).collect()
-}
-
-/// The next of 1, 2, 4, 5, 8, 10 times a power of ten.
-fn nice(x: f64) -> f64 {
-    if x <= 0.0 {
-        return 1.0;
-    }
-    let power = 10f64.powf(x.log10().floor());
-    let step = [1.0, 2.0, 4.0, 5.0, 8.0, 10.0];
-    let found = step.iter().find(|s| *s * power >= x);
-    found.map_or(10.0, |s| *s) * power
 }
 
 #[cfg(test)]

@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, anyhow};
 use serde::Serialize;
 
-use super::curves::{Line, Panel, panels};
+use super::curves::{self, AngleCurve, CurveValues};
 use super::runs::{self, Runs};
 use super::{CliError, Source};
 use crate::cli::limits::{RunLimits, Stopwatch};
 use crate::cli::output_path;
+use crate::figures::{Panel, PlotAxis, with_true_minus};
 use crate::model::LeftOut;
 use crate::trace::ellipsometer::{ERROR_UNKNOWN, Point, SETTINGS, curve};
 use crate::trace::run::Follow;
@@ -154,62 +155,55 @@ pub(super) fn write_curves(
     points: &[Point],
     step_deg: f64,
 ) -> Result<(), CliError> {
-    let mut sheet = Vec::new();
-    for dolp in [true, false] {
-        for (n, setting) in SETTINGS.iter().enumerate() {
-            let points: Vec<(f64, f64, f64)> = points
-                .iter()
-                .map(|p| {
-                    let r = &p.readings[n];
-                    let (value, std) = if dolp {
-                        (r.dolp, r.dolp_std)
-                    } else {
-                        (r.aop_deg, r.aop_std_deg)
-                    };
-                    let most = if dolp { 0.25 } else { 15.0 };
-                    let settled = std.filter(|std| *std < most);
-                    let value = settled.map_or(f64::NAN, |_| value);
-                    (p.theta_s_deg, value, settled.unwrap_or(0.0))
-                })
-                .collect();
-            sheet.push(Panel {
-                title: setting.name.to_owned(),
-                axis: if dolp { "DOLP" } else { "AOP / °" }.to_owned(),
-                // The half turn that has all four linear states inside: ±90° is one angle, not two.
-                range: if dolp { (0.0, 1.0) } else { (-67.5, 112.5) },
-                turns: !dolp,
-                ticks: if dolp {
-                    vec![0.0, 0.25, 0.5, 0.75, 1.0]
-                } else {
-                    vec![-45.0, 0.0, 45.0, 90.0]
-                },
-                step_deg,
-                lines: vec![Line {
-                    name: String::new(),
-                    points,
-                }],
+    let panels = |dolp: bool, settings: std::ops::Range<usize>| -> Vec<Panel> {
+        // Of all half turns this one holds the four linear states away from its ends.
+        let values = CurveValues {
+            axis: match dolp {
+                true => PlotAxis::from_zero("DOLP", 1.0),
+                false => {
+                    let ticks = [-45.0, 0.0, 45.0, 90.0];
+                    let ticks = ticks.map(|t| (t, with_true_minus(&format!("{t}"))));
+                    PlotAxis::between("AOP / °", (-67.5, 112.5), ticks.to_vec())
+                }
+            },
+            wraps: !dolp,
+            step_deg,
+        };
+        let panel = |n: usize| {
+            let points = points.iter().map(|p| {
+                let r = &p.readings[n];
+                let (value, std, most) = match dolp {
+                    true => (r.dolp, r.dolp_std, 0.25),
+                    false => (r.aop_deg, r.aop_std_deg, 15.0),
+                };
+                let settled = std.filter(|std| *std < most);
+                let value = settled.map_or(f64::NAN, |_| value);
+                (p.theta_s_deg, value, settled.unwrap_or(0.0))
             });
-        }
-    }
-    let (dolp, aop) = sheet.split_at(SETTINGS.len());
-    // Three states per row: DOLP above AOP.
-    let ordered: Vec<Panel> = [&dolp[..3], &aop[..3], &dolp[3..], &aop[3..]]
-        .into_iter()
-        .flatten()
-        .cloned()
-        .collect();
+            let curve = AngleCurve {
+                name: String::new(),
+                points: points.collect(),
+            };
+            curves::panel(SETTINGS[n].name, &values, &[curve])
+        };
+        settings.map(panel).collect()
+    };
+    // Three states per row, DOLP above AOP.
+    let ordered = [
+        panels(true, 0..3),
+        panels(false, 0..3),
+        panels(true, 3..6),
+        panels(false, 3..6),
+    ]
+    .concat();
     let mut note = "plane of incidence; positive angles are on the side of the mirror direction; AOP is from s to p; \
                     bars are standard errors"
         .to_owned();
     if points.iter().any(|p| p.errors_as_independent) {
         note += " that treat the Mueller elements as independent";
     }
-    let svg = panels(
-        &format!("Polarisation of the reflected light, lamp at {theta_i_deg}°"),
-        &note,
-        3,
-        &ordered,
-    );
+    let title = format!("Polarisation of the reflected light, lamp at {theta_i_deg}°");
+    let svg = curves::figure(&title, &note, ordered);
     super::write_picture(folder, name, &svg)
 }
 

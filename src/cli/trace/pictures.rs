@@ -1,9 +1,9 @@
-//! The pictures of one run: all Mueller elements, the Stokes vector of the scene's own light, and the
+//! The figures of one run: all Mueller elements, the Stokes vector for the scene's own light, and the
 //! six canonical states over the plane of incidence.
 
 use std::path::Path;
 
-use super::hemisphere::{Disc, Lamp, Scale, sheet};
+use super::hemisphere::{Disc, DiscScale, LampMark, figure};
 use super::{CliError, ellipsometer, write_picture};
 use crate::trace::ellipsometer::{aop_deg, curve, dolp};
 use crate::trace::height_field::Side;
@@ -15,7 +15,7 @@ const SETTLED: f64 = 0.3;
 
 /// Writes `mueller.svg`, `stokes.svg` and `curves.svg`; for a scalar run only `brdf.svg`.
 pub(super) fn write(folder: &Path, scene: &Scene, totals: &Totals) -> Result<(), CliError> {
-    let lamp = Lamp {
+    let lamp = LampMark {
         theta_deg: scene.light.theta_i_deg,
         phi_deg: scene.light.phi_i_deg,
     };
@@ -26,7 +26,7 @@ pub(super) fn write(folder: &Path, scene: &Scene, totals: &Totals) -> Result<(),
         (0..grid.per_side()).map(f).collect()
     };
     let brightness = over(&|bin| lit(bin).then(|| value(bin, 0)));
-    let decades = Scale::decades(brightness.iter().flatten().copied());
+    let decades = DiscScale::decades(brightness.iter().flatten().copied());
     let note = format!(
         "{} × {} bins of polar angle and azimuth, {} photons; ○ lamp, + mirror direction",
         grid.n_theta,
@@ -41,7 +41,7 @@ pub(super) fn write(folder: &Path, scene: &Scene, totals: &Totals) -> Result<(),
     };
     if totals.elements() < 16 {
         let discs = [brdf("BRDF / sr⁻¹", brightness)];
-        let svg = sheet(grid, lamp, 1, &title("Reflected light"), &note, &discs);
+        let svg = figure(grid, lamp, 1, &title("Reflected light"), &note, &discs);
         return write_picture(folder, "brdf.svg", &svg);
     }
     let settled = |bin: usize| {
@@ -52,11 +52,11 @@ pub(super) fn write(folder: &Path, scene: &Scene, totals: &Totals) -> Result<(),
     for i in 1..16 {
         discs.push(Disc {
             title: format!("m{}{} / m00", i / 4, i % 4),
-            scale: Scale::Signed(1.0),
+            scale: DiscScale::Signed(1.0),
             values: over(&|bin| settled(bin).then(|| value(bin, i) / value(bin, 0))),
         });
     }
-    let svg = sheet(
+    let svg = figure(
         grid,
         lamp,
         4,
@@ -74,7 +74,7 @@ pub(super) fn write(folder: &Path, scene: &Scene, totals: &Totals) -> Result<(),
     let seen = |f: &dyn Fn(&[f64; 4]) -> f64| over(&|bin| settled(bin).then(|| f(&stokes(bin))));
     let ratio = |name: &str, i: usize| Disc {
         title: format!("{name} / I"),
-        scale: Scale::Signed(1.0),
+        scale: DiscScale::Signed(1.0),
         values: seen(&|s| s[i] / s[0]),
     };
     let discs = [
@@ -84,23 +84,23 @@ pub(super) fn write(folder: &Path, scene: &Scene, totals: &Totals) -> Result<(),
         ratio("V", 3),
         Disc {
             title: "DOLP".to_owned(),
-            scale: Scale::Range(0.0, 1.0),
+            scale: DiscScale::Range(0.0, 1.0),
             values: seen(&dolp),
         },
         Disc {
             title: "AOP from s to p".to_owned(),
-            scale: Scale::Turn,
-            // The angle is meaningless where the light is nearly unpolarised.
+            scale: DiscScale::Turn,
+            // The angle is undefined where almost no light is polarised.
             values: over(&|bin| {
                 (settled(bin) && dolp(&stokes(bin)) > 0.01).then(|| aop_deg(&stokes(bin)))
             }),
         },
     ];
     let what = format!(
-        "Stokes vector of the reflected light for the lamp's ({}, {}, {}, {})",
+        "Stokes vector of the reflected light for ({}, {}, {}, {})",
         1, input[1], input[2], input[3]
     );
-    let svg = sheet(grid, lamp, 3, &title(&what), &note, &discs);
+    let svg = figure(grid, lamp, 3, &title(&what), &note, &discs);
     write_picture(folder, "stokes.svg", &svg)?;
     match curve(totals, lamp.phi_deg) {
         Some(points) => {

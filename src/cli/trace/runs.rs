@@ -10,7 +10,7 @@ use std::time::Instant;
 use anyhow::anyhow;
 
 use super::{CliError, interrupt, unreached};
-use crate::accuracy::trace_forecast::{Asked, Patience, of_runs};
+use crate::accuracy::trace_forecast::{Patience, TraceExtent, of_runs};
 use crate::cli::limits::{RunLimits, Stopwatch};
 use crate::cli::progress::Bar;
 use crate::clock::elapsed_s;
@@ -134,7 +134,7 @@ pub(super) fn each(
 
 /// Prints a forecast of the runs, from short pilot runs.
 fn print_forecast(runs: &Runs<'_>, cancel: &AtomicBool) {
-    let asked = Asked {
+    let asked = TraceExtent {
         follow: runs.follow,
         target_error: runs.limits.target_error,
     };

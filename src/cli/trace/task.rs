@@ -11,13 +11,13 @@ use sha2::Digest;
 
 use super::runs::LONG;
 use super::{Args, pictures, prepare, ready, surface_build, table, unreached};
-use crate::accuracy::trace_forecast::{Asked, Patience, of_run};
+use crate::accuracy::trace_forecast::{Patience, TraceExtent, of_run};
 use crate::cli::limits::Stopwatch;
 use crate::cli::progress::Bar;
 use crate::cli::{CliError, interrupt, output_path};
 use crate::clock::elapsed_s;
-use crate::plan::scene::Wish;
-use crate::plan::{self, Plan};
+use crate::plan::scene::TracePlanRequest;
+use crate::plan::{self, ComputationPlan};
 use crate::trace::report::{About, Report};
 use crate::trace::run::{self, Ending, Progress, Shard, SoFar};
 use crate::trace::scene::{Prepared, Scene};
@@ -33,7 +33,7 @@ pub(super) struct TraceTask<'a> {
     cancel: Arc<AtomicBool>,
     scene: Scene,
     prepared: Prepared,
-    plan: Plan,
+    plan: ComputationPlan,
     shard: Shard,
     /// Identifies the run: files of one run have the same.
     run_id: String,
@@ -69,7 +69,7 @@ impl<'a> TraceTask<'a> {
             .map_or(Ok(()), output_path::check_folder)?;
         // The bits of the result depend on what is left out, so all parts of one run leave out the same.
         fingerprint.update(format!("{:?}", args.limits.tolerance));
-        let wish = Wish {
+        let wish = TracePlanRequest {
             mueller: out_of(args).is_some() || args.pictures.is_some(),
             tolerance: args.limits.tolerance.unwrap_or(plan::TOLERANCE),
             photons: args.limits.tolerance.is_none().then_some(prepared.photons),
@@ -124,9 +124,9 @@ impl<'a> TraceTask<'a> {
         if !worth || args.shard.is_some() || goes_on {
             return;
         }
-        let asked = Asked {
+        let asked = TraceExtent {
             target_error: args.limits.target_error,
-            ..Asked::ALL
+            ..TraceExtent::ALL
         };
         let patience = Patience::usual(args.limits.max_seconds, &self.cancel);
         if let Some(one) = of_run(&self.prepared, asked, patience) {

@@ -1,16 +1,16 @@
-//! What the plan of a scene leaves out, and what it keeps.
+//! Tests of the effects that the plan of a scene omits.
 
 use super::*;
 use crate::trace::run::{Shard, trace};
 use crate::trace::tally::Estimate;
 
-fn planned(text: &str, wish: &Wish) -> Plan {
+fn planned(text: &str, request: &TracePlanRequest) -> ComputationPlan {
     let scene = Scene::parse(text).unwrap();
     let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
-    plan(&scene, &prepared, wish)
+    plan(&scene, &prepared, request)
 }
 
-const ENERGY: Wish = Wish {
+const ENERGY: TracePlanRequest = TracePlanRequest {
     mueller: false,
     tolerance: 0.01,
     photons: None,
@@ -33,7 +33,7 @@ fn polarisation_is_out_where_light_is_reflected_once_and_in_for_layers_near_brew
     assert!(!choice.included && choice.cost == Some(0.0) && choice.basis == Basis::Exact);
     let brewster = planned(&smooth(60.0, "{ n = 2.4 }"), &ENERGY);
     let choice = brewster.on(Decision::Polarisation).unwrap();
-    // The exact answer of flat layers: what leaving it out costs is what the plan says.
+    // For flat layers the cost in the plan is exact.
     let stack = FlatStack::parse("1.5/2.4").unwrap();
     let exact = stack.reflect(60f64.to_radians()).unwrap();
     let off = (exact.channel.unpolarised() / exact.scalar - 1.0).abs();
@@ -50,18 +50,18 @@ fn polarisation_is_out_where_light_is_reflected_once_and_in_for_layers_near_brew
 }
 
 #[test]
-fn a_pilot_that_sees_next_to_nothing_of_double_reflections_does_not_leave_polarisation_out() {
-    // Few photons of ridges meet light of two reflections; split ones are so exact that it is seen.
+fn a_pilot_with_few_double_reflections_keeps_polarisation() {
+    // Few photons on ridges are reflected twice; split photons resolve that light.
     for seed in [1, 22, 30] {
         let scene = format!(
             "[light]\ntheta_i_deg = 45.0\nphi_i_deg = 70.0\n[[interface]]\nshape = \"ridges\"\ntheta_r_deg = 15.0\n\
              pitch_um = 100.0\nround_um = 3.0\nbelow = {{ n = 1.5 }}\n[run]\nseed = {seed}\nphotons = 1000000\n"
         );
-        let wish = Wish {
+        let request = TracePlanRequest {
             photons: Some(1_000_000),
             ..ENERGY
         };
-        let plan = planned(&scene, &wish);
+        let plan = planned(&scene, &request);
         assert!(
             plan.on(Decision::Polarisation).unwrap().included,
             "{plan:?}"
@@ -70,25 +70,25 @@ fn a_pilot_that_sees_next_to_nothing_of_double_reflections_does_not_leave_polari
 }
 
 #[test]
-fn who_asks_for_mueller_matrices_gets_them() {
-    let wish = Wish {
+fn mueller_matrices_keep_polarisation() {
+    let request = TracePlanRequest {
         mueller: true,
         ..ENERGY
     };
     let plan = planned(
         "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n",
-        &wish,
+        &request,
     );
     assert!(plan.on(Decision::Polarisation).unwrap().included);
 }
 
 #[test]
-fn an_interface_between_equal_media_is_left_out_and_its_absence_changes_nothing() {
+fn an_interface_between_equal_media_is_omitted_without_effect() {
     let text = smooth(40.0, "{ n = 1.5 }");
     let plan = planned(&text, &ENERGY);
     let choice = plan.on(Decision::Layers).unwrap();
     assert!(!choice.included && choice.what == "interface 2");
-    // What is left keeps its number, and the surface that it has by it.
+    // The remaining interface keeps its number and thus its surface.
     let ridges = "[[interface]]\nshape = \"ridges\"\ntheta_r_deg = 20.0\npitch_um = 10.0\nburr_um = 0.2\n\
                   below = { n = 1.5 }\n";
     let rough_air = "[[interface]]\nshape = \"beckmann\"\nalpha_u = 0.1\nalpha_v = 0.1\ncells = 16\nbelow = { n = 1.0 }\n";
@@ -121,11 +121,11 @@ fn an_interface_between_equal_media_is_left_out_and_its_absence_changes_nothing(
 
 #[test]
 fn without_a_stated_tolerance_nothing_costs_more_than_the_noise_of_the_run() {
-    let wish = Wish {
+    let request = TracePlanRequest {
         photons: Some(1_000_000_000),
         ..ENERGY
     };
-    let plan = planned(&smooth(30.0, "{ n = 2.4 }"), &wish);
+    let plan = planned(&smooth(30.0, "{ n = 2.4 }"), &request);
     assert!(plan.tolerance < 1e-3);
     assert!(
         plan.on(Decision::Polarisation).unwrap().included,
@@ -135,7 +135,7 @@ fn without_a_stated_tolerance_nothing_costs_more_than_the_noise_of_the_run() {
 
 #[test]
 fn layers_over_a_metal_keep_polarisation_where_the_run_would_notice() {
-    // Splitting light at every layer tells the reflected share far better than the number of photons says.
+    // Splitting at every layer makes the reflected share far more exact than the number of photons suggests.
     let flat = |below: &str| format!("[[interface]]\nshape = \"flat\"\nbelow = {below}\n");
     let layers: String = (0..29)
         .map(|j| {
@@ -149,16 +149,16 @@ fn layers_over_a_metal_keep_polarisation_where_the_run_would_notice() {
     let metal = flat("{ n = 0.3504, k = 2.7141 }");
     let text =
         format!("[light]\ntheta_i_deg = 45.0\n{layers}{metal}[run]\nphotons = 2000\nseed = 7\n");
-    let wish = Wish {
+    let request = TracePlanRequest {
         photons: Some(2000),
         ..ENERGY
     };
-    let plan = planned(&text, &wish);
+    let plan = planned(&text, &request);
     let choice = plan.on(Decision::Polarisation).unwrap();
     assert!(choice.cost.unwrap() > 2e-3 && choice.included, "{plan:?}");
 }
 
-/// A pilot that saw so much reflected and transmitted, by the number of interactions.
+/// A pilot with these reflected and transmitted shares by number of interactions.
 fn saw(photons: u64, reflected: &[f64], transmitted: &[f64]) -> Pilot {
     let exactly = |value: f64| Estimate { value, std: 0.0 };
     let all = |shares: &[f64]| exactly(shares.iter().sum());
@@ -176,32 +176,32 @@ fn saw(photons: u64, reflected: &[f64], transmitted: &[f64]) -> Pilot {
 }
 
 #[test]
-fn late_light_is_weighed_against_what_is_reflected_however_little_that_is() {
+fn late_light_is_relative_to_the_reflected_light() {
     let kept = |pilot: &Pilot, allowed: f64| bounces(false, Some(pilot), allowed).1;
-    // A tenth of the weak reflection comes back after two interactions: a thousandth of all light, and still too much.
+    // A tenth of the weak reflection returns after two interactions: only a thousandth of all light, but too much.
     let weak = saw(100_000_000, &[9e-3, 1e-3, 1e-6], &[0.98, 0.009]);
     assert_eq!(kept(&weak, 0.005), Some(2));
     assert_eq!(kept(&weak, 0.2), Some(1));
-    // What goes through late counts likewise, unless nothing goes through.
+    // The same holds for transmitted light, unless none is transmitted.
     let through = saw(100_000_000, &[0.5, 1e-6], &[0.4, 0.05, 0.049, 1e-6]);
     assert_eq!(kept(&through, 0.01), Some(3));
     let metal = saw(100_000_000, &[0.5, 1e-6], &[]);
     assert_eq!(kept(&metal, 0.01), Some(1));
-    // Late light that everything comes back as cannot be left out.
+    // Where all light is late, none of it can be omitted.
     let trapped = saw(100_000_000, &[0.05; ORDERS], &[]);
     assert_eq!(kept(&trapped, 0.01), None);
 }
 
 #[test]
-fn few_photons_do_not_tell_that_nothing_comes_back_late() {
-    // Three photons in a thousand may have been missed: a third of a reflection of one per cent.
+fn few_photons_do_not_bound_late_light() {
+    // Three photons in a thousand may be unseen: 30 % of a reflection of 1 %.
     let few = saw(1000, &[0.01], &[0.99]);
     let (choice, limit) = bounces(false, Some(&few), 0.05);
     assert!(limit.is_none() && choice.included, "{choice:?}");
     assert!(
         choice
             .why
-            .contains("1000 photons cannot show less than 30.00 %"),
+            .contains("the 1000-photon pilot cannot resolve late light below 30.00 %"),
         "{}",
         choice.why
     );

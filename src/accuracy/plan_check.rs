@@ -1,46 +1,46 @@
-//! Whether a plan keeps its word: its result beside that of a run with everything on, and the time of both.
+//! Checks that the result of a plan stays within its tolerance, and measures the time that the plan saves.
 //!
-//! Call [`of_scene`] for a scene of the tracer. The run with everything on goes on until its standard
-//! error is a fifth of the tolerance; the plan's result, with other random numbers, must lie within
-//! tolerance and two standard errors of both. Times are to a standard error as large as the tolerance,
-//! the plan's own time included. Each decision is also taken alone, to tell what it brings.
+//! Call [`of_scene`] for a scene of the tracer. The full run continues until its standard
+//! error is a fifth of the tolerance. The result of the plan, with other random numbers, must agree within
+//! the tolerance and two standard errors of both. Times are those to a standard error equal to the tolerance,
+//! planning included. Each decision is also timed separately.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use serde::Serialize;
 
-use crate::plan::scene::{Wish, apply, plan};
-use crate::plan::{Choice, Decision, Plan};
+use crate::plan::scene::{TracePlanRequest, apply, plan};
+use crate::plan::{ComputationPlan, Decision, PlanChoice};
 use crate::trace::run::{Follow, Shard, trace_photons};
 use crate::trace::scene::{Prepared, Scene};
 
-/// What a decision brings when it is taken alone.
+/// The effect of one decision alone.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Part {
-    /// Which.
+pub struct PlanPart {
+    /// The decision.
     pub decision: Decision,
-    /// What is left out.
+    /// The omitted effect.
     pub what: String,
-    /// What the plan says it costs.
+    /// Its cost as the plan states it.
     pub cost: Option<f64>,
-    /// Time with everything on over time without it, both to the same standard error; null where there was
-    /// nothing to leave out.
+    /// Time of the full run over the time without the effect, both to the same standard error; null where the scene does not
+    /// have the effect.
     pub speed_up: Option<f64>,
 }
 
-/// A plan beside everything on.
+/// A plan compared with the full computation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Proof {
+pub struct PlanCheck {
     /// Scene.
     pub scene: String,
-    /// What is compared.
+    /// The compared quantity.
     pub quantity: String,
-    /// What the plan may cost, relative.
+    /// Allowed relative error of the plan.
     pub tolerance: f64,
-    /// Everything on: value and standard error.
+    /// Full computation: value and standard error.
     pub full: [f64; 2],
-    /// As planned: value and standard error.
+    /// Planned computation: value and standard error.
     pub planned: [f64; 2],
     /// Relative difference of the two.
     pub off: f64,
@@ -48,33 +48,33 @@ pub struct Proof {
     pub allowed: f64,
     /// Whether the difference is allowed.
     pub holds: bool,
-    /// Seconds with everything on to a standard error as large as the tolerance.
+    /// Seconds of the full computation, to a standard error equal to the tolerance.
     pub full_s: f64,
-    /// The same as planned, planning included.
+    /// Seconds of the planned computation, planning included.
     pub planned_s: f64,
-    /// Seconds of planning in it.
+    /// Seconds of planning.
     pub planning_s: f64,
-    /// Of the decisions that leave something out.
-    pub parts: Vec<Part>,
+    /// The decisions that omit an effect.
+    pub parts: Vec<PlanPart>,
 }
 
-impl Proof {
-    /// Time with everything on over time as planned.
+impl PlanCheck {
+    /// Time of the full over that of the planned computation.
     #[must_use]
     pub fn speed_up(&self) -> f64 {
         self.full_s / self.planned_s
     }
 
-    /// What is left out with what each part brings alone.
+    /// The omitted effects, each with its own speed-up.
     #[must_use]
-    pub fn parts_in_words(&self) -> String {
+    pub fn parts_text(&self) -> String {
         let parts = self.parts.iter().filter_map(|p| {
             let speed_up = p.speed_up?;
             Some(format!("{} ×{speed_up:.2}", p.what))
         });
         let words = parts.collect::<Vec<_>>().join("; ");
         if words.is_empty() {
-            "nothing that takes time".to_owned()
+            "no effect that takes time".to_owned()
         } else {
             words
         }
@@ -85,15 +85,15 @@ impl Proof {
 const REFERENCE_SHARE: f64 = 0.2;
 /// Photons of the first reference run, and most of the last.
 const PHOTONS: (u64, u64) = (100_000, 6_400_000);
-/// How many more photons than an estimated standard error asks for, and how many times as many at once.
+/// Margin over the photons that an estimated standard error requires.
 const ESTIMATE_MARGIN: f64 = 1.3;
-/// See [`ESTIMATE_MARGIN`].
+/// Largest factor between the photons of successive runs.
 const GROWTH_MAX: f64 = 16.0;
-/// Fewest photons that are timed: a batch of each of a run's replicates.
+/// Fewest photons of a timed run: one batch for each replicate.
 const TIMED_PHOTONS_MIN: u64 = 256;
-/// Runs of which the fastest counts: whatever else a machine does only ever adds.
+/// Timed runs, of which the fastest counts: other work on the machine only adds time.
 const TIMED_RUNS: usize = 15;
-/// Seed of the run as planned.
+/// Seed of the planned run.
 const OTHER_SEED: u64 = 0x005E_ED0F_0A11;
 
 /// Reflected share with its standard error.
@@ -105,15 +105,15 @@ fn reflected(prepared: &Prepared, photons: u64, cancel: &AtomicBool) -> [f64; 2]
     [r.value, r.std]
 }
 
-/// Photons after which a run that had `photons` has a relative standard error of `target`.
+/// Photons to a relative standard error of `target`, from a run of `photons`.
 fn photons_for(run: [f64; 2], photons: u64, target: f64) -> u64 {
     let error = run[1] / run[0].max(f64::MIN_POSITIVE);
     let needed = photons as f64 * (error / target).powi(2);
     (needed as u64).clamp(TIMED_PHOTONS_MIN, photons)
 }
 
-/// Least seconds of each of some pieces of work, run by turns so that whatever else the machine does
-/// meets them all alike.
+/// Shortest time of each piece of work, s. The pieces run in turns, so that other work on the machine affects all of them
+/// equally.
 fn fastest<const N: usize>(work: [&dyn Fn(); N]) -> [f64; N] {
     let mut least = [f64::INFINITY; N];
     for _ in 0..TIMED_RUNS {
@@ -126,8 +126,8 @@ fn fastest<const N: usize>(work: [&dyn Fn(); N]) -> [f64; N] {
     least
 }
 
-/// Proves the plan of a scene at `tolerance` for its reflected energy. `ready` builds a scene's surfaces, the same
-/// at every call; `printed` is the plan that somebody was shown, without which it is one for a run to the tolerance.
+/// Checks the plan of a scene for its reflected energy at `tolerance`. `ready` builds the surfaces of a scene, the same
+/// at every call. `printed` is a plan that the user has seen; without it, a run to the tolerance is planned.
 /// `None` where it was cancelled or the scene cannot be built.
 #[must_use]
 pub fn of_scene(
@@ -135,9 +135,9 @@ pub fn of_scene(
     scene: &Scene,
     ready: &dyn Fn(&Scene) -> Option<Prepared>,
     tolerance: f64,
-    printed: Option<&Plan>,
+    printed: Option<&ComputationPlan>,
     cancel: &AtomicBool,
-) -> Option<Proof> {
+) -> Option<PlanCheck> {
     let everything = |scene: &Scene| {
         let mut prepared = ready(scene)?;
         prepared.polarised = true;
@@ -154,13 +154,13 @@ pub fn of_scene(
         if over <= 1.0 || photons >= PHOTONS.1 {
             break run;
         }
-        // As many as the error found so far asks for, and some more since that is an estimate itself.
+        // The photons that the error so far requires, with a margin because that error is an estimate.
         let next = photons as f64 * (ESTIMATE_MARGIN * over * over).min(GROWTH_MAX);
         photons = (next as u64).min(PHOTONS.1);
     };
-    // The plan is made for the run that is timed: one to the tolerance.
+    // The plan is made for the timed run, which ends at the tolerance.
     let needed = photons_for(full, photons, tolerance);
-    let wish = Wish {
+    let request = TracePlanRequest {
         mueller: false,
         tolerance,
         photons: None,
@@ -169,20 +169,20 @@ pub fn of_scene(
     to_plan.photons = needed;
     let plan = printed
         .cloned()
-        .unwrap_or_else(|| plan(scene, &to_plan, &wish));
-    let as_planned = |plan: &Plan| {
+        .unwrap_or_else(|| plan(scene, &to_plan, &request));
+    let as_planned = |plan: &ComputationPlan| {
         let mut prepared = everything(scene)?;
         apply(plan, scene, &mut prepared);
         Some(prepared)
     };
-    let lean_run = as_planned(&plan)?.with_seed(OTHER_SEED);
-    let planned = reflected(&lean_run, photons, cancel);
+    let planned_run = as_planned(&plan)?.with_seed(OTHER_SEED);
+    let planned = reflected(&planned_run, photons, cancel);
     if cancel.load(Ordering::Relaxed) {
         return None;
     }
     let off = planned[0] / full[0] - 1.0;
     let allowed = tolerance + 2.0 * (full[1] / full[0]).hypot(planned[1] / full[0]);
-    // A plan that changes nothing needs as many photons: the errors of two seeds are no measure of that.
+    // A plan without effect needs the same number of photons; the errors of two seeds differ by chance.
     let unchanged = !plan.left_out().any(|c| changes_the_run(c, &plan));
     let enough = if unchanged {
         needed
@@ -194,13 +194,13 @@ pub fn of_scene(
             std::hint::black_box(reflected(&reference, needed, cancel));
         },
         &|| {
-            std::hint::black_box(reflected(&lean_run, enough, cancel));
+            std::hint::black_box(reflected(&planned_run, enough, cancel));
         },
         &|| {
-            std::hint::black_box(crate::plan::scene::plan(scene, &to_plan, &wish));
+            std::hint::black_box(crate::plan::scene::plan(scene, &to_plan, &request));
         },
     ]);
-    // A plan that changes nothing runs the same work: what tells the two apart is the machine.
+    // A plan without effect runs the same work; the times differ only by chance.
     let (full_s, run_s) = if unchanged {
         (full_s.min(run_s), full_s.min(run_s))
     } else {
@@ -208,7 +208,7 @@ pub fn of_scene(
     };
     let mut parts = Vec::new();
     for choice in plan.left_out() {
-        let alone = Plan {
+        let alone = ComputationPlan {
             decisions: vec![choice.clone()],
             interactions_max: plan
                 .interactions_max
@@ -235,7 +235,7 @@ pub fn of_scene(
         } else {
             None
         };
-        parts.push(Part {
+        parts.push(PlanPart {
             decision: choice.decision,
             what: choice.what.clone(),
             cost: choice.cost,
@@ -245,7 +245,7 @@ pub fn of_scene(
     if cancel.load(Ordering::Relaxed) {
         return None;
     }
-    Some(Proof {
+    Some(PlanCheck {
         scene: name.to_owned(),
         quantity: "reflected energy".to_owned(),
         tolerance,
@@ -261,8 +261,8 @@ pub fn of_scene(
     })
 }
 
-/// Whether a decision does anything to a run: what a scene does not have cannot be left out.
-fn changes_the_run(choice: &Choice, alone: &Plan) -> bool {
+/// Whether a decision changes a run: a scene may not have the effect.
+fn changes_the_run(choice: &PlanChoice, alone: &ComputationPlan) -> bool {
     match choice.decision {
         Decision::Polarisation => true,
         Decision::Bounces => alone.interactions_max.is_some(),
@@ -271,10 +271,10 @@ fn changes_the_run(choice: &Choice, alone: &Plan) -> bool {
     }
 }
 
-/// Median of the speed-ups of some proofs.
+/// Median of the speed-ups.
 #[must_use]
-pub fn median_speed_up<'a>(proofs: impl Iterator<Item = &'a Proof>) -> Option<f64> {
-    let mut speed_ups: Vec<f64> = proofs.map(Proof::speed_up).collect();
+pub fn median_speed_up<'a>(checks: impl Iterator<Item = &'a PlanCheck>) -> Option<f64> {
+    let mut speed_ups: Vec<f64> = checks.map(PlanCheck::speed_up).collect();
     crate::robust::median(&mut speed_ups)
 }
 
@@ -283,12 +283,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_plan_without_polarisation_and_late_bounces_keeps_its_word() {
+    fn a_plan_without_polarisation_and_late_bounces_stays_within_its_tolerance() {
         let text = "[light]\ntheta_i_deg = 10.0\n[[interface]]\nshape = \"smith\"\nalpha_u = 0.1\nalpha_v = 0.1\nbelow = { n = 1.5 }\n\
                     [[interface]]\nshape = \"flat\"\nbelow = \"Au\"\n[run]\nphotons = 4000\n";
         let scene = Scene::parse(text).unwrap();
         let ready = |s: &Scene| s.prepare(&|_| Err(String::new())).ok();
-        let proof = of_scene(
+        let check = of_scene(
             "gold under glass",
             &scene,
             &ready,
@@ -296,22 +296,22 @@ mod tests {
             None,
             &AtomicBool::new(false),
         );
-        let proof = proof.unwrap();
-        assert!(proof.holds, "{proof:?}");
-        assert!(proof.full[1] <= 0.01 * proof.full[0]);
-        // Cone and pixels are no part of a scene: nothing is gained by leaving them out.
-        let of = |d: Decision| proof.parts.iter().find(|p| p.decision == d);
+        let check = check.unwrap();
+        assert!(check.holds, "{check:?}");
+        assert!(check.full[1] <= 0.01 * check.full[0]);
+        // A scene has neither cones nor pixels, so their omission saves no time.
+        let of = |d: Decision| check.parts.iter().find(|p| p.decision == d);
         assert!(of(Decision::Polarisation).unwrap().speed_up.is_some());
         assert!(of(Decision::ConeAverage).unwrap().speed_up.is_none());
     }
 
     #[test]
-    fn it_is_the_printed_plan_that_is_proved() {
+    fn the_printed_plan_is_the_one_that_is_checked() {
         let text = "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n[run]\nphotons = 2000\n";
         let scene = Scene::parse(text).unwrap();
         let ready = |s: &Scene| s.prepare(&|_| Err(String::new())).ok();
-        let of = |printed: Option<&Plan>| {
-            let proof = of_scene(
+        let of = |printed: Option<&ComputationPlan>| {
+            let check = of_scene(
                 "glass",
                 &scene,
                 &ready,
@@ -319,25 +319,25 @@ mod tests {
                 printed,
                 &AtomicBool::new(false),
             );
-            proof.unwrap().parts
+            check.unwrap().parts
         };
-        // Asked for Mueller matrices the plan keeps polarisation; for energies alone it would not.
-        let wish = Wish {
+        // For Mueller matrices the plan keeps polarisation; for energies it would not.
+        let request = TracePlanRequest {
             mueller: true,
             tolerance: 0.1,
             photons: None,
         };
-        let printed = plan(&scene, &ready(&scene).unwrap(), &wish);
-        let told: Vec<Decision> = printed.left_out().map(|c| c.decision).collect();
-        let proved: Vec<Decision> = of(Some(&printed)).iter().map(|p| p.decision).collect();
-        assert_eq!(told, proved);
-        assert!(!told.contains(&Decision::Polarisation));
+        let printed = plan(&scene, &ready(&scene).unwrap(), &request);
+        let omitted: Vec<Decision> = printed.left_out().map(|c| c.decision).collect();
+        let checked: Vec<Decision> = of(Some(&printed)).iter().map(|p| p.decision).collect();
+        assert_eq!(omitted, checked);
+        assert!(!omitted.contains(&Decision::Polarisation));
         let other = of(None);
         assert!(other.iter().any(|p| p.decision == Decision::Polarisation));
     }
 
     #[test]
-    fn photons_are_those_for_the_error_asked_for() {
+    fn the_number_of_photons_follows_from_the_target_error() {
         // 1 % after 10,000 is 2 % after 2,500.
         assert_eq!(photons_for([0.5, 0.005], 10_000, 0.02), 2_500);
         assert_eq!(photons_for([0.5, 0.005], 10_000, 1e-6), 10_000);

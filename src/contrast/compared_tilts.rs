@@ -1,45 +1,45 @@
-//! Which observations are compared: tilts at which the paper's three azimuths were seen.
+//! The observations that are compared: tilts at which all three azimuths of the paper were observed.
 //!
-//! A tilt that lacks one is no part of a table nor of a mean: a mean over all pairs that happen to be there would be
-//! another quantity from scan to scan.
+//! Other tilts enter neither tables nor means. A mean over whichever pairs exist would be a different quantity in
+//! each scan.
 
 use crate::geometry::{Pose, group_angles};
 use crate::model::contrast::PAPER_AZIMUTHS_DEG;
 use crate::units::Angle;
 
-/// How far a recorded azimuth may be from the paper's and still stand for it.
+/// Largest difference between a recorded azimuth and the azimuth of the paper that it represents.
 const SNAP: Angle = Angle::from_deg(0.5);
-/// Recorded angles this close are the same: as good as a stage is.
+/// Recorded angles this close are equal, within the accuracy of a stage.
 pub(super) const SAME_ANGLE: Angle = Angle::from_deg(0.02);
-/// Tilts within this of each other are one.
+/// Tilts this close are equal.
 pub(super) const SAME_TILT: Angle = Angle::from_deg(0.1);
 
 /// A tilt with all three azimuths.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Complete {
+pub struct CompleteTilt {
     /// Mean of the three recorded tilts, to a hundredth of a degree.
     pub theta_c: Angle,
     /// Indices of the three poses, in the order of [`PAPER_AZIMUTHS_DEG`].
     pub three: [usize; 3],
 }
 
-/// The tilts of a list of poses, by rising angle.
+/// The tilts of a list of poses, rising.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Turns {
+pub struct ComparedTilts {
     /// Those with all three azimuths.
-    pub complete: Vec<Complete>,
-    /// Those that lack some of them, in words.
+    pub complete: Vec<CompleteTilt>,
+    /// Descriptions of those that lack some of them.
     pub incomplete: Vec<String>,
 }
 
-impl Turns {
-    /// Of these poses. Where several stand for one azimuth, the nearest counts.
+impl ComparedTilts {
+    /// Finds the tilts of these poses. Where several poses can represent one azimuth, the nearest does.
     #[must_use]
     pub fn of(poses: &[Pose]) -> Self {
         let tilts: Vec<Angle> = poses.iter().map(|p| p.theta_c).collect();
         let tilts = group_angles(&tilts, SAME_TILT);
         let groups = tilts.iter().max().map_or(0, |last| last + 1);
-        let mut turns = Turns::default();
+        let mut turns = ComparedTilts::default();
         for group in 0..groups {
             let here = || (0..poses.len()).filter(|n| tilts[*n] == group);
             let nearest = |azimuth_deg: f64| {
@@ -52,7 +52,7 @@ impl Turns {
             if let [Some(a), Some(b), Some(c)] = found {
                 let three = [a, b, c];
                 let mean = three.map(|n| poses[n].theta_c.deg() / 3.0).iter().sum();
-                turns.complete.push(Complete {
+                turns.complete.push(CompleteTilt {
                     theta_c: hundredths(mean),
                     three,
                 });
@@ -66,7 +66,7 @@ impl Turns {
                     .map(|(_, deg)| format!("{deg}°"))
                     .collect();
                 turns.incomplete.push(format!(
-                    "θc {} (nothing at φs {})",
+                    "θc {} (no observation at φs {})",
                     poses[first].theta_c,
                     missing.join(", ")
                 ));
@@ -82,21 +82,21 @@ impl Turns {
         tilts.map(super::rounded_deg).collect()
     }
 
-    /// A sentence about the tilts that are no part of any mean; none where all are.
+    /// A warning about the tilts that no mean includes; `None` where every tilt is complete.
     #[must_use]
     pub fn left_out(&self) -> Option<String> {
         (!self.incomplete.is_empty()).then(|| {
             format!(
-                "left out of the table of contrasts and of its means: {}",
+                "omitted from the contrasts and their means: {}",
                 self.incomplete.join("; ")
             )
         })
     }
 
-    /// Sentences about recorded azimuths that are not the paper's but stand for them.
+    /// Warnings about recorded azimuths that represent a different azimuth of the paper.
     #[must_use]
-    pub fn snapped(&self, poses: &[Pose]) -> Vec<String> {
-        let three = |c: &Complete| c.three.into_iter().zip(PAPER_AZIMUTHS_DEG);
+    pub fn substitutions(&self, poses: &[Pose]) -> Vec<String> {
+        let three = |c: &CompleteTilt| c.three.into_iter().zip(PAPER_AZIMUTHS_DEG);
         let far: Vec<String> = self
             .complete
             .iter()
@@ -104,30 +104,30 @@ impl Turns {
             .filter(|(n, deg)| off(poses[*n].phi_s, *deg).abs() > SAME_ANGLE)
             .map(|(n, deg)| {
                 let Pose { theta_c, phi_s } = poses[n];
-                format!("φs {phi_s} for {deg}° (θc {theta_c})")
+                format!("φs {phi_s} in place of {deg}° (θc {theta_c})")
             })
             .collect();
         match far.is_empty() {
             true => Vec::new(),
             false => vec![format!(
-                "recorded azimuths stand for the paper's, what that changes is in the uncertainties: {}",
+                "recorded azimuths differ from those of the paper; the uncertainties include the effect: {}",
                 far.join(", ")
             )],
         }
     }
 }
 
-/// Planned poses that a contrast needs and at which nothing was observed, in words. A tilt for which not all three azimuths
-/// were planned needs none.
+/// Descriptions of planned poses that a contrast needs and that have no observation. A tilt for which not all three
+/// azimuths were planned needs none.
 #[must_use]
-pub fn lost(planned: &[Pose], observed: &[Pose]) -> Vec<String> {
+pub fn missing_poses(planned: &[Pose], observed: &[Pose]) -> Vec<String> {
     let seen = |pose: Pose, azimuth_deg: f64| {
         observed.iter().any(|o| {
             (o.theta_c - pose.theta_c).abs() <= SAME_TILT && off(o.phi_s, azimuth_deg).abs() <= SNAP
         })
     };
-    let turns = Turns::of(planned);
-    let three = |c: &Complete| c.three.into_iter().zip(PAPER_AZIMUTHS_DEG);
+    let turns = ComparedTilts::of(planned);
+    let three = |c: &CompleteTilt| c.three.into_iter().zip(PAPER_AZIMUTHS_DEG);
     turns
         .complete
         .iter()
@@ -166,31 +166,34 @@ mod tests {
             (-10.0, 90.0),
             (20.0, 45.0),
         ]);
-        let turns = Turns::of(&poses);
+        let turns = ComparedTilts::of(&poses);
         assert_eq!(turns.theta_c_deg(), [5.01]);
         // The nearest to 0°, not the first.
         assert_eq!(turns.complete[0].three, [0, 2, 3]);
         let said = turns.left_out().unwrap();
-        assert!(said.contains("θc -10.000° (nothing at φs 180°)"), "{said}");
+        assert!(
+            said.contains("θc -10.000° (no observation at φs 180°)"),
+            "{said}"
+        );
         assert!(!said.contains("20"), "{said}");
-        assert!(turns.snapped(&poses).is_empty());
+        assert!(turns.substitutions(&poses).is_empty());
     }
 
     #[test]
-    fn an_azimuth_that_stands_for_another_is_named() {
+    fn a_substituted_azimuth_is_named() {
         let poses = poses(&[(0.0, -0.45), (0.0, 90.021), (0.0, 180.019)]);
-        let said = Turns::of(&poses).snapped(&poses);
+        let said = ComparedTilts::of(&poses).substitutions(&poses);
         assert_eq!(said.len(), 1);
         assert!(
-            said[0].contains("φs -0.450° for 0° (θc 0.000°)"),
+            said[0].contains("φs -0.450° in place of 0° (θc 0.000°)"),
             "{said:?}"
         );
-        assert!(said[0].contains("φs 90.021° for 90°"), "{said:?}");
+        assert!(said[0].contains("φs 90.021° in place of 90°"), "{said:?}");
         assert!(!said[0].contains("180"), "{said:?}");
     }
 
     #[test]
-    fn only_a_planned_pose_of_a_complete_tilt_can_be_lost() {
+    fn only_a_planned_pose_of_a_complete_tilt_can_be_missing() {
         let planned = poses(&[
             (0.0, 0.0),
             (0.0, 30.0),
@@ -203,9 +206,12 @@ mod tests {
             let kept = (0..planned.len()).filter(|n| !gone.contains(n));
             kept.map(|n| planned[n]).collect()
         };
-        assert!(lost(&planned, &without(&[])).is_empty());
-        assert!(lost(&planned, &without(&[1, 4])).is_empty());
-        assert_eq!(lost(&planned, &without(&[2])), ["θc 0.000°, φs 90.000°"]);
-        assert_eq!(lost(&planned, &without(&[0, 1, 2, 3])).len(), 3);
+        assert!(missing_poses(&planned, &without(&[])).is_empty());
+        assert!(missing_poses(&planned, &without(&[1, 4])).is_empty());
+        assert_eq!(
+            missing_poses(&planned, &without(&[2])),
+            ["θc 0.000°, φs 90.000°"]
+        );
+        assert_eq!(missing_poses(&planned, &without(&[0, 1, 2, 3])).len(), 3);
     }
 }

@@ -1,35 +1,35 @@
-//! Stray light taken off: signals as radiances of the sample alone.
+//! Correction of stray light: from signals to radiances of the sample.
 //!
-//! Light that comes from nowhere is in the frames of the sample and in those of the white reference. In a difference of
-//! signals it cancels, but the reference then seems brighter than it is, and all radiances darker; in a Michelson
-//! contrast it does not cancel. The flats at several tilts tell it from the reference: that follows the lamp's
-//! cosine, stray light does not.
+//! Stray light adds to the frames of the sample and of the white reference. It cancels in a difference of
+//! signals, but makes the reference look brighter and thus all radiances darker. In a Michelson
+//! contrast it does not cancel. Flats at several tilts separate it from the reference, which follows the lamp's
+//! cosine, whereas stray light does not.
 //!
-//! *Conditioning.* Three unknowns (gain, stray light, the tilt's zero) with what is known of the latter two as further
-//! rows, so the triangle is never singular; flats of one tilt leave stray light to what is known before.
+//! *Conditioning.* Three unknowns (gain, stray light, the tilt's zero) with priors on the latter two as further
+//! rows, so the triangular factor is never singular. Flats of one tilt leave stray light at its prior.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::observation::ObservationSet;
 use crate::units::Angle;
 
-/// What is known of the tilt's zero before a fit.
+/// Standard deviation of the prior on the tilt's zero.
 const TILT_ZERO: Angle = Angle::from_deg(3.0);
 
-/// Stray light as radiance, where the scale is absolute; else in the signals' unit.
+/// Stray light as radiance where the scale is absolute, otherwise in the unit of the signals.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stray {
-    /// As much as comes with every signal.
+pub struct StrayLight {
+    /// Amount in every signal.
     pub radiance: f64,
     /// Its standard uncertainty.
     pub std: f64,
 }
 
-impl Stray {
-    /// As the flats tell it, together with what is known before.
+impl StrayLight {
+    /// Estimates it from the flats and the prior.
     #[must_use]
     pub fn of_flats(set: &ObservationSet) -> Self {
-        let known = Stray {
+        let known = StrayLight {
             radiance: set.background.mean,
             std: set.background.std,
         };
@@ -58,18 +58,18 @@ impl Stray {
         let std = inverse.row(1).norm() / gain;
         let radiance = solution[1] / gain;
         if gain > 0.0 && radiance.is_finite() && std.is_finite() {
-            // Nothing takes light away.
+            // Stray light is never negative.
             let radiance = radiance.max(0.0);
-            Stray { radiance, std }
+            StrayLight { radiance, std }
         } else {
             known
         }
     }
 }
 
-/// Signals as radiances of the sample alone.
+/// Radiances of the sample, corrected for stray light.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Radiances {
+pub struct SampleRadiances {
     /// One per observation.
     pub values: Vec<f64>,
     /// Their derivatives with respect to the stray light.
@@ -78,11 +78,11 @@ pub struct Radiances {
     pub gain: f64,
 }
 
-impl Radiances {
-    /// With this stray light in samples and flats.
+impl SampleRadiances {
+    /// Corrects samples and flats for this stray light.
     #[must_use]
-    pub fn of(set: &ObservationSet, stray: &Stray) -> Self {
-        // The gain is what the flats say: Σ w f (due + s) / Σ w (due + s)², and its derivative.
+    pub fn of(set: &ObservationSet, stray: &StrayLight) -> Self {
+        // The gain from the flats: Σ w f (due + s) / Σ w (due + s)², and its derivative.
         let (mut top, mut below, mut top_slope, mut below_slope) = (0.0, 0.0, 0.0, 0.0);
         for (flat, [due, _]) in set.flats.iter().zip(dues(set)) {
             let light = due + stray.radiance;
@@ -98,7 +98,7 @@ impl Radiances {
             false => (1.0, 0.0),
         };
         let signals = || set.observations.iter().map(|o| o.signal);
-        Radiances {
+        SampleRadiances {
             values: signals().map(|s| s / gain - stray.radiance).collect(),
             per_stray: signals()
                 .map(|s| -s * gain_slope / (gain * gain) - 1.0)
@@ -108,7 +108,7 @@ impl Radiances {
     }
 }
 
-/// Radiance of the white reference at each flat per unit gain, and its derivative with respect to the tilt; empty
+/// Radiance of the white reference at each flat and its derivative with respect to the tilt; empty
 /// without a reference.
 fn dues(set: &ObservationSet) -> Vec<[f64; 2]> {
     let Some(white) = &set.white_reference else {
@@ -131,8 +131,7 @@ mod tests {
     use crate::material::Material;
     use crate::observation::{FlatObservation, Observation, Prior, WhiteReference};
 
-    /// Two radiances and flats over some tilts, with stray light of 0.03 in all and a unit that takes it for light of the
-    /// reference.
+    /// Two radiances and flats over some tilts, with stray light of 0.03 in all signals.
     fn hazy(tilts: &[f64]) -> (ObservationSet, [f64; 2]) {
         let (stray, gain, true_values) = (0.03, 0.9, [0.5, 0.2]);
         let rig = RigGeometry::IN_PLANE;
@@ -169,25 +168,25 @@ mod tests {
     }
 
     #[test]
-    fn flats_over_tilts_tell_stray_light_from_the_reference() {
+    fn flats_over_tilts_separate_stray_light_from_the_reference() {
         let (set, truth) = hazy(&[-40.0, -20.0, 0.0, 20.0, 40.0]);
-        let stray = Stray::of_flats(&set);
+        let stray = StrayLight::of_flats(&set);
         assert!(
             (stray.radiance - 0.03).abs() < 3.0 * stray.std + 1e-4,
             "{stray:?}"
         );
         assert!(stray.std < 2e-3, "{stray:?}");
-        let radiances = Radiances::of(&set, &stray);
+        let radiances = SampleRadiances::of(&set, &stray);
         for (value, true_value) in radiances.values.iter().zip(truth) {
             assert!((value / true_value - 1.0).abs() < 0.01, "{radiances:?}");
         }
         // The derivative, against a difference.
         let step = 1e-6;
-        let moved = Stray {
+        let moved = StrayLight {
             radiance: stray.radiance + step,
             ..stray
         };
-        let there = Radiances::of(&set, &moved);
+        let there = SampleRadiances::of(&set, &moved);
         for ((a, b), slope) in there
             .values
             .iter()
@@ -199,15 +198,15 @@ mod tests {
     }
 
     #[test]
-    fn flats_of_one_tilt_leave_it_to_what_is_known_before() {
+    fn flats_of_one_tilt_leave_stray_light_at_its_prior() {
         let (set, _) = hazy(&[0.0]);
-        let stray = Stray::of_flats(&set);
+        let stray = StrayLight::of_flats(&set);
         assert!((0.03..0.08).contains(&stray.std), "{stray:?}");
         let (mut none, truth) = hazy(&[]);
         none.background.mean = 0.027;
-        assert_eq!(Stray::of_flats(&none).radiance, 0.027);
-        // Without flats the unit is as it is.
-        let radiances = Radiances::of(&none, &Stray::of_flats(&none));
+        assert_eq!(StrayLight::of_flats(&none).radiance, 0.027);
+        // Without flats the gain is 1.
+        let radiances = SampleRadiances::of(&none, &StrayLight::of_flats(&none));
         assert_eq!(radiances.gain, 1.0);
         assert!((radiances.values[0] - (0.9 * (truth[0] + 0.03) - 0.027)).abs() < 1e-12);
     }

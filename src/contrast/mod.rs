@@ -1,14 +1,14 @@
-//! The first paper's contrast, measured in the observations of a scan, and the object in which a
-//! contrast table (measured or predicted) is told to scripts.
+//! The first paper's contrast, measured in the observations of a scan, and the JSON object of a
+//! contrast table.
 //!
-//! [`measure`] is the one function to call; [`as_json`] writes what it gives and what
-//! [`crate::model::contrast::predict`] gives. Source: Luongo et al. 2017, section 4 and Fig. 8.
-//! Knows neither frames nor files.
+//! [`measure`] is the function to call; [`as_json`] writes its table, or a table from
+//! [`crate::model::contrast::predict`]. Source: Luongo et al. 2017, section 4 and Fig. 8.
+//! This module knows neither frames nor files.
 
+mod compared_tilts;
 mod scan;
 mod slopes;
-mod stray;
-mod turns;
+mod stray_light;
 
 use serde_json::{Value, json};
 
@@ -17,10 +17,10 @@ use crate::model::contrast::{Contrast, Findings, Mean, PAIRS, Table};
 use crate::observation::ObservationSet;
 use crate::units::Angle;
 use crate::wording::counted;
-pub use scan::{Kind, Known, Pair, Scan};
-pub use slopes::{Slope, Slopes};
-pub use stray::{Radiances, Stray};
-pub use turns::{Complete, Turns, lost};
+pub use compared_tilts::{ComparedTilts, CompleteTilt, missing_poses};
+pub use scan::{ContrastKind, ContrastScan, ContrastValue, ScanPair};
+pub use slopes::{RadianceSlope, RadianceSlopes};
+pub use stray_light::{SampleRadiances, StrayLight};
 
 /// No tilt has frames at all three of the paper's azimuths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -30,9 +30,9 @@ pub struct NoContrast;
 /// The contrast table of a scan and its object for scripts (`contrast --json`).
 ///
 /// # Errors
-/// [`NoContrast`] where no tilt was seen at φs = 0°, 90° and 180°.
+/// [`NoContrast`] where no tilt was observed at φs = 0°, 90° and 180°.
 pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
-    let scan = Scan::of(set);
+    let scan = ContrastScan::of(set);
     let table = Table::of(&scan.exposures());
     if table.lines.is_empty() {
         return Err(NoContrast);
@@ -50,27 +50,27 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
     let mut warnings = set.warnings.clone();
     if set.white_reference.is_none() {
         warnings.push(
-            "without a white reference absolute contrasts are shares of the brightest level; Michelson contrast does not need one"
+            "without a white reference, absolute contrasts are fractions of the brightest level; Michelson contrast does not need one"
                 .to_owned(),
         );
     }
     warnings.extend(scan.turns.left_out());
-    warnings.extend(scan.turns.snapped(&scan::poses(set)));
+    warnings.extend(scan.turns.substitutions(&scan::poses(set)));
     let pairs = scan.pairs();
     let dark = pairs.iter().filter(|pair| !scan.is_lit(**pair)).count();
     if dark > 0 {
         warnings.push(format!(
-            "{} no brighter than the stray light is known: no Michelson contrast",
+            "{} darker than the uncertainty of the stray light: no Michelson contrast",
             counted(dark, "pair")
         ));
     }
     report["warnings"] = json!(warnings);
-    // How wrong: the largest standard uncertainty of a contrast beside the largest contrast.
-    let known: Vec<Known> = pairs
+    // The error: the largest standard uncertainty of a contrast, relative to the largest contrast.
+    let known: Vec<ContrastValue> = pairs
         .iter()
-        .map(|pair| scan.mean(Kind::Absolute, &[*pair]))
+        .map(|pair| scan.mean(ContrastKind::Absolute, &[*pair]))
         .collect();
-    let largest = |of: fn(&Known) -> f64| known.iter().map(of).fold(0.0, f64::max);
+    let largest = |of: fn(&ContrastValue) -> f64| known.iter().map(of).fold(0.0, f64::max);
     let brightest = largest(|k| k.value);
     report["model_error"] = json!((brightest > 0.0).then(|| json!({
         "value": largest(|k| k.std) / brightest,
@@ -79,12 +79,12 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
     let mut left_out = vec![
         LeftOut::new(
             "directions of single pixels",
-            "the region's mean counts as seen from its centre, as in the paper",
+            "the mean over the region is taken as seen from its centre, as in the paper",
             None,
         ),
         LeftOut::new(
-            "lobes narrower than the poses are apart",
-            "what an error of the stages does is told by the radiances of neighbouring poses",
+            "lobes narrower than the spacing of the poses",
+            "the effect of stage errors is estimated from the radiances of neighbouring poses",
             None,
         ),
     ];
@@ -92,7 +92,7 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
     if set.theta_l_std.is_none() {
         left_out.push(LeftOut::new(
             "uncertainty of theta_l",
-            "an error of the angle between lamp and camera moves every half vector by half of it; state rig.theta_l_std_deg",
+            "an error of the angle between lamp and camera moves every half vector by half of it; set rig.theta_l_std_deg",
             None,
         ));
     }
@@ -100,29 +100,29 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
     Ok((table, report))
 }
 
-/// Errors of the stages that are in no uncertainty since no neighbour tells what they do.
+/// Stage errors that no uncertainty includes, because no neighbouring pose shows their effect.
 #[must_use]
-pub fn angles_left_out(known: &[Known], largest: f64) -> Option<LeftOut> {
+pub fn angles_left_out(known: &[ContrastValue], largest: f64) -> Option<LeftOut> {
     let most = known.iter().map(|k| k.may_cost).fold(0.0, f64::max);
     (most > 0.0).then(|| {
         LeftOut::new(
             "errors of the stages where poses have no neighbours",
-            "how the radiance changes with the angle is not known there",
+            "there, the change of the radiance with the angle is unknown",
             (most.is_finite() && largest > 0.0).then(|| most / largest),
         )
     })
 }
 
-/// A table as an object; with the `scan` that it was measured in, contrasts and their means have standard uncertainties
-/// (the absolute ones as radiance for a lamp irradiance of 1).
+/// Writes a table as a JSON object. With the `scan` in which it was measured, contrasts and their means have standard
+/// uncertainties (those of absolute contrasts as radiance for a lamp irradiance of 1).
 #[must_use]
-pub fn as_json(table: &Table, scan: Option<&Scan<'_>>) -> Value {
+pub fn as_json(table: &Table, scan: Option<&ContrastScan<'_>>) -> Value {
     let measured = scan.is_some();
-    let uncertain = |entry: &mut Value, pairs: &[Pair]| {
+    let uncertain = |entry: &mut Value, pairs: &[ScanPair]| {
         if let Some(scan) = scan {
             for (key, kind) in [
-                ("absolute_std", Kind::Absolute),
-                ("michelson_std", Kind::Michelson),
+                ("absolute_std", ContrastKind::Absolute),
+                ("michelson_std", ContrastKind::Michelson),
             ] {
                 entry[key] = json!(scan.mean(kind, pairs).std);
             }
@@ -150,7 +150,7 @@ pub fn as_json(table: &Table, scan: Option<&Scan<'_>>) -> Value {
             entry
         })
         .collect();
-    let means = |name: &str, means: &[Mean], of: &dyn Fn(usize) -> Vec<Pair>| {
+    let means = |name: &str, means: &[Mean], of: &dyn Fn(usize) -> Vec<ScanPair>| {
         means
             .iter()
             .enumerate()
@@ -176,8 +176,8 @@ pub fn as_json(table: &Table, scan: Option<&Scan<'_>>) -> Value {
             let pairs = scan.pairs();
             let of = |kind| scan.mean(kind, &pairs).value;
             mean["all"] = contrast_json(&Contrast {
-                absolute: of(Kind::Absolute),
-                michelson: of(Kind::Michelson),
+                absolute: of(ContrastKind::Absolute),
+                michelson: of(ContrastKind::Michelson),
             });
             uncertain(&mut mean["all"], &pairs);
             mean["all"]["theta_c_deg"] = json!(scan.turns.theta_c_deg());
@@ -192,7 +192,7 @@ pub fn as_json(table: &Table, scan: Option<&Scan<'_>>) -> Value {
     })
 }
 
-/// Degrees without the noise of the conversion to radians and back.
+/// Degrees, without the rounding error of the conversion to radians and back.
 #[must_use]
 pub fn rounded_deg(a: Angle) -> f64 {
     (a.deg() * 1e6).round() / 1e6
@@ -202,7 +202,7 @@ fn contrast_json(c: &Contrast) -> Value {
     json!({"absolute": c.absolute, "michelson": c.michelson})
 }
 
-/// Which of the paper's three findings a table shows.
+/// The paper's three findings, each with whether the table shows it.
 #[must_use]
 pub fn findings_json(f: Findings) -> Value {
     json!({
@@ -221,7 +221,7 @@ mod tests {
     use crate::observation::{Observation, Prior, SharedErrors};
 
     /// One tilt at the paper's azimuths; the signals are radiances.
-    fn seen(signals: [f64; 3], sigma: f64, stray_std: f64) -> Value {
+    fn measured(signals: [f64; 3], sigma: f64, stray_std: f64) -> Value {
         let observations = signals.iter().zip(PAPER_AZIMUTHS_DEG);
         let observations = observations.map(|(signal, phi_s_deg)| {
             Observation::new(Pose::from_deg(0.0, phi_s_deg), *signal, sigma)
@@ -246,7 +246,7 @@ mod tests {
         let by = |dx: f64, dy: f64| (ratio(x + dx, y + dy) - ratio(x - dx, y - dy)) / (2.0 * step);
         let own = by(step, 0.0).hypot(by(0.0, step)) * sigma;
         let expected = own.hypot(by(step, step) * haze);
-        let report = seen([x, y, 0.2], sigma, haze);
+        let report = measured([x, y, 0.2], sigma, haze);
         let pair = &report["lines"][0]["contrast"]["0-90"];
         let std = pair["michelson_std"].as_f64().unwrap();
         assert!((std / expected - 1.0).abs() < 1e-6, "{std} {expected}");
@@ -254,11 +254,11 @@ mod tests {
 
     #[test]
     fn a_pair_as_dark_as_the_stray_light_is_known_has_no_michelson_contrast() {
-        let report = seen([1e-4, 2e-4, 0.2], 1e-5, 2e-3);
+        let report = measured([1e-4, 2e-4, 0.2], 1e-5, 2e-3);
         let line = &report["lines"][0]["contrast"];
         assert!(line["0-90"]["michelson"].is_null(), "{line}");
         let lit = line["90-180"]["michelson"].as_f64().unwrap();
-        // Nor a part in a mean.
+        // It does not count in a mean either.
         assert_eq!(report["mean"]["by_theta_c"][0]["michelson"], lit);
     }
 
@@ -295,16 +295,16 @@ mod tests {
         )
     }
 
-    /// What is added to the recorded θc and φs at a pose (rad).
-    type AngleError<'a> = &'a dyn Fn(&Pose) -> [f64; 2];
+    /// Errors of the recorded θc and φs at a pose (rad).
+    type PoseError<'a> = &'a dyn Fn(&Pose) -> [f64; 2];
 
     #[test]
     fn errors_of_the_stages_are_common_to_all_poses_and_do_not_average_out() {
         let set = lobes(0.02);
-        let scan = Scan::of(&set);
+        let scan = ContrastScan::of(&set);
         let zero = 0.02_f64.to_radians();
         // Source by source: the tilt's zero and its range, the rotation's zero and its eccentricity.
-        let sources: [AngleError<'_>; 5] = [
+        let sources: [PoseError<'_>; 5] = [
             &|_| [zero, 0.0],
             &|p| [zero * p.theta_c.deg() / 12.0, 0.0],
             &|_| [0.0, zero],
@@ -322,13 +322,14 @@ mod tests {
         let all = scan.pairs();
         let single = all.iter().map(|pair| vec![*pair]);
         for pairs in single.chain([all.clone()]) {
-            for kind in [Kind::Absolute, Kind::Michelson] {
+            for kind in [ContrastKind::Absolute, ContrastKind::Michelson] {
                 let known = scan.mean(kind, &pairs);
-                let change =
-                    |moved: &ObservationSet| Scan::of(moved).mean(kind, &pairs).value - known.value;
+                let change = |moved: &ObservationSet| {
+                    ContrastScan::of(moved).mean(kind, &pairs).value - known.value
+                };
                 let expected = moved.iter().map(change).fold(0.0, f64::hypot);
                 assert!(expected > 1e-6, "{pairs:?} {expected}");
-                // Neighbours tell slopes to some parts in a hundred, one-sided ones at the ends of the tilts worse.
+                // Slopes from neighbours are accurate to a few percent, and less so at the ends of the tilts.
                 let ratio = known.std / expected;
                 let (least, most) = match pairs.len() {
                     1 => (0.85, 1.3),
@@ -348,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_of_the_lamp_s_angle_is_told_by_tilts_and_turns() {
+    fn the_effect_of_the_lamp_angle_follows_from_tilts_and_rotations() {
         let off = Angle::from_deg(0.2);
         for rig in [RigGeometry::IN_PLANE, RigGeometry::BESIDE] {
             let mut set = lobes(0.0);
@@ -374,26 +375,26 @@ mod tests {
                 };
                 let slope = |o: &Observation| {
                     let value = (at(o, 1.0) - at(o, -1.0)) / (2.0 * tilt.max(turn));
-                    Some(Slope { value, std: 0.0 })
+                    Some(RadianceSlope { value, std: 0.0 })
                 };
                 set.observations.iter().map(slope).collect()
             };
-            let exact = Slopes {
+            let exact = RadianceSlopes {
                 theta_c: by(1e-5, 0.0),
                 phi_s: by(0.0, 1e-5),
             };
-            let by_neighbours = Scan::of(&set);
+            let by_neighbours = ContrastScan::of(&set);
             let by_slopes = by_neighbours.clone().with_slopes(exact);
-            let (less, more) = (Scan::of(&less), Scan::of(&more));
+            let (less, more) = (ContrastScan::of(&less), ContrastScan::of(&more));
             for pairs in [by_slopes.pairs(), vec![(2, 0)], vec![(9, 1)]] {
-                for kind in [Kind::Absolute, Kind::Michelson] {
+                for kind in [ContrastKind::Absolute, ContrastKind::Michelson] {
                     let known = by_slopes.mean(kind, &pairs);
                     let change = more.mean(kind, &pairs).value - less.mean(kind, &pairs).value;
                     let expected = 0.5 * change.abs();
                     assert!(expected > 1e-6, "{pairs:?} {expected}");
                     let ratio = known.std / expected;
                     assert!((ratio - 1.0).abs() < 0.03, "{pairs:?} {kind:?}: {ratio}");
-                    // Neighbours 2° and 15° away tell slopes less well; in the mean of all, little is left of them.
+                    // Slopes from neighbours 2° and 15° away are less accurate; in the mean of all pairs they almost cancel.
                     let ratio = by_neighbours.mean(kind, &pairs).std / expected;
                     let single = pairs.len() == 1;
                     assert!(
@@ -406,13 +407,14 @@ mod tests {
     }
 
     #[test]
-    fn a_dark_level_in_common_changes_michelson_contrast_alone() {
+    fn a_common_dark_level_changes_only_michelson_contrast() {
         let known = |dark_std: f64| {
             let mut set = lobes(0.0);
             set.dark_std = dark_std;
-            let scan = Scan::of(&set);
+            let scan = ContrastScan::of(&set);
             let pairs = scan.pairs();
-            [Kind::Absolute, Kind::Michelson].map(|kind| scan.mean(kind, &pairs).std)
+            [ContrastKind::Absolute, ContrastKind::Michelson]
+                .map(|kind| scan.mean(kind, &pairs).std)
         };
         let (none, some) = (known(0.0), known(1e-3));
         assert!(some[0] < 1.01 * none[0], "{some:?} {none:?}");
@@ -421,8 +423,8 @@ mod tests {
             for o in &mut set.observations {
                 o.signal += by;
             }
-            let scan = Scan::of(&set);
-            scan.mean(Kind::Michelson, &scan.pairs()).value
+            let scan = ContrastScan::of(&set);
+            scan.mean(ContrastKind::Michelson, &scan.pairs()).value
         };
         let expected = (raised(1e-3) - raised(0.0)).abs();
         assert!(
@@ -432,7 +434,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_neighbour_tells_is_left_out_and_not_counted_as_nothing() {
+    fn a_slope_without_neighbours_is_listed_as_left_out() {
         let set = lobes(0.02);
         let kept = |keep: fn(&Pose) -> bool| {
             let mut few = set.clone();
@@ -445,17 +447,17 @@ mod tests {
                 .find(|l| l["what"] == "errors of the stages where poses have no neighbours")
         };
         assert_eq!(named(&kept(|_| true)), None);
-        // The paper's azimuths alone: tilts bound what a turn can do.
+        // With only the paper's azimuths, the slopes in tilt bound those in azimuth.
         let paper = kept(|p| (p.phi_s.deg() / 90.0).fract() == 0.0);
         let cost = named(&paper).unwrap()["cost"].as_f64().unwrap();
         assert!(cost > 0.0 && cost < 0.05, "{cost}");
-        // A single tilt: nobody knows.
+        // A single tilt gives no bound.
         let one = kept(|p| p.theta_c == Angle::ZERO);
         assert!(named(&one).unwrap()["cost"].is_null());
     }
 
     #[test]
-    fn an_azimuth_that_stands_for_another_is_named_and_costs_what_it_changes() {
+    fn a_substituted_azimuth_is_named_and_adds_to_the_uncertainty() {
         let exact = measure(&lobes(0.0)).unwrap().1;
         let mut beside = lobes(0.0);
         for o in &mut beside.observations {
@@ -463,8 +465,12 @@ mod tests {
         }
         let off = measure(&beside).unwrap().1;
         let said = |report: &Value| report["warnings"].to_string();
-        assert!(!said(&exact).contains("stand for"), "{}", said(&exact));
-        assert!(said(&off).contains("φs 89.600° for 90°"), "{}", said(&off));
+        assert!(!said(&exact).contains("in place of"), "{}", said(&exact));
+        assert!(
+            said(&off).contains("φs 89.600° in place of 90°"),
+            "{}",
+            said(&off)
+        );
         let std = |report: &Value| report["mean"]["all"]["absolute_std"].as_f64().unwrap();
         let value = |report: &Value| report["mean"]["all"]["absolute"].as_f64().unwrap();
         assert!(std(&exact) < 1e-8, "{}", std(&exact));

@@ -1,0 +1,85 @@
+//! What can be judged: named quantities with their uncertainties.
+
+use crate::fit::report::{COVERAGE_FACTOR, FitReport, Status};
+
+/// Mean absolute contrast, in radiance for a lamp irradiance of 1.
+pub const CONTRAST_MEAN: &str = "contrast_mean";
+/// Mean Michelson contrast.
+pub const CONTRAST_MICHELSON_MEAN: &str = "contrast_michelson_mean";
+
+/// Quantities that may have limits.
+pub const QUANTITIES: [&str; 10] = [
+    "theta_r_deg",
+    "alpha_u",
+    "alpha_v",
+    "rho_d",
+    "scale",
+    "background",
+    "azimuth_offset_deg",
+    "tilt_offset_deg",
+    CONTRAST_MEAN,
+    CONTRAST_MICHELSON_MEAN,
+];
+
+/// Quantities that depend on how the sample lies on the turntable.
+pub(super) const PLANE_DEPENDENT: [&str; 2] = ["theta_r_deg", "azimuth_offset_deg"];
+
+/// A measured number, or the reason why there is none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JudgedQuantity {
+    /// Name, as in the specification.
+    pub name: String,
+    /// Value with its uncertainty.
+    pub measured: Result<MeasuredValue, String>,
+}
+
+/// A value with its uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeasuredValue {
+    /// Best estimate.
+    pub value: f64,
+    /// Combined standard uncertainty.
+    pub std: f64,
+    /// Ratio of expanded to standard uncertainty, for the report.
+    pub coverage_factor: f64,
+    /// Effective degrees of freedom; `None` where practically infinite.
+    pub degrees_of_freedom: Option<f64>,
+    /// Largest error that the uncertainty does not include, in the unit of the value.
+    pub may_cost: f64,
+}
+
+/// The parameters of a fit, under the names that a specification uses.
+#[must_use]
+pub fn parameters(report: &FitReport) -> Vec<JudgedQuantity> {
+    let failed = match report.status {
+        Status::Converged | Status::AtBound | Status::RankDeficient => false,
+        Status::Stalled | Status::NotFinite | Status::TooFewObservations | Status::Cancelled => {
+            true
+        }
+    };
+    report
+        .parameters
+        .named()
+        .into_iter()
+        .map(|(name, parameter)| {
+            let measured = match (parameter.value, parameter.std) {
+                _ if failed => Err("the fit has no result; see its status and warnings".to_owned()),
+                (Some(value), Some(std)) if parameter.identifiable => Ok(MeasuredValue {
+                    value,
+                    std,
+                    coverage_factor: parameter.coverage_factor.unwrap_or(COVERAGE_FACTOR),
+                    degrees_of_freedom: parameter.degrees_of_freedom,
+                    may_cost: 0.0,
+                }),
+                _ => Err(parameter.note.as_ref().map_or_else(
+                    || "the data cannot determine it on this rig".to_owned(),
+                    |note| format!("the data cannot determine it: {note}"),
+                )),
+            };
+            JudgedQuantity {
+                name: name.to_owned(),
+                measured,
+            }
+        })
+        .collect()
+}
