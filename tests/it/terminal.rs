@@ -219,7 +219,7 @@ fn ctrl_c_at_the_prompt_pauses_the_scan_and_then_says_how_it_is_left() {
 fn nobody_at_the_terminal_leaves_the_step_to_others() {
     let rig = RealRig::start();
     let args = ["scan", "plan.toml", "--data", "data"];
-    let words = ["scan 1 waits for a person", "http://127.0.0.1"];
+    let words = ["scan 1 waits for the operator", "http://127.0.0.1"];
     refuses(rig.folder.path(), &args, 1, &words);
     rig.until(1, "cap-lens");
     rig.end();
