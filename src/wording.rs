@@ -1,11 +1,10 @@
 //! Text for people, in one form for all tables and messages: counts with their noun, values with their significant
-//! digits, differences between two settings ([`differences`]); and readers that report errors in plain words: JSON of
-//! requests ([`json`]), TOML ([`toml_text`]) and tables of spreadsheets ([`sheet`]).
+//! digits, differences between two settings ([`differences`]); and readers that report errors in plain words: JSON
+//! ([`json`]), TOML ([`toml_text`]) and tables of spreadsheets ([`sheet`]).
 
 pub mod differences;
 pub mod json;
 pub mod numbers;
-pub mod refusals;
 pub mod sheet;
 pub mod toml_text;
 

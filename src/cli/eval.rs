@@ -17,7 +17,7 @@ use anyhow::{Context, anyhow};
 
 use super::CliError;
 use super::output_collision::same_file;
-use crate::wording::refusals::other_separator;
+use crate::wording::sheet::other_separator;
 
 /// Evaluates closed forms over a table.
 #[derive(Debug, clap::Args)]

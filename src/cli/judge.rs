@@ -198,12 +198,12 @@ mod tests {
             (
                 "9.5",
                 "\"x\"",
-                "spec.toml, line 3: limits.theta_r_deg.lower: \"x\" stands where a number",
+                "spec.toml, line 3: limits.theta_r_deg.lower: expected a number, got \"x\"",
             ),
             (
                 "lower",
                 "least",
-                "spec.toml, line 3: limits.theta_r_deg.least: there is no field `least`",
+                "spec.toml, line 3: limits.theta_r_deg.least: there is no key `least`",
             ),
             ("10.5", "1.0", "theta_r_deg"),
         ] {

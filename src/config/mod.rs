@@ -506,7 +506,7 @@ mod tests {
             }
         }
         let error = read("", &[("RIDGED_CAMERA__WIDTH_PX", "wide")]).unwrap_err();
-        let words = "environment variable RIDGED_CAMERA__WIDTH_PX: camera.width_px: \"wide\" stands where a whole number";
+        let words = "environment variable RIDGED_CAMERA__WIDTH_PX: camera.width_px: expected a whole number from 0 to 4294967295, got \"wide\"";
         assert!(error.to_string().starts_with(words), "{error}");
     }
 

@@ -6,8 +6,7 @@ use super::manifest::{Manifest, SCHEMA};
 use super::text::line_of;
 use super::values;
 use crate::material::Material;
-use crate::wording::refusals::plain;
-use crate::wording::toml_text::line_at;
+use crate::wording::toml_text::{self, line_at};
 
 /// Schema name of the manifest of a goniometer's table.
 pub const TABLE_SCHEMA: &str = "brdf-table-1";
@@ -87,22 +86,15 @@ impl Manifest {
             return Err(stray.error(text, file));
         }
         slips(&table, text, file)?;
-        let manifest: Manifest = toml::from_str(text).map_err(|error| {
-            let line = error.span().map(|span| line_at(text, span.start));
-            let message = one_line(error.message());
-            // A type error points at the value; a missing key only at its section.
-            let key = line
-                .filter(|_| !message.starts_with("missing"))
-                .and_then(|n| text.lines().nth(n - 1))
-                .and_then(|l| l.split_once('='))
-                .map_or(String::new(), |(key, _)| format!("{}: ", key.trim()));
-            SeriesError::Invalid {
-                file: file.to_owned(),
-                line,
-                key,
-                cause: plain(&message),
-                remedy: "docs/series.md lists every key".to_owned(),
-            }
+        let manifest: Manifest = toml_text::read(text).map_err(|refused| SeriesError::Invalid {
+            file: file.to_owned(),
+            line: refused.line,
+            key: match refused.key.as_str() {
+                "" => String::new(),
+                key => format!("{key}: "),
+            },
+            cause: refused.words,
+            remedy: "docs/series.md lists every key".to_owned(),
         })?;
         let checked = values::check(&manifest).and_then(|()| match from_outside {
             true => values::check_fit(&manifest),
@@ -148,7 +140,7 @@ mod tests {
             (
                 "theta_l_deg = 10.0",
                 "theta_l_deg = \"10\"",
-                ["line 9: theta_l_deg", "a number", "docs/series.md"],
+                ["line 9: rig.theta_l_deg", "a number", "docs/series.md"],
             ),
             (
                 "theta_l_deg = 10.0",
@@ -374,7 +366,7 @@ mod tests {
             ),
             (
                 "lamp_drift_std = \"1 %\"",
-                ["line 9: lamp_drift_std", "number"],
+                ["line 9: rig.lamp_drift_std", "number"],
             ),
         ] {
             let said = refusal(&with(told));

@@ -12,7 +12,7 @@ use super::TableError;
 use super::manifest::{Goniometer, Quantity};
 use super::rows::{TableContents, TableReading, check};
 use crate::wording::counted;
-use crate::wording::refusals::plain;
+use crate::wording::json;
 
 #[derive(Debug, Deserialize)]
 struct File {
@@ -88,15 +88,14 @@ pub(super) fn read(
 ) -> Result<TableContents, TableError> {
     let wrong = |cause: String| TableError::new(file, None, cause);
     let text = text.trim_start_matches('\u{feff}');
-    let mut from = serde_json::Deserializer::from_str(text);
-    let File { data } = serde_path_to_error::deserialize(&mut from).map_err(|error| {
-        let line = error.inner().line();
-        let cause = format!(
-            "{}: {}; expected a BiRD file of version 1.0",
-            error.path(),
-            plain(&error.inner().to_string())
-        );
-        TableError::new(file, Some(line), cause)
+    let File { data } = serde_json::from_str(text).map_err(|error| {
+        // The second reader names the path and what is expected; only the first one knows the line.
+        let cause = match json::from_slice::<File>(text.as_bytes()) {
+            Err(refusal) => refusal.to_string(),
+            Ok(_) => error.to_string(),
+        };
+        let cause = format!("{cause}; expected a BiRD file of version 1.0");
+        TableError::new(file, Some(error.line()), cause)
     })?;
     if facts.value != Quantity::Brdf {
         return Err(wrong(

@@ -20,7 +20,7 @@ use super::walk::Method;
 use crate::material::tables;
 pub use crate::model::LeftOut;
 use crate::model::polarisation::Boundary;
-use crate::wording::refusals::plain;
+use crate::wording::toml_text;
 
 use error::{positive, value};
 use media::{Optics, Step, index};
@@ -128,15 +128,16 @@ impl Scene {
     /// The text is not TOML, a key is unknown, or a value has the wrong type.
     pub fn parse(text: &str) -> Result<Self, SceneError> {
         toml::from_str(text)
-            .map_err(|e: toml::de::Error| {
-                // Only the found and the expected value are reworded, not the place or the list of
-                // keys.
-                let (told, said) = (e.to_string(), e.message());
-                let told = match said.starts_with("invalid ") {
-                    true => told.replace(said, &in_plain_words(said)),
-                    false => told,
-                };
-                SceneError::Text(told.trim().to_owned())
+            .map_err(|error: toml::de::Error| {
+                // The parser shows the place; the second reader names the key and what is expected.
+                let shown = error.to_string();
+                SceneError::Text(match toml_text::read::<Scene>(text) {
+                    Err(refused) if !refused.key.is_empty() => {
+                        let refused = format!("{}: {}", refused.key, refused.words);
+                        shown.trim().replace(error.message(), &refused)
+                    }
+                    _ => shown.trim().to_owned(),
+                })
             })
             .and_then(Scene::with_seeds_in_range)
     }
@@ -364,22 +365,6 @@ impl Scene {
 
 /// The largest integer of TOML.
 const WHOLE_MAX: u64 = i64::MAX as u64;
-
-/// Rewords a message of the parser; for an integer that is too large, the parser only names the
-/// type that would hold it.
-fn in_plain_words(said: &str) -> String {
-    let large = said.split_once("integer `").and_then(|(_, rest)| {
-        let (number, rest) = rest.split_once('`')?;
-        let is_large = rest.starts_with(" as u128") || rest.starts_with(" as i128");
-        is_large.then_some(number)
-    });
-    match large {
-        Some(number) => {
-            format!("expected an integer up to {WHOLE_MAX}, got {number}")
-        }
-        None => plain(said),
-    }
-}
 
 fn wave_optics() -> LeftOut {
     LeftOut {

@@ -20,8 +20,10 @@ use serde_json::Value;
 
 pub use refusal::{Fault, Refusal};
 
-use refusal::Step;
-use values::{Fields, Json, Text};
+pub(super) use refusal::{Step, one_of, short};
+pub(super) use values::{Fields, range_of, whole_numbers};
+
+use values::{Json, Text};
 
 /// Reads a text of JSON.
 ///

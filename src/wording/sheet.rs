@@ -136,6 +136,13 @@ impl<'t> Sheet<'t> {
     }
 }
 
+/// Returns the remedy for a table whose fields are separated by another mark than a comma.
+#[must_use]
+pub fn other_separator(headers: &csv::StringRecord) -> Option<&'static str> {
+    (headers.len() == 1 && headers[0].contains([';', '\t']))
+        .then_some("separate its fields by commas, with a point as decimal mark")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,12 +1,19 @@
 //! Reads TOML and reports what is wrong with it: line, key and what is expected.
 //!
 //! [`read`] is the one function to call for a file; [`of_table`] reads a table that was combined from several sources, and
-//! [`line_of`] finds the line of a key.
+//! [`line_of`] finds the line of a key. Values are compared with the types that they are read into, as in [`json`].
 
-use serde::de::DeserializeOwned;
-use toml::de::DeTable;
+use serde::Deserialize;
+use serde::de::{
+    DeserializeOwned, DeserializeSeed, Deserializer, Error as _, IntoDeserializer, SeqAccess,
+    Visitor,
+};
+use serde::forward_to_deserialize_any;
+use toml::Value;
+use toml::de::{DeTable, DeValue};
 
-use super::refusals::{missing, plain};
+use super::json::{Fault, Fields, Refusal, Step, one_of, range_of, short, whole_numbers};
+use super::stated;
 
 /// What is wrong with a text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -37,21 +44,30 @@ fn key_of(key: &str) -> String {
 /// The first thing that is wrong.
 pub fn read<T: DeserializeOwned>(text: &str) -> Result<T, Refused> {
     let text = text.trim_start_matches('\u{feff}');
-    let syntax = |error: &toml::de::Error| {
-        let message = one_line(error.message());
-        Refused {
+    let table: toml::Table = toml::from_str(text).map_err(|error| {
+        let refused = |key: String, words: String| Refused {
             line: error.span().map(|span| line_at(text, span.start)),
-            key: String::new(),
-            words: match message.strip_prefix("duplicate key") {
-                Some(_) => "this key is given twice".to_owned(),
-                None => format!("this is not TOML: {message}"),
-            },
+            key,
+            words,
+        };
+        // The parser reads any whole number; a value of TOML holds only those of 64 bits.
+        match DeTable::parse(text)
+            .ok()
+            .and_then(|t| too_large(t.get_ref()))
+        {
+            Some((key, number)) => refused(
+                key,
+                format!("expected a whole number up to {}, got {number}", i64::MAX),
+            ),
+            None => refused(
+                String::new(),
+                format!("this is not TOML: {}", one_line(error.message())),
+            ),
         }
-    };
-    let from = toml::Deserializer::parse(text).map_err(|error| syntax(&error))?;
-    serde_path_to_error::deserialize(from).map_err(|error| {
-        let line = error.inner().span().map(|span| line_at(text, span.start));
-        told(line, &error)
+    })?;
+    of_table(table).map_err(|refused: Refused| Refused {
+        line: nearest_line(text, &refused.key),
+        ..refused
     })
 }
 
@@ -60,41 +76,60 @@ pub fn read<T: DeserializeOwned>(text: &str) -> Result<T, Refused> {
 /// # Errors
 /// The first thing that is wrong; it has no line.
 pub fn of_table<T: DeserializeOwned>(table: toml::Table) -> Result<T, Refused> {
-    serde_path_to_error::deserialize(toml::Value::Table(table)).map_err(|error| told(None, &error))
+    let table = Value::Table(table);
+    T::deserialize(Toml(&table)).map_err(|refusal| Refused {
+        line: None,
+        key: refusal.path(),
+        words: refusal.message("key"),
+    })
 }
 
-fn told(line: Option<usize>, error: &serde_path_to_error::Error<toml::de::Error>) -> Refused {
-    let path = error.path().to_string();
-    let path = if path == "." { "" } else { path.as_str() };
-    let message = one_line(error.inner().message());
-    if let Some(name) = missing(&message) {
-        let key = match path {
-            "" => name.to_owned(),
-            path => format!("{path}.{name}"),
-        };
-        let words = "is missing".to_owned();
-        return Refused { line, key, words };
-    }
-    Refused {
-        line,
-        key: path.to_owned(),
-        words: plain(&message),
-    }
-}
-
-/// Returns the line (from 1) on which the key at `path` is set, for example `camera.width_px`; for a section, the line of
-/// its first header. `None` if the text does not set it.
+/// Returns the line (from 1) on which the key at `path` is set, such as `camera.width_px` or `camera.exposures_s[1]`; for
+/// a section, the line of its first header. `None` if the text does not set it.
 #[must_use]
 pub fn line_of(text: &str, path: &str) -> Option<usize> {
     let text = text.trim_start_matches('\u{feff}');
     let (table, _) = DeTable::parse_recoverable(text);
     let (mut within, mut at) = (Some(table.get_ref()), None);
-    for key in path.split('.') {
-        let (key, value) = within?.get_key_value(key)?;
+    for step in path.split('.') {
+        let mut parts = step.split('[');
+        let (key, value) = within?.get_key_value(parts.next()?)?;
         at = Some(key.span().start);
-        within = value.get_ref().as_table();
+        let mut value = value;
+        for place in parts {
+            let place: usize = place.strip_suffix(']')?.parse().ok()?;
+            value = value.get_ref().as_array()?.get(place)?;
+            at = Some(value.span().start);
+        }
+        within = DeValue::as_table(value.get_ref());
     }
     at.map(|byte| line_at(text, byte))
+}
+
+/// Returns the path and the digits of the first whole number of more than 64 bits.
+fn too_large(table: &DeTable<'_>) -> Option<(String, String)> {
+    table
+        .iter()
+        .find_map(|(name, value)| match value.get_ref() {
+            DeValue::Integer(number) => {
+                let digits = number.as_str();
+                let fits = i64::from_str_radix(digits, number.radix()).is_ok();
+                (!fits).then(|| (name.get_ref().to_string(), digits.to_owned()))
+            }
+            DeValue::Table(inner) => {
+                let (path, digits) = too_large(inner)?;
+                Some((format!("{}.{path}", name.get_ref()), digits))
+            }
+            _ => None,
+        })
+}
+
+/// Returns the line of a key, or that of the section in which it is missing.
+fn nearest_line(text: &str, path: &str) -> Option<usize> {
+    line_of(text, path).or_else(|| match path.rsplit_once('.') {
+        Some((section, _)) => nearest_line(text, section),
+        None => Some(1),
+    })
 }
 
 /// Returns the line (from 1) of a byte.
@@ -108,10 +143,202 @@ fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
+/// A value of TOML.
+#[derive(Clone, Copy)]
+struct Toml<'de>(&'de Value);
+
+impl<'de> Toml<'de> {
+    fn not(self, expected: &str) -> Refusal {
+        let got = match self.0 {
+            Value::String(text) => format!("{:?}", short(text)),
+            Value::Integer(number) => number.to_string(),
+            Value::Float(number) => stated(*number),
+            Value::Boolean(value) => value.to_string(),
+            Value::Datetime(time) => time.to_string(),
+            Value::Array(values) => format!("a list of {}", values.len()),
+            Value::Table(_) => "a section".to_owned(),
+        };
+        Refusal::new(Fault::Invalid(format!("expected {expected}, got {got}")))
+    }
+
+    fn whole(self) -> Option<i128> {
+        self.0.as_integer().map(i128::from)
+    }
+
+    fn list<V: Visitor<'de>>(values: &'de [Value], visitor: V) -> Result<V::Value, Refusal> {
+        let values = values.iter().enumerate();
+        visitor.visit_seq(Places { values })
+    }
+
+    fn table<V: Visitor<'de>>(table: &'de toml::Table, visitor: V) -> Result<V::Value, Refusal> {
+        visitor.visit_map(Fields {
+            inner: table
+                .iter()
+                .map(|(name, value)| (name.as_str(), Toml(value))),
+            value: None,
+        })
+    }
+}
+
+/// The values of a list, each refused by its place.
+struct Places<'de> {
+    values: std::iter::Enumerate<std::slice::Iter<'de, Value>>,
+}
+
+impl<'de> SeqAccess<'de> for Places<'de> {
+    type Error = Refusal;
+
+    fn next_element_seed<T: DeserializeSeed<'de>>(
+        &mut self,
+        seed: T,
+    ) -> Result<Option<T::Value>, Refusal> {
+        let Some((place, value)) = self.values.next() else {
+            return Ok(None);
+        };
+        let element = seed.deserialize(Toml(value));
+        element
+            .map(Some)
+            .map_err(|refusal| refusal.at(Step::Place(place)))
+    }
+}
+
+impl<'de> IntoDeserializer<'de, Refusal> for Toml<'de> {
+    type Deserializer = Self;
+
+    fn into_deserializer(self) -> Self {
+        self
+    }
+}
+
+impl<'de> Deserializer<'de> for Toml<'de> {
+    type Error = Refusal;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+        match self.0 {
+            Value::String(text) => visitor.visit_borrowed_str(text),
+            Value::Integer(number) => visitor.visit_i64(*number),
+            Value::Float(number) => visitor.visit_f64(*number),
+            Value::Boolean(value) => visitor.visit_bool(*value),
+            Value::Array(values) => Toml::list(values, visitor),
+            Value::Table(table) => Toml::table(table, visitor),
+            // The crate has its own form of a time.
+            time => Value::deserialize_any(time.clone(), visitor).map_err(Refusal::custom),
+        }
+    }
+
+    whole_numbers! { whole:
+        deserialize_u8 visit_u8 u8;
+        deserialize_u16 visit_u16 u16;
+        deserialize_u32 visit_u32 u32;
+        deserialize_u64 visit_u64 u64;
+        deserialize_i8 visit_i8 i8;
+        deserialize_i16 visit_i16 i16;
+        deserialize_i32 visit_i32 i32;
+        deserialize_i64 visit_i64 i64;
+    }
+
+    fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+        match self.0 {
+            Value::Float(number) => visitor.visit_f64(*number),
+            Value::Integer(number) => visitor.visit_i64(*number),
+            _ => Err(self.not("a number")),
+        }
+    }
+
+    fn deserialize_f32<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+        self.deserialize_f64(visitor)
+    }
+
+    fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+        match self.0 {
+            Value::Boolean(value) => visitor.visit_bool(*value),
+            _ => Err(self.not("true or false")),
+        }
+    }
+
+    fn deserialize_str<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+        match self.0 {
+            Value::String(text) => visitor.visit_borrowed_str(text),
+            _ => Err(self.not("a text")),
+        }
+    }
+
+    fn deserialize_string<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+        self.deserialize_str(visitor)
+    }
+
+    fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+        match self.0 {
+            Value::Array(values) => Toml::list(values, visitor),
+            _ => Err(self.not("a list")),
+        }
+    }
+
+    fn deserialize_tuple<V: Visitor<'de>>(
+        self,
+        length: usize,
+        visitor: V,
+    ) -> Result<V::Value, Refusal> {
+        match self.0 {
+            Value::Array(values) if values.len() == length => Toml::list(values, visitor),
+            _ => Err(self.not(&format!("a list of {length}"))),
+        }
+    }
+
+    fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+        match self.0 {
+            Value::Table(table) => Toml::table(table, visitor),
+            _ => Err(self.not("a section")),
+        }
+    }
+
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Refusal> {
+        // A time is read as a struct of the crate.
+        match self.0 {
+            Value::Datetime(_) => self.deserialize_any(visitor),
+            _ => self.deserialize_map(visitor),
+        }
+    }
+
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+        visitor.visit_some(self)
+    }
+
+    fn deserialize_newtype_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        visitor: V,
+    ) -> Result<V::Value, Refusal> {
+        visitor.visit_newtype_struct(self)
+    }
+
+    fn deserialize_enum<V: Visitor<'de>>(
+        self,
+        name: &'static str,
+        known: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Refusal> {
+        match self.0 {
+            Value::String(word) => visitor.visit_enum(word.as_str().into_deserializer()),
+            Value::Table(_) => Value::deserialize_enum(self.0.clone(), name, known, visitor)
+                .map_err(Refusal::custom),
+            _ => Err(self.not(&one_of(known))),
+        }
+    }
+
+    forward_to_deserialize_any! {
+        i128 u128 char bytes byte_buf unit unit_struct tuple_struct identifier ignored_any
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde::Deserialize;
 
     #[derive(Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
@@ -138,7 +365,7 @@ mod tests {
         Full,
     }
 
-    fn said(text: &str) -> String {
+    fn refusal(text: &str) -> String {
         read::<Outer>(text).unwrap_err().to_string()
     }
 
@@ -162,37 +389,46 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said_with_line_key_and_no_word_of_the_program() {
+    fn a_number_of_more_than_64_bits_is_named_with_its_key() {
+        let text = "[camera]\nexposures_s = []\nwidth_px = 18446744073709551616\n";
+        assert_eq!(
+            read::<Outer>(text).unwrap_err().to_string(),
+            "line 3: camera.width_px: expected a whole number up to 9223372036854775807, got 18446744073709551616"
+        );
+    }
+
+    #[test]
+    fn a_refusal_has_line_key_and_what_is_expected() {
         let camera = "[camera]\nwidth_px = 3\nexposures_s = [0.1]\n";
         assert!(read::<Outer>(camera).is_ok());
         assert!(read::<Outer>(&format!("\u{feff}{camera}")).is_ok());
         for (text, wanted) in [
             (
                 camera.replace("= 3", "= \"wide\""),
-                "line 2: camera.width_px: \"wide\" stands where a whole number from 0 to 4294967295 is expected",
+                "line 2: camera.width_px: expected a whole number from 0 to 4294967295, got \"wide\"",
             ),
             (
                 camera.replace("= 3", "= -3"),
-                "line 2: camera.width_px: -3 stands where a whole number from 0 to 4294967295 is expected",
+                "line 2: camera.width_px: expected a whole number from 0 to 4294967295, got -3",
             ),
             (
                 camera.replace("[0.1]", "[0.1, \"x\"]"),
-                "line 3: camera.exposures_s[1]: \"x\" stands where a number is expected",
+                "line 3: camera.exposures_s[1]: expected a number, got \"x\"",
             ),
             (
                 camera.replace("width", "widht"),
-                "line 2: camera.widht_px: there is no field `widht_px`, only `width_px` or `exposures_s`",
+                "line 2: camera.widht_px: there is no key `widht_px`; did you mean `width_px`?",
             ),
             (
                 format!("kind = \"papr\"\n{camera}"),
-                "line 1: kind: there is no `papr`, only `paper` or `full`",
+                "line 1: kind: expected paper or full, got \"papr\"; did you mean `paper`?",
             ),
             (
                 camera.replace("width_px = 3\n", ""),
                 "line 1: camera.width_px: is missing",
             ),
         ] {
-            assert_eq!(said(&text), wanted, "{text}");
+            assert_eq!(refusal(&text), wanted, "{text}");
         }
         for (text, line) in [
             ("[camera\nwidth_px = 3\n", 1),
@@ -205,7 +441,9 @@ mod tests {
         let table: toml::Table = toml::from_str(&camera.replace("= 3", "= true")).unwrap();
         let refused = of_table::<Outer>(table).unwrap_err().to_string();
         assert!(
-            refused.starts_with("camera.width_px: true stands where"),
+            refused.starts_with(
+                "camera.width_px: expected a whole number from 0 to 4294967295, got true"
+            ),
             "{refused}"
         );
     }

@@ -595,15 +595,12 @@ mod tests {
         for (text, words) in [
             (
                 "preset = \"papr\"",
-                "line 1: preset: there is no `papr`, only `paper` or `full`",
+                "line 1: preset: expected paper or full, got \"papr\"; did you mean `paper`?",
             ),
-            (
-                "repeats = 1.5",
-                "line 1: repeats: 1.5 stands where a whole number",
-            ),
+            ("repeats = 1.5", "line 1: repeats: expected a whole number"),
             (
                 "\n[dark]\nrepeats = -1",
-                "line 3: dark.repeats: -1 stands where a whole number",
+                "line 3: dark.repeats: expected a whole number",
             ),
             (
                 "theta_c_deg = 5",

@@ -103,7 +103,7 @@ fn an_invalid_scene_is_refused_with_the_key() {
         ),
         (
             scene(45.0, &flat, "seed = 18446744073709551616"),
-            "expected an integer up to 9223372036854775807",
+            "run.seed: expected a whole number up to 9223372036854775807",
         ),
         (
             scene(
@@ -136,7 +136,7 @@ fn an_invalid_scene_is_refused_with_the_key() {
         (scene(45.0, &flat, "photons = -5"), "photons"),
         (
             scene(45.0, &flat, "photons = 1e20"),
-            "a whole number from 0 on",
+            "run.photons: expected a whole number from 0",
         ),
         (scene(45.0, &flat, "fotons = 5"), "fotons"),
         (scene(45.0, &flat, "polarised = \"yes\""), "polarised"),

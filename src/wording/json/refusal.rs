@@ -14,13 +14,13 @@ const QUOTED_MAX: usize = 60;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {
     /// From the value outwards.
-    steps: Vec<Step>,
+    pub(in crate::wording) steps: Vec<Step>,
     fault: Fault,
 }
 
 /// A step of a path into a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Step {
+pub(in crate::wording) enum Step {
     Name(String),
     Place(usize),
 }
@@ -46,7 +46,7 @@ pub enum Fault {
 }
 
 impl Refusal {
-    pub(super) fn new(fault: Fault) -> Self {
+    pub(in crate::wording) fn new(fault: Fault) -> Self {
         Refusal {
             steps: Vec::new(),
             fault,
@@ -68,7 +68,7 @@ impl Refusal {
         )))
     }
 
-    pub(super) fn at(mut self, step: Step) -> Self {
+    pub(in crate::wording) fn at(mut self, step: Step) -> Self {
         self.steps.push(step);
         self
     }
@@ -155,7 +155,10 @@ impl serde::de::Error for Refusal {
             Unexpected::Map => "an object".to_owned(),
             other => other.to_string(),
         };
-        Refusal::new(Fault::Invalid(format!("expected {expected}, got {got}")))
+        Refusal::new(Fault::Invalid(format!(
+            "expected {}, got {got}",
+            in_words(&expected.to_string())
+        )))
     }
 
     fn invalid_value(got: Unexpected<'_>, expected: &dyn Expected) -> Self {
@@ -191,8 +194,22 @@ impl serde::de::Error for Refusal {
     }
 }
 
+/// What a type of the standard library expects, in words: types read through an untagged enumeration name themselves.
+fn in_words(expected: &str) -> &str {
+    match expected {
+        "f64" | "f32" => "a number",
+        "i8" | "i16" | "i32" | "i64" => "a whole number",
+        "u8" | "u16" | "u32" | "u64" => "a whole number from 0",
+        "a boolean" => "true or false",
+        "a string" => "a text",
+        "a sequence" => "a list",
+        "a map" => "an object",
+        other => other,
+    }
+}
+
 /// Words in a row: `paper, sawtooth or auto`.
-pub(super) fn one_of(words: &[&str]) -> String {
+pub(in crate::wording) fn one_of(words: &[&str]) -> String {
     match words {
         [] => "nothing".to_owned(),
         [one] => (*one).to_owned(),
@@ -201,7 +218,7 @@ pub(super) fn one_of(words: &[&str]) -> String {
 }
 
 /// The first characters of a text of any length.
-pub(super) fn short(text: &str) -> String {
+pub(in crate::wording) fn short(text: &str) -> String {
     match text.char_indices().nth(QUOTED_MAX) {
         Some((end, _)) => format!("{}…", &text[..end]),
         None => text.to_owned(),

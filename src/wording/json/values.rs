@@ -9,9 +9,9 @@ use serde_json::Value;
 use super::refusal::{Fault, Refusal, Step, one_of, short};
 
 /// Names and values, each value refused by its name.
-pub(super) struct Fields<'de, I, D> {
-    inner: I,
-    value: Option<(&'de str, D)>,
+pub(in crate::wording) struct Fields<'de, I, D> {
+    pub(in crate::wording) inner: I,
+    pub(in crate::wording) value: Option<(&'de str, D)>,
 }
 
 impl<'de, I, D> Fields<'de, I, D> {
@@ -77,7 +77,7 @@ impl<'de> SeqAccess<'de> for Places<'de> {
 }
 
 /// A whole number of a type as a value says it.
-fn range_of(least: i128, most: i128) -> String {
+pub(in crate::wording) fn range_of(least: i128, most: i128) -> String {
     match (least, most) {
         (0, most) if most > i128::from(u32::MAX) => "a whole number from 0".to_owned(),
         (0, most) => format!("a whole number from 0 to {most}"),
@@ -96,6 +96,7 @@ macro_rules! whole_numbers {
         }
     )*};
 }
+pub(in crate::wording) use whole_numbers;
 
 /// A value of JSON.
 #[derive(Clone, Copy)]
