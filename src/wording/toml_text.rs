@@ -3,7 +3,7 @@
 //! [`read`] is the one function to call for a file; [`of_table`] reads a table that was combined from several sources, and
 //! [`line_of`] finds the line of a key. Values are compared with the types that they are read into, as in [`json`].
 
-use serde::Deserialize;
+use serde::de::value::MapDeserializer;
 use serde::de::{
     DeserializeOwned, DeserializeSeed, Deserializer, Error as _, IntoDeserializer, SeqAccess,
     Visitor,
@@ -143,6 +143,9 @@ fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
+/// The field under which the crate `toml` passes a time to its own types.
+const TIME_FIELD: &str = "$__toml_private_datetime";
+
 /// A value of TOML.
 #[derive(Clone, Copy)]
 struct Toml<'de>(&'de Value);
@@ -221,8 +224,10 @@ impl<'de> Deserializer<'de> for Toml<'de> {
             Value::Boolean(value) => visitor.visit_bool(*value),
             Value::Array(values) => Toml::list(values, visitor),
             Value::Table(table) => Toml::table(table, visitor),
-            // The crate has its own form of a time.
-            time => Value::deserialize_any(time.clone(), visitor).map_err(Refusal::custom),
+            Value::Datetime(time) => visitor.visit_map(MapDeserializer::new(std::iter::once((
+                TIME_FIELD,
+                time.to_string(),
+            )))),
         }
     }
 
@@ -339,6 +344,7 @@ impl<'de> Deserializer<'de> for Toml<'de> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde::Deserialize;
 
     #[derive(Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
@@ -386,6 +392,14 @@ mod tests {
         }
         assert_eq!(line_of("x = 1\nrig.a = 2\n", "rig.a"), Some(2));
         assert_eq!(line_of("\u{feff}x = 1\ny = [\n1,\n]\nz = 1", "z"), Some(5));
+    }
+
+    #[test]
+    fn any_value_reads_as_the_parser_reads_it() {
+        let text = "a = 2026-01-02T03:04:05Z\nb = [1979-05-27, 1, 2.5, \"w\", true, nan]\n[c.d]\ne = { f = -1 }\n";
+        let parsed: toml::Value = toml::from_str(text).unwrap();
+        let own: toml::Value = read(text).unwrap();
+        assert_eq!(format!("{own:?}"), format!("{parsed:?}"));
     }
 
     #[test]
