@@ -397,8 +397,8 @@ mod tests {
     #[test]
     fn any_value_reads_as_the_parser_reads_it() {
         let text = "a = 2026-01-02T03:04:05Z\nb = [1979-05-27, 1, 2.5, \"w\", true, nan]\n[c.d]\ne = { f = -1 }\n";
-        let parsed: toml::Value = toml::from_str(text).unwrap();
-        let own: toml::Value = read(text).unwrap();
+        let parsed: Value = toml::from_str(text).unwrap();
+        let own: Value = read(text).unwrap();
         assert_eq!(format!("{own:?}"), format!("{parsed:?}"));
     }
 
