@@ -20,8 +20,8 @@ use crate::observation::ObservationSet;
 use crate::plan;
 use crate::reduction::{FrameReadError, FrameSource, ReductionCache, ReductionError, reduce};
 use crate::series::{FrameRow, Manifest};
-use crate::trace::profile::Profile;
 use crate::trace::ridge_map::RidgeFacts;
+use crate::trace::surface_profile::SurfaceProfile;
 use crate::wording::percent;
 
 /// Range of the number of starts of a search, per variant.
@@ -37,7 +37,7 @@ pub struct AnalysisOptions {
     /// Variant, starts, seed.
     pub fit: FitOptions,
     /// Measured shape of the sample, for the ray tracer; the ideal sawtooth if not given.
-    pub profile: Option<Profile>,
+    pub profile: Option<SurfaceProfile>,
     /// Facts about the height map that the profile comes from.
     pub height_map: Option<RidgeFacts>,
     /// Notes on ambiguities in the shape's file.

@@ -18,7 +18,7 @@ use crate::geometry::Pose;
 use crate::observation::ObservationSet;
 use crate::reduction::{FrameReadError, FrameSource, ReductionCache, reduce};
 use crate::series::{FrameRow, Manifest};
-use crate::trace::ridged::RadianceOptions;
+use crate::trace::pose_radiance::RadianceOptions;
 
 /// A series with a few of its sample frames.
 pub(super) struct ThinnedSeries<'a> {

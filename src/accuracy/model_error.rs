@@ -17,12 +17,12 @@ use crate::model::prepared::{OpticsTable, Prepared};
 use crate::model::quadrature::Quadrature;
 use crate::model::{Optics, Surface, Variant};
 use crate::observation::{FlatObservation, Observation, ObservationSet, Prior, WhiteReference};
-use crate::trace::facet::{Diffuse, Roughness};
-use crate::trace::profile::{Profile, ProfileError};
-use crate::trace::ridged::{RadianceOptions, RidgedSurface};
-use crate::trace::ridges::Ridges;
-use crate::trace::rng::{Purpose, Stream};
-use crate::trace::tally::Estimate;
+use crate::trace::facet_scattering::{DiffuseBody, Roughness};
+use crate::trace::pose_radiance::{RadianceOptions, RidgedSurface};
+use crate::trace::rng::{Purpose, RandomStream};
+use crate::trace::surface_profile::{ProfileError, SurfaceProfile};
+use crate::trace::tally::MonteCarloEstimate;
+use crate::trace::worn_ridges::WornRidges;
 
 /// The samples' materials: name, n, k.
 pub const MATERIALS: [(&str, f64, f64); 2] = [("plastic", 1.54, 0.0), ("steel", 2.9, 3.1)];
@@ -87,7 +87,7 @@ pub struct SurfaceComparison {
     wanted: ErrorSurface,
     truth: Surface,
     material: Material,
-    profile: Profile,
+    profile: SurfaceProfile,
 }
 
 impl SurfaceComparison {
@@ -112,7 +112,7 @@ impl SurfaceComparison {
             wanted,
             truth,
             material: material_of(eta, k),
-            profile: Ridges::ideal(truth.theta_r, 1.0).profile()?,
+            profile: WornRidges::ideal(truth.theta_r, 1.0).profile()?,
         })
     }
 
@@ -167,7 +167,7 @@ impl SurfaceComparison {
         paths: u64,
         seed: u64,
         go_on: &(dyn Fn() -> Option<()> + Sync),
-    ) -> Option<Vec<Estimate>> {
+    ) -> Option<Vec<MonteCarloEstimate>> {
         let Surface {
             alpha_u,
             alpha_v,
@@ -180,12 +180,12 @@ impl SurfaceComparison {
             self.profile.clone(),
             Roughness { alpha_u, alpha_v },
             [eta, k],
-            (rho_d > 0.0).then(|| Diffuse::new(rho_d, eta, 1.0, cos_l)),
+            (rho_d > 0.0).then(|| DiffuseBody::new(rho_d, eta, 1.0, cos_l)),
         );
         let one = |(n, d): (usize, &Directions)| {
             let options = RadianceOptions {
                 paths,
-                seed: Stream::new(seed, Purpose::Batch, n as u64).bits(),
+                seed: RandomStream::new(seed, Purpose::Batch, n as u64).bits(),
                 cones: Self::RIG.cones,
                 polarised: true,
             };
@@ -220,7 +220,7 @@ impl SurfaceComparison {
     }
 
     /// The traced radiances as observations with an ideal white reference.
-    fn observations(&self, radiances: &[Estimate], peak: f64) -> ObservationSet {
+    fn observations(&self, radiances: &[MonteCarloEstimate], peak: f64) -> ObservationSet {
         let scan = full_scan();
         let observations = scan.poses().zip(radiances);
         let flats = scan.tilts().map(|theta_c| {

@@ -13,7 +13,7 @@ use serde::Serialize;
 use crate::plan::scene::{TracePlanRequest, apply, plan};
 use crate::plan::{ComputationPlan, Decision, PlanChoice};
 use crate::trace::run::{Follow, Shard, trace_photons};
-use crate::trace::scene::{Prepared, Scene};
+use crate::trace::scene::{PreparedScene, Scene};
 
 /// The effect of one decision alone.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -97,7 +97,7 @@ const TIMED_RUNS: usize = 15;
 const OTHER_SEED: u64 = 0x005E_ED0F_0A11;
 
 /// Reflected share with its standard error.
-fn reflected(prepared: &Prepared, photons: u64, cancel: &AtomicBool) -> [f64; 2] {
+fn reflected(prepared: &PreparedScene, photons: u64, cancel: &AtomicBool) -> [f64; 2] {
     let totals = trace_photons(prepared, Follow::Scene, photons, Shard::WHOLE, &|_| {
         !cancel.load(Ordering::Relaxed)
     });
@@ -133,7 +133,7 @@ fn fastest<const N: usize>(work: [&dyn Fn(); N]) -> [f64; N] {
 pub fn of_scene(
     name: &str,
     scene: &Scene,
-    ready: &dyn Fn(&Scene) -> Option<Prepared>,
+    ready: &dyn Fn(&Scene) -> Option<PreparedScene>,
     tolerance: f64,
     printed: Option<&ComputationPlan>,
     cancel: &AtomicBool,

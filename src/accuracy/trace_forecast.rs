@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use crate::forecast::Forecast;
 use crate::trace::run::{self, Follow, Shard, trace_few, trace_photons};
-use crate::trace::scene::Prepared;
+use crate::trace::scene::PreparedScene;
 
 /// The larger of the two short runs has one photon in this many.
 const SHARE: u64 = 32;
@@ -126,7 +126,7 @@ impl PreparationPace {
 
 /// A run without the start of a longer one; `None` where the time ends before a photon is counted.
 fn few(
-    prepared: &Prepared,
+    prepared: &PreparedScene,
     asked: TraceExtent,
     photons: u64,
     patience: Patience<'_>,
@@ -152,7 +152,7 @@ fn few(
 /// Where the time ends during the preparation of the surface, the forecast is an upper bound: the beginning of a
 /// preparation, and photons without one, are the costliest.
 #[must_use]
-pub fn of_run(prepared: &Prepared, asked: TraceExtent, patience: Patience<'_>) -> Option<Forecast> {
+pub fn of_run(prepared: &PreparedScene, asked: TraceExtent, patience: Patience<'_>) -> Option<Forecast> {
     if patience.cancel.load(Ordering::Relaxed) || patience.seconds <= 0.0 {
         return None;
     }
@@ -172,7 +172,7 @@ pub fn of_run(prepared: &Prepared, asked: TraceExtent, patience: Patience<'_>) -
         let started = Instant::now();
         let first = OnceLock::new();
         let totals = trace_photons(prepared, asked.follow, photons, Shard::WHOLE, &|p| {
-            match p.look {
+            match p.surface_analysis {
                 Some(share) => looked.at(share, started.elapsed().as_secs_f64()),
                 None => {
                     first.get_or_init(|| (started.elapsed().as_secs_f64(), p.photons));
@@ -235,7 +235,7 @@ pub fn of_run(prepared: &Prepared, asked: TraceExtent, patience: Patience<'_>) -
 /// Forecasts a run whose start takes `start_s`, longer than the forecast may take: a few photons without the start give the
 /// cost of one.
 fn of_slow_start(
-    prepared: &Prepared,
+    prepared: &PreparedScene,
     start_s: f64,
     asked: TraceExtent,
     patience: Patience<'_>,
@@ -252,7 +252,7 @@ fn of_slow_start(
 
 /// The forecast of a run with these seconds for the start and per photon.
 fn forecast_of(
-    prepared: &Prepared,
+    prepared: &PreparedScene,
     asked: TraceExtent,
     known: &TrialRun,
     start: f64,
@@ -270,14 +270,14 @@ fn forecast_of(
 
 /// Photons after which a run stops, and its error then, from a shorter run.
 fn until_target(
-    prepared: &Prepared,
+    prepared: &PreparedScene,
     known: &TrialRun,
     target_error: Option<f64>,
 ) -> (u64, Option<f64>) {
     let photons = match (target_error, known.error) {
         (Some(target), Some(error)) => {
             let needed = known.photons as f64 * (error / target).powi(2);
-            let least = run::LOOK.min(prepared.photons);
+            let least = run::CHECK_INTERVAL.min(prepared.photons);
             (needed as u64).clamp(least, prepared.photons)
         }
         _ => prepared.photons,
@@ -293,7 +293,7 @@ fn until_target(
 #[must_use]
 pub fn of_runs(
     count: usize,
-    make: &dyn Fn(usize) -> Option<Prepared>,
+    make: &dyn Fn(usize) -> Option<PreparedScene>,
     asked: TraceExtent,
     patience: Patience<'_>,
 ) -> Option<Forecast> {

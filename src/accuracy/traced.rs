@@ -14,7 +14,7 @@ use crate::model::flat_stack::FlatStack;
 use crate::plan::TOLERANCE;
 use crate::plan::scene::{TracePlanRequest, apply, plan};
 use crate::trace::run::{self, Shard};
-use crate::trace::scene::{Prepared, Scene};
+use crate::trace::scene::{PreparedScene, Scene};
 
 /// One scene at one angle.
 pub(super) struct TracedScene {
@@ -132,7 +132,13 @@ impl TracedScene {
         Scene::parse(&text).ok()
     }
 
-    fn prepared(&self, method: &str, polarised: &str, photons: u64, seed: u64) -> Option<Prepared> {
+    fn prepared(
+        &self,
+        method: &str,
+        polarised: &str,
+        photons: u64,
+        seed: u64,
+    ) -> Option<PreparedScene> {
         self.scene(method, polarised, photons, seed)?
             .prepare(&|_| Err("no files here".to_owned()))
             .ok()
@@ -163,7 +169,7 @@ impl TracedScene {
 }
 
 /// Share reflected with its standard error, and the seconds it took.
-fn reflected(prepared: &Prepared, cancel: &AtomicBool) -> ([f64; 2], f64) {
+fn reflected(prepared: &PreparedScene, cancel: &AtomicBool) -> ([f64; 2], f64) {
     let started = Instant::now();
     let totals = run::trace(prepared, Shard::WHOLE, &|_| !cancel.load(Ordering::Relaxed));
     let r = totals.energies().reflected_all;

@@ -27,7 +27,7 @@ use super::wire::zaber_stream::LineSplitter;
 
 pub use super::port::NoFaults;
 use owner::Owner;
-use request::{Counters, Expected, Failure, Request, Shared};
+use request::{Counters, ExchangeFailure, ExpectedReplies, LineRequest, LineState};
 pub use request::{LineCounts, LineError, LineSettings};
 
 /// Capacity of the queue of requests; further callers wait for a place.
@@ -36,9 +36,9 @@ const QUEUE: usize = 32;
 /// A handle to the thread that owns a port. Cheap to clone; the thread ends with the last handle.
 #[derive(Debug, Clone)]
 pub struct PortLine {
-    requests: mpsc::Sender<Request>,
-    urgent: mpsc::UnboundedSender<Request>,
-    shared: Arc<Shared>,
+    requests: mpsc::Sender<LineRequest>,
+    urgent: mpsc::UnboundedSender<LineRequest>,
+    shared: Arc<LineState>,
 }
 
 impl PortLine {
@@ -55,7 +55,7 @@ impl PortLine {
         let port = seam.wrap(port::open(address, baud)?);
         let (requests, normal) = mpsc::channel(QUEUE);
         let (urgent, ahead) = mpsc::unbounded_channel();
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(LineState {
             port: address.to_string(),
             settings,
             counters: Counters::default(),
@@ -122,13 +122,13 @@ impl PortLine {
                 .copied()
                 .filter(|a| !heard.contains_key(a))
                 .collect();
-            let expected = Expected::Each(missing);
+            let expected = ExpectedReplies::Each(missing);
             let (request, answer) = self.request(&command, expected, attempt, None);
             // Fails only if the thread has ended; the answer then reports that.
             let _ = self.urgent.send(request);
             let replies = match self.answer(answer).await {
-                Ok(replies) | Err(Failure::Silence(replies)) => replies,
-                Err(Failure::Final(error)) => return Err(error),
+                Ok(replies) | Err(ExchangeFailure::Silence(replies)) => replies,
+                Err(ExchangeFailure::Final(error)) => return Err(error),
             };
             heard.extend(replies.into_iter().map(|reply| (reply.address, reply)));
             if addresses.iter().all(|address| heard.contains_key(address)) {
@@ -146,11 +146,11 @@ impl PortLine {
     /// [`LineError`] if the connection is lost.
     pub async fn ask_everyone(&self, words: &str) -> Result<Vec<Reply>, LineError> {
         let command = DeviceCommand::new(0, 0, words);
-        let (request, answer) = self.request(&command, Expected::Anyone, 1, None);
+        let (request, answer) = self.request(&command, ExpectedReplies::Anyone, 1, None);
         let _ = self.requests.send(request).await;
         match self.answer(answer).await {
-            Ok(replies) | Err(Failure::Silence(replies)) => Ok(replies),
-            Err(Failure::Final(error)) => Err(error),
+            Ok(replies) | Err(ExchangeFailure::Silence(replies)) => Ok(replies),
+            Err(ExchangeFailure::Final(error)) => Err(error),
         }
     }
 
@@ -193,7 +193,7 @@ impl PortLine {
         attempts: u32,
     ) -> Result<Reply, LineError> {
         for attempt in 1..=attempts {
-            let (request, answer) = self.request(command, Expected::One, attempt, stops);
+            let (request, answer) = self.request(command, ExpectedReplies::One, attempt, stops);
             let _ = self.requests.send(request).await;
             match self.answer(answer).await {
                 Ok(mut replies) => {
@@ -201,8 +201,8 @@ impl PortLine {
                         return Ok(reply);
                     }
                 }
-                Err(Failure::Silence(_)) => {}
-                Err(Failure::Final(error)) => return Err(error),
+                Err(ExchangeFailure::Silence(_)) => {}
+                Err(ExchangeFailure::Final(error)) => return Err(error),
             }
         }
         Err(self.silence(command.address, attempts))
@@ -211,12 +211,15 @@ impl PortLine {
     fn request(
         &self,
         command: &DeviceCommand,
-        expected: Expected,
+        expected: ExpectedReplies,
         attempt: u32,
         stops: Option<u64>,
-    ) -> (Request, oneshot::Receiver<Result<Vec<Reply>, Failure>>) {
+    ) -> (
+        LineRequest,
+        oneshot::Receiver<Result<Vec<Reply>, ExchangeFailure>>,
+    ) {
         let (answer, receiver) = oneshot::channel();
-        let request = Request {
+        let request = LineRequest {
             command: command.clone(),
             expected,
             wait: self.shared.settings.reply_timeout * attempt,
@@ -228,10 +231,10 @@ impl PortLine {
 
     async fn answer(
         &self,
-        answer: oneshot::Receiver<Result<Vec<Reply>, Failure>>,
-    ) -> Result<Vec<Reply>, Failure> {
+        answer: oneshot::Receiver<Result<Vec<Reply>, ExchangeFailure>>,
+    ) -> Result<Vec<Reply>, ExchangeFailure> {
         answer.await.unwrap_or_else(|_| {
-            Err(Failure::Final(LineError::Disconnected {
+            Err(ExchangeFailure::Final(LineError::Disconnected {
                 port: self.shared.port.clone(),
                 reason: "its thread has ended".to_owned(),
             }))

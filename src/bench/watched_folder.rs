@@ -165,7 +165,7 @@ impl WatchedFolder {
         let mut program = CaptureProgram::start(words.map(|word| filled(word, request, &file)))?;
         let limit_s = request.exposure_s.max(0.0) + self.settings.timeout_s;
         let mut ended = program.is_none();
-        let mut looked: Option<(PathBuf, Stamp, FrameError)> = None;
+        let mut last_error: Option<(PathBuf, Stamp, FrameError)> = None;
         let mut last: Option<(PathBuf, Stamp)> = None;
         loop {
             if let Some(running) = program.as_mut()
@@ -183,7 +183,7 @@ impl WatchedFolder {
             let rests = candidate.is_some() && candidate == last;
             last.clone_from(&candidate);
             if let Some((path, stamp)) = candidate {
-                let unchanged = looked
+                let unchanged = last_error
                     .as_ref()
                     .is_some_and(|(p, s, _)| *p == path && *s == stamp);
                 if !unchanged {
@@ -207,13 +207,13 @@ impl WatchedFolder {
                                 started_utc,
                             });
                         }
-                        Err(error) => looked = Some((path, stamp, error)),
+                        Err(error) => last_error = Some((path, stamp, error)),
                     }
                 }
             }
             let waited = self.clock.now().saturating_sub(started_at);
             if waited.as_secs_f64() >= limit_s {
-                return Err(match looked {
+                return Err(match last_error {
                     Some((_, _, error)) => CameraError::NotAFrame(error),
                     None => CameraError::TimedOut {
                         waited_s: waited.as_secs_f64(),

@@ -8,7 +8,7 @@ use crate::model::fresnel;
 use crate::trace::height_field::Side;
 use crate::trace::run::{self, Shard};
 use crate::trace::scene::{HeightMap, Scene, SceneError};
-use crate::trace::tally::{Energies, Estimate, Totals};
+use crate::trace::tally::{Energies, MonteCarloEstimate, Totals};
 
 const AREA: &str = "tracer";
 const ENERGY: &str = "conservation of energy";
@@ -41,7 +41,7 @@ fn totals(text: &str, cancel: &AtomicBool) -> Result<Totals, SceneError> {
     }))
 }
 
-fn energies(text: &str, cancel: &AtomicBool) -> Result<Energies<Estimate>, SceneError> {
+fn energies(text: &str, cancel: &AtomicBool) -> Result<Energies<MonteCarloEstimate>, SceneError> {
     Ok(totals(text, cancel)?.energies())
 }
 

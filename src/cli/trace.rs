@@ -23,9 +23,9 @@ use super::values::whole;
 use super::{CliError, interrupt};
 use crate::forecast::Forecast;
 use crate::heights;
-use crate::trace::report::Report;
+use crate::trace::report::TraceReport;
 use crate::trace::run::Shard;
-use crate::trace::scene::{HeightMap, Prepared, Scene, Shapes};
+use crate::trace::scene::{BuiltShapes, HeightMap, PreparedScene, Scene};
 use crate::wording::{counted, decimals, significant};
 
 /// Traces polarised light through a scene of single or layered micro-surfaces.
@@ -152,7 +152,7 @@ fn say_forecast(forecast: Forecast, max_seconds: Option<f64>) {
 }
 
 /// Prepares a scene with its files.
-pub(super) fn ready(path: &Path, scene: &Scene) -> Result<Prepared, CliError> {
+pub(super) fn ready(path: &Path, scene: &Scene) -> Result<PreparedScene, CliError> {
     scene
         .prepare(&beside(path))
         .with_context(|| path.display().to_string())
@@ -169,7 +169,7 @@ fn beside(path: &Path) -> impl Fn(&str) -> Result<HeightMap, String> {
 }
 
 /// Reads and prepares a scene; also returns the fingerprint of all that was read.
-fn prepare(path: &Path) -> Result<(Scene, Prepared, Sha256), CliError> {
+fn prepare(path: &Path) -> Result<(Scene, PreparedScene, Sha256), CliError> {
     let mut fingerprint = Sha256::new();
     let text = std::fs::read_to_string(path)
         .with_context(|| format!("cannot read the scene {}", path.display()))
@@ -215,7 +215,7 @@ impl Source {
     }
 
     /// Builds its surfaces, which do not depend on lamp or run.
-    fn shapes(&self, watch: &Stopwatch) -> Result<Shapes, CliError> {
+    fn shapes(&self, watch: &Stopwatch) -> Result<BuiltShapes, CliError> {
         let (scene, path) = (self.scene.clone(), self.path.clone());
         let cancel = interrupt::flag()?;
         surface_build::build(watch, &cancel, move || {
@@ -259,7 +259,7 @@ fn merge(files: &[PathBuf], out: &Path, json: bool) -> Result<(), CliError> {
     let merged = table::merge(files)?;
     let totals = &merged.totals;
     table::write(out, totals, &merged.stokes, None)?;
-    let report = Report::new(totals, totals.elements() > 1).about(merged.scene);
+    let report = TraceReport::new(totals, totals.elements() > 1).about(merged.scene);
     print(json, &report, |out| table_of(&report, out))
 }
 
@@ -275,7 +275,7 @@ fn or_not_known(x: f64) -> String {
 }
 
 /// Formats the report as text.
-fn table_of(report: &Report, out: &mut dyn Write) -> std::io::Result<()> {
+fn table_of(report: &TraceReport, out: &mut dyn Write) -> std::io::Result<()> {
     let kind = if report.polarised {
         "polarised"
     } else {

@@ -21,11 +21,11 @@ use super::{CliError, interrupt, output, output_path};
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::LeftOut;
 use crate::model::contrast::{PAPER_AZIMUTHS_DEG, PAPER_RIDGES_DEG};
-use crate::trace::facet::{Diffuse, Roughness};
-use crate::trace::ridged::{RadianceOptions, RidgedSurface};
-use crate::trace::ridges::Ridges;
-use crate::trace::rng::{Purpose, Stream};
-use crate::trace::tally::Estimate;
+use crate::trace::facet_scattering::{DiffuseBody, Roughness};
+use crate::trace::pose_radiance::{RadianceOptions, RidgedSurface};
+use crate::trace::rng::{Purpose, RandomStream};
+use crate::trace::tally::MonteCarloEstimate;
+use crate::trace::worn_ridges::WornRidges;
 use crate::wording::{counted, significant};
 
 /// Traces the contrast of rounded and burred ridges over the ridge angle: CSV and figure.
@@ -115,7 +115,7 @@ pub(super) struct WearPoint {
     /// Effective ridge angle after wear.
     pub effective_deg: f64,
     /// Mean absolute contrast, sr⁻¹.
-    pub contrast: Estimate,
+    pub contrast: MonteCarloEstimate,
 }
 
 impl Wear {
@@ -132,7 +132,7 @@ impl Sweep {
     /// Ridge angle of greatest contrast: the vertex of a parabola through the best point and its
     /// neighbours, and its standard uncertainty from the points' errors.
     /// `None` where steps are missing: the best may be one of them.
-    pub fn optimum(&self) -> Option<Estimate> {
+    pub fn optimum(&self) -> Option<MonteCarloEstimate> {
         if self.missing > 0 {
             return None;
         }
@@ -144,7 +144,7 @@ impl Sweep {
             best.checked_sub(1).map(|i| &self.points[i]),
             self.points.get(best + 1),
         ) else {
-            return Some(Estimate {
+            return Some(MonteCarloEstimate {
                 value: at.theta_r_deg,
                 std: f64::INFINITY,
             });
@@ -153,7 +153,7 @@ impl Sweep {
         let bend = value(before) - 2.0 * value(at) + value(after);
         let slope = 0.5 * (value(after) - value(before));
         let noise = 0.5f64.sqrt() * at.contrast.std;
-        Some(Estimate {
+        Some(MonteCarloEstimate {
             value: at.theta_r_deg - step * (slope / bend).clamp(-0.5, 0.5),
             std: (step * noise / bend).abs().hypot(0.25 * step),
         })
@@ -247,7 +247,7 @@ fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, C
             angles.push(t);
         }
     }
-    let body = Diffuse::new(surface.rho_d, optics.eta, 1.0, optics.theta_l.cos());
+    let body = DiffuseBody::new(surface.rho_d, optics.eta, 1.0, optics.theta_l.cos());
     let roughness = Roughness {
         alpha_u: surface.alpha_u,
         alpha_v: surface.alpha_v,
@@ -255,7 +255,7 @@ fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, C
     args.limits.check()?;
     let stopped = || cancel.load(Ordering::Relaxed) || watch.is_late();
     let ridges_of = |theta_r_deg: f64, wear: Wear| {
-        let mut ridges = Ridges::ideal(theta_r_deg.to_radians(), 1.0);
+        let mut ridges = WornRidges::ideal(theta_r_deg.to_radians(), 1.0);
         ridges.seed = args.seed;
         match wear {
             Wear::Round(round) => ridges.round = round,
@@ -407,7 +407,7 @@ fn contrast(
     args: &Args,
     paths: u64,
     stopped: &(dyn Fn() -> bool + Sync),
-) -> Option<Estimate> {
+) -> Option<MonteCarloEstimate> {
     let tilts = &args.scene.theta_c_deg;
     let (mut sum, mut variance) = (0.0, 0.0);
     for (t, tilt) in tilts.iter().enumerate() {
@@ -418,7 +418,7 @@ fn contrast(
             let index = (3 * t + a) as u64;
             let options = RadianceOptions {
                 paths,
-                seed: Stream::new(args.seed, Purpose::Batch, index).bits(),
+                seed: RandomStream::new(args.seed, Purpose::Batch, index).bits(),
                 cones: rig.cones,
                 polarised: true,
             };
@@ -437,7 +437,7 @@ fn contrast(
         variance += parts.map(|(w, e)| (w * e.std).powi(2)).sum::<f64>();
     }
     let n = 2.0 * tilts.len() as f64;
-    Some(Estimate {
+    Some(MonteCarloEstimate {
         value: sum / n,
         std: variance.sqrt() / n,
     })

@@ -31,7 +31,7 @@ use std::sync::atomic::AtomicBool;
 use serde::{Deserialize, Serialize};
 
 use crate::observation::ObservationSet;
-use crate::trace::profile::Profile;
+use crate::trace::surface_profile::SurfaceProfile;
 
 pub mod blunders;
 pub mod budget;
@@ -187,7 +187,7 @@ pub fn fit(set: &ObservationSet, options: &FitOptions, cancel: &AtomicBool) -> F
 pub fn fit_watched(
     set: &ObservationSet,
     options: &FitOptions,
-    profile: Option<&Profile>,
+    profile: Option<&SurfaceProfile>,
     watch: Watch<'_>,
     time: Option<Time<'_>>,
     cancel: &AtomicBool,

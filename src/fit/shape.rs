@@ -2,8 +2,8 @@
 //! length of its facets against the manifest.
 
 use super::report::Parameter;
-use crate::trace::profile::Profile;
 use crate::trace::ridge_map::RidgeFacts;
+use crate::trace::surface_profile::SurfaceProfile;
 use crate::wording::{decimals, significant};
 
 /// Standard uncertainty of the vertical scale of adjusted instruments, relative.
@@ -17,7 +17,7 @@ const LENGTH_OFF: f64 = 0.03;
 /// the length of a facet in the manifest.
 #[must_use]
 pub fn contradictions(
-    profile: &Profile,
+    profile: &SurfaceProfile,
     map: Option<&RidgeFacts>,
     theta_r: &Parameter,
     pitch_length_um: Option<f64>,
@@ -101,7 +101,7 @@ mod tests {
             let v = f64::from(n) * period;
             [(v, 0.0), (v + 100.0 * cos, -100.0 * sin * times)]
         });
-        Profile::of_corners(&corners.collect::<Vec<_>>(), 10.0 * period)
+        SurfaceProfile::of_corners(&corners.collect::<Vec<_>>(), 10.0 * period)
     }
 
     #[test]

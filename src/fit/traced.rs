@@ -24,10 +24,10 @@ use super::solver::{Minimum, Settings, minimise};
 use super::{FitOptions, Loss};
 use crate::material::Material;
 use crate::observation::ObservationSet;
-use crate::trace::facet::{Diffuse, Roughness};
-use crate::trace::profile::Profile;
-use crate::trace::ridged::{RadianceOptions, RidgedSurface};
-use crate::trace::rng::{Purpose, Stream};
+use crate::trace::facet_scattering::{DiffuseBody, Roughness};
+use crate::trace::pose_radiance::{RadianceOptions, RidgedSurface};
+use crate::trace::rng::{Purpose, RandomStream};
+use crate::trace::surface_profile::SurfaceProfile;
 use crate::trace::tally;
 
 /// Settings of the tracer.
@@ -145,7 +145,7 @@ const FLATTEST: f64 = 1e-4;
 pub fn estimate_traced<'a>(
     sawtooth: &Estimate<'a>,
     fit_options: &FitOptions,
-    profile: Option<&Profile>,
+    profile: Option<&SurfaceProfile>,
     watch: Watch<'_>,
     cancel: &AtomicBool,
 ) -> Option<Estimate<'a>> {
@@ -202,7 +202,7 @@ pub fn estimate_traced<'a>(
         _ => sawtooth.rivals.clone(),
     };
     // What a shape leaves open is a limit, not a standard uncertainty.
-    let open = profile.and_then(Profile::alternative);
+    let open = profile.and_then(SurfaceProfile::alternative);
     let open = open.filter(|_| run.reached.is_some() && run.end != TracingEnd::Stopped);
     let moved = open.and_then(|other| run.moved_on(&mut main, other));
     let mut estimate = run.reached?;
@@ -422,7 +422,7 @@ impl<'a> Run<'a> {
 impl<'a> Run<'a> {
     /// Returns the change of each free parameter (units of the solver) if the sample has another shape, from one more
     /// pass with it; `None` if it was stopped.
-    fn moved_on<'t>(&self, task: &mut Task<'t, 'a>, other: &'t Profile) -> Option<Vec<f64>> {
+    fn moved_on<'t>(&self, task: &mut Task<'t, 'a>, other: &'t SurfaceProfile) -> Option<Vec<f64>> {
         task.profile = Some(other);
         let Settled {
             problem, minimum, ..
@@ -479,7 +479,7 @@ struct Task<'a, 's> {
     sawtooth: &'a Estimate<'s>,
     seed: u64,
     misfit: bool,
-    profile: Option<&'a Profile>,
+    profile: Option<&'a SurfaceProfile>,
     watch: Watch<'a>,
     cancel: &'a AtomicBool,
     polarised: bool,
@@ -548,7 +548,7 @@ impl Task<'_, '_> {
             return Outcome::NotFinite;
         };
         let stopped = AtomicBool::new(false);
-        let found: Vec<Option<tally::Estimate>> = (0..count)
+        let found: Vec<Option<tally::MonteCarloEstimate>> = (0..count)
             .into_par_iter()
             .map(|i| {
                 if stopped.load(Ordering::Relaxed) || self.cancel.load(Ordering::Relaxed) {
@@ -556,7 +556,7 @@ impl Task<'_, '_> {
                 }
                 let options = RadianceOptions {
                     paths: self.paths,
-                    seed: Stream::new(self.seed, Purpose::Batch, i as u64).bits(),
+                    seed: RandomStream::new(self.seed, Purpose::Batch, i as u64).bits(),
                     cones: set.rig.cones,
                     polarised: self.polarised,
                 };
@@ -613,16 +613,16 @@ impl Task<'_, '_> {
 pub fn ridged_surface(
     set: &ObservationSet,
     values: &Values,
-    profile: Option<&Profile>,
+    profile: Option<&SurfaceProfile>,
 ) -> Option<RidgedSurface> {
     let theta_r = values.theta_r.abs().max(FLATTEST);
     let cos_l = set.rig.theta_l.rad().cos();
     let dielectric = matches!(set.material, Material::Dielectric { .. });
-    let body = Diffuse::new(values.rho_d, values.eta, 1.0, cos_l)
+    let body = DiffuseBody::new(values.rho_d, values.eta, 1.0, cos_l)
         .with_translucency(values.real.translucency);
     let profile = match profile {
         Some(profile) => profile.with_ridge_angle(theta_r)?,
-        None => Profile::rounded(theta_r, 1.0, [values.real.crest, 0.0]).ok()?,
+        None => SurfaceProfile::rounded(theta_r, 1.0, [values.real.crest, 0.0]).ok()?,
     };
     let roughness = Roughness {
         alpha_u: values.alpha_u,

@@ -22,7 +22,7 @@ use super::{FitOptions, VariantChoice};
 use super::{thin, wedge};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
-use crate::trace::profile::Profile;
+use crate::trace::surface_profile::SurfaceProfile;
 use crate::wording::counted;
 
 /// Gain in QAIC that counts as clear.
@@ -33,7 +33,7 @@ const INADEQUATE: f64 = 4.0;
 /// Inputs of the ray tracer beside the options.
 pub struct Tracer<'t> {
     /// The shape to trace; the ideal sawtooth if none is given.
-    pub profile: Option<&'t Profile>,
+    pub profile: Option<&'t SurfaceProfile>,
     /// Follows the progress and may end it.
     pub watch: Watch<'t>,
     /// The caller's clock, if there is one.
@@ -53,7 +53,7 @@ impl Tracer<'_> {
     /// Reports on a tracing.
     fn report(&self, e: &Estimate<'_>) -> Option<TracerReport> {
         let done = e.traced.as_ref()?;
-        let profile = self.profile.and_then(Profile::effective_ridge_angle);
+        let profile = self.profile.and_then(SurfaceProfile::effective_ridge_angle);
         Some(TracerReport {
             passes: done.passes,
             paths_per_pose: done.paths,
@@ -61,7 +61,7 @@ impl Tracer<'_> {
             polarised: done.polarised,
             end: done.end,
             profile_theta_r_deg: profile.map(f64::to_degrees),
-            profile_turned: self.profile.is_some_and(Profile::is_turned),
+            profile_turned: self.profile.is_some_and(SurfaceProfile::is_turned),
             height_map: None,
         })
     }

@@ -1,8 +1,8 @@
 //! The measured shape of a sample: a profile across the ridges, or a height map of them.
 
-use crate::trace::profile::{Profile, ProfileError};
 use crate::trace::ridge_map::{RidgeFacts, RidgeMap, RidgeMapError};
 use crate::trace::scene::{HeightMap, MapUnits};
+use crate::trace::surface_profile::{ProfileError, SurfaceProfile};
 
 /// Units of a map stated by the user, µm; they override those of the file.
 #[derive(Debug, Clone, Default)]
@@ -54,7 +54,7 @@ impl Units {
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeasuredShape {
     /// The profile across the ridges, µm.
-    pub profile: Profile,
+    pub profile: SurfaceProfile,
     /// Facts about the ridges of a height map; `None` for a profile.
     pub facts: Option<RidgeFacts>,
     /// Notes on how an ambiguous file was read.
@@ -108,7 +108,7 @@ pub enum ShapeError {
 /// [`ShapeError`].
 pub fn of(map: &HeightMap, units: &Units) -> Result<MeasuredShape, ShapeError> {
     let notes = map.notes.clone();
-    let of_profile = |profile: Profile, notes| MeasuredShape {
+    let of_profile = |profile: SurfaceProfile, notes| MeasuredShape {
         profile: profile.facets_to_v(),
         facts: None,
         notes,

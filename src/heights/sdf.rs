@@ -212,7 +212,7 @@ mod tests {
 
     const TEXT: &str = "aBCR-1.0\nManufacID = test\nCreateDate = 020320260900\nModDate = 020320260900\nNumPoints = 4\n\
                         NumProfiles = 3\nXscale = 1.0e-6\nYscale = 2.0e-6\nZscale = 1.0e-9\nZresolution = -1\nCompression = 0\n\
-                        DataType = 7\nCheckType = 0\n*\n1 2 3 4\n5 BAD 7 8\n9 10\n11 12\n*\nOperator = nobody\n*\n";
+                        DataType = 7\nCheckType = 0\n*\n1 2 3 4\n5 BAD 7 8\n9 10\n11 12\n*\nOperator = anonymous\n*\n";
 
     #[test]
     fn heights_as_text_have_their_scales_and_bad_points_are_missing() {

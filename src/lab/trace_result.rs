@@ -4,10 +4,12 @@ use serde::Serialize;
 
 use crate::model::polarisation::Stokes;
 use crate::trace::bins;
-use crate::trace::compare::{Difference, Direction, LobePoint, Mask, Summary, lobe};
-use crate::trace::ellipsometer::{Point, SETTINGS, Setting, curve_of};
+use crate::trace::ellipsometer::{EllipsometerPoint, PolariserSetting, SETTINGS, curve_of};
 use crate::trace::height_field::Side;
-use crate::trace::report::Report;
+use crate::trace::polarisation_difference::{
+    DifferenceSummary, DirectionDifference, DirectionMask, LobePoint, PolarisationDifference, lobe,
+};
+use crate::trace::report::TraceReport;
 use crate::trace::scene::Scene;
 use crate::trace::tally::Totals;
 
@@ -15,7 +17,7 @@ use crate::trace::tally::Totals;
 #[derive(Debug, Serialize)]
 pub(super) struct TraceResult {
     #[serde(flatten)]
-    pub report: Report,
+    pub report: TraceReport,
     pub light: Light,
     pub bins: Bins,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -47,10 +49,10 @@ pub(super) struct Bins {
 #[derive(Debug, Serialize)]
 pub(super) struct Comparison {
     wavelengths_nm: Vec<f64>,
-    mask: Mask,
-    adm: Option<Summary>,
-    mdm: Option<Summary>,
-    worst: Option<Direction>,
+    mask: DirectionMask,
+    adm: Option<DifferenceSummary>,
+    mdm: Option<DifferenceSummary>,
+    worst: Option<DirectionDifference>,
     directions: usize,
     too_dark: usize,
     not_settled: usize,
@@ -69,8 +71,8 @@ struct Plane {
     /// States of the lamp, the scene's first, in the order of each point's readings.
     states: Vec<State>,
     /// Settings of the camera's columns.
-    settings: [Setting; 6],
-    points: Option<Vec<Point>>,
+    settings: [PolariserSetting; 6],
+    points: Option<Vec<EllipsometerPoint>>,
     lobe: Option<Vec<LobePoint>>,
 }
 
@@ -113,10 +115,10 @@ impl Bins {
 
 impl Comparison {
     /// Returns the summary of the differences, averaged over the wavelengths.
-    pub(super) fn of(difference: &Difference, wavelengths_nm: Vec<f64>) -> Self {
+    pub(super) fn of(difference: &PolarisationDifference, wavelengths_nm: Vec<f64>) -> Self {
         Comparison {
             wavelengths_nm,
-            mask: Mask::default(),
+            mask: DirectionMask::default(),
             adm: difference.adm(),
             mdm: difference.mdm(),
             worst: difference.worst().copied(),
@@ -155,7 +157,7 @@ impl Plane {
 pub(super) fn files(
     totals: &Totals,
     light: &Light,
-    difference: Option<&Difference>,
+    difference: Option<&PolarisationDifference>,
 ) -> serde_json::Result<Vec<(&'static str, Vec<u8>)>> {
     let table = bins::csv(totals, &light.stokes, "", |_, _| String::new());
     let mut files = vec![
@@ -168,7 +170,7 @@ pub(super) fn files(
 }
 
 /// Returns d, its standard error, ADM and MDM for each bin of the upper side; NaN for directions outside the mask.
-fn block_of(difference: &Difference) -> Vec<u8> {
+fn block_of(difference: &PolarisationDifference) -> Vec<u8> {
     let mut values = vec![[f64::NAN; 4]; difference.grid.per_side()];
     for d in &difference.directions {
         values[d.bin] = [d.mean, d.std, d.adm, d.mdm];

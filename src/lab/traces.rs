@@ -23,11 +23,13 @@ use crate::accuracy::trace_forecast::{Patience, TraceExtent, of_runs};
 use crate::clock::elapsed_s;
 use crate::forecast::Forecast;
 use crate::store::StoreError;
-use crate::trace::compare::{Difference, Mask, WAVELENGTHS_NM};
-use crate::trace::report::Report;
-use crate::trace::run::{Ending, Follow, Progress, trace_following};
-use crate::trace::scene::{Prepared, Scene, SceneError, Shapes};
-use crate::trace::spread::{Surfaces, over_surfaces};
+use crate::trace::polarisation_difference::{
+    DirectionMask, PolarisationDifference, WAVELENGTHS_NM,
+};
+use crate::trace::report::TraceReport;
+use crate::trace::run::{Follow, StopPolicy, TraceProgress, trace_following};
+use crate::trace::scene::{BuiltShapes, PreparedScene, Scene, SceneError};
+use crate::trace::surface_spread::{Surfaces, over_surfaces};
 use crate::trace::tally::Totals;
 use crate::wording::{json, significant};
 
@@ -68,8 +70,8 @@ pub struct TraceRequest {
 pub(super) struct TraceWork {
     request: TraceRequest,
     scene: Scene,
-    shapes: Shapes,
-    prepared: Prepared,
+    shapes: BuiltShapes,
+    prepared: PreparedScene,
 }
 
 impl TraceRequest {
@@ -152,7 +154,7 @@ impl TraceRequest {
         Ok(())
     }
 
-    fn shapes(&self, scene: &Scene) -> Result<Shapes, SceneError> {
+    fn shapes(&self, scene: &Scene) -> Result<BuiltShapes, SceneError> {
         scene.shapes(&|name| match self.files.get(name) {
             Some(content) => content.heights(name),
             None => Err(format!(
@@ -186,7 +188,7 @@ impl TraceWork {
     }
 
     /// Returns the scene at another wavelength.
-    fn at(&self, wavelength_nm: f64) -> Result<Prepared, SceneError> {
+    fn at(&self, wavelength_nm: f64) -> Result<PreparedScene, SceneError> {
         let mut scene = self.scene.clone();
         scene.light.wavelength_nm = wavelength_nm;
         scene.prepare_on(&self.shapes)
@@ -220,7 +222,7 @@ impl TraceWork {
     /// Traces one wavelength within its share of the time; `left` counts the remaining runs, including this one.
     fn one_run(
         &self,
-        prepared: &Prepared,
+        prepared: &PreparedScene,
         started: Instant,
         left: usize,
         go_on: &(dyn Fn(u64) -> bool + Sync),
@@ -230,11 +232,11 @@ impl TraceWork {
             let rest = limit - begun.duration_since(started).as_secs_f64();
             rest.max(0.0) / left as f64
         });
-        let proceed = |progress: &Progress| {
+        let proceed = |progress: &TraceProgress| {
             let late = share.is_some_and(|limit| begun.elapsed().as_secs_f64() >= limit);
             go_on(progress.photons) && !late && !self.is_reached(progress.relative_error)
         };
-        let ending = Ending::of(share, elapsed_s, self.request.target_error);
+        let ending = StopPolicy::of(share, elapsed_s, self.request.target_error);
         trace_following(prepared, self.follow(), ending, &proceed)
     }
 
@@ -242,7 +244,7 @@ impl TraceWork {
         matches!((self.request.target_error, error), (Some(target), Some(error)) if error <= target)
     }
 
-    fn warnings(&self, report: &Report, started: Instant) -> Vec<String> {
+    fn warnings(&self, report: &TraceReport, started: Instant) -> Vec<String> {
         let mut warnings = Vec::new();
         let late = |limit: f64| started.elapsed().as_secs_f64() >= limit;
         if let Some(target) = self.request.target_error
@@ -275,7 +277,7 @@ impl TraceWork {
         folder: &Path,
         totals: &Totals,
         light: &Light,
-        difference: Option<&Difference>,
+        difference: Option<&PolarisationDifference>,
     ) -> Result<Vec<String>, Failure> {
         let files = trace_result::files(totals, light, difference).map_err(Failure::not_json)?;
         let given = self.request.files.iter();
@@ -354,7 +356,7 @@ impl Work for TraceWork {
             }
         }
         let own = &runs[0];
-        let mut report = Report::of(&self.prepared, own);
+        let mut report = TraceReport::of(&self.prepared, own);
         if let Some(count) = self.request.surfaces {
             report.spread_over(self.surfaces(own, count, started, progress, cancel)?);
         }
@@ -368,7 +370,7 @@ impl Work for TraceWork {
             } else {
                 &runs[..]
             };
-            Difference::of(compared, &Mask::default())
+            PolarisationDifference::of(compared, &DirectionMask::default())
         });
         let difference = difference.flatten();
         let light = Light::of(&self.scene);

@@ -50,7 +50,7 @@ pub enum MaterialError {
     },
 }
 
-/// Whether a name stands for a table over the wavelength.
+/// Whether a name refers to a table over the wavelength.
 #[must_use]
 pub fn is_dispersive(name: &str) -> bool {
     TABLES.iter().any(|t| t.0 == name)

@@ -6,7 +6,7 @@ use super::{Basis, ComputationPlan, Decision, PlanChoice};
 use crate::material::tables::index_of;
 use crate::model::flat_stack::{FlatStack, StackReflectance};
 use crate::trace::pilot::{Pilot, effort, pilot};
-use crate::trace::scene::{LeftOut, Prepared, Scene};
+use crate::trace::scene::{LeftOut, PreparedScene, Scene};
 use crate::trace::tally::ORDERS;
 use crate::trace::walk::Method;
 
@@ -43,7 +43,7 @@ const BOUNCES_SHARE: f64 = 0.5;
 /// Plans a scene. Closed forms decide where they are exact, otherwise pilots, the shortest that is clear. The plan
 /// depends only on the scene and its seed, so all shards of a run have the same plan.
 #[must_use]
-pub fn plan(scene: &Scene, prepared: &Prepared, request: &TracePlanRequest) -> ComputationPlan {
+pub fn plan(scene: &Scene, prepared: &PreparedScene, request: &TracePlanRequest) -> ComputationPlan {
     let known = SceneFacts {
         needs_polarisation: asks_for_polarisation(scene, request),
         stated_polarised: scene.run.polarised.as_bool(),
@@ -404,7 +404,7 @@ fn layers(scene: &Scene, idle: &[usize]) -> PlanChoice {
 }
 
 /// Applies a plan to a run. A statement of the scene about polarisation takes precedence.
-pub fn apply(plan: &ComputationPlan, scene: &Scene, prepared: &mut Prepared) {
+pub fn apply(plan: &ComputationPlan, scene: &Scene, prepared: &mut PreparedScene) {
     if let Some(choice) = plan.on(Decision::Polarisation)
         && !scene.run.polarised.is_bool()
     {

@@ -172,8 +172,8 @@ mod tests {
             assert!((near.at(0) / near.at(255) - 1.0).abs() > 0.05);
         }
         let rig = RigGeometry::IN_PLANE;
-        let told = scene(&sample, None, Mounting::default()).radiance(OnTable::Sample, pose);
-        assert!((told.at(0) / sample.radiance(&rig, pose) - 1.0).abs() < 1e-12);
+        let given = scene(&sample, None, Mounting::default()).radiance(OnTable::Sample, pose);
+        assert!((given.at(0) / sample.radiance(&rig, pose) - 1.0).abs() < 1e-12);
     }
 
     #[test]

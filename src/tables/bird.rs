@@ -9,7 +9,7 @@ use serde::Deserialize;
 use serde_json::Value as Json;
 
 use super::TableError;
-use super::manifest::{Goniometer, Quantity};
+use super::manifest::{Goniometer, ValueKind};
 use super::rows::{TableContents, TableReading, check};
 use crate::wording::counted;
 use crate::wording::json;
@@ -97,7 +97,7 @@ pub(super) fn read(
         let cause = format!("{cause}; expected a BiRD file of version 1.0");
         TableError::new(file, Some(error.line()), cause)
     })?;
-    if facts.value != Quantity::Brdf {
+    if facts.value != ValueKind::Brdf {
         return Err(wrong(
             "a BiRD file contains BRDF: set value = \"brdf\" in the manifest's [goniometer]"
                 .to_owned(),

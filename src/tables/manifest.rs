@@ -12,7 +12,7 @@ use crate::wording::toml_text;
 /// Quantity of a table's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Quantity {
+pub enum ValueKind {
     /// f, sr⁻¹.
     Brdf,
     /// π f: relative to a perfect diffuser in the same geometry.
@@ -23,16 +23,16 @@ pub enum Quantity {
     Radiance,
 }
 
-impl Quantity {
+impl ValueKind {
     /// Radiance for a lamp irradiance of 1 on a surface facing it, per unit of the value.
     /// `directions` are in the rig's frame, z along the normal.
     pub(super) fn radiance_per_value(self, directions: &Directions) -> f64 {
         let (cos_i, cos_o) = (directions.incident.z, directions.outgoing.z);
         match self {
-            Quantity::Brdf => cos_i,
-            Quantity::RadianceFactor => cos_i / std::f64::consts::PI,
-            Quantity::CosineCorrected => cos_i / cos_o,
-            Quantity::Radiance => 1.0,
+            ValueKind::Brdf => cos_i,
+            ValueKind::RadianceFactor => cos_i / std::f64::consts::PI,
+            ValueKind::CosineCorrected => cos_i / cos_o,
+            ValueKind::Radiance => 1.0,
         }
     }
 }
@@ -64,7 +64,7 @@ pub enum AzimuthSense {
 #[serde(deny_unknown_fields)]
 pub struct Goniometer {
     /// Quantity of the values.
-    pub value: Quantity,
+    pub value: ValueKind,
     /// Whether the values are absolute.
     #[serde(default)]
     pub scale: ValueScale,

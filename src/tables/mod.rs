@@ -14,7 +14,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-pub use self::manifest::{AzimuthSense, Goniometer, Quantity, ValueScale};
+pub use self::manifest::{AzimuthSense, Goniometer, ValueKind, ValueScale};
 pub use self::rows::TableReading;
 use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::material::Material;

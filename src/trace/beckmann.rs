@@ -15,7 +15,7 @@ use pulp::Arch;
 use rayon::prelude::*;
 
 use super::height_field::HeightField;
-use super::rng::{Purpose, Stream};
+use super::rng::{Purpose, RandomStream};
 use crate::model::LeftOut;
 
 /// Default number of cells along each side of a tile.
@@ -152,7 +152,7 @@ struct Wave {
 }
 
 fn waves(cells: usize, seed: u64) -> Vec<Wave> {
-    let mut random = Stream::new(seed, Purpose::Surface, 0);
+    let mut random = RandomStream::new(seed, Purpose::Surface, 0);
     // Lattice steps per unit of f/α; small tiles contain at least a few waves.
     let per_unit = cells as f64 * SHORTEST / (std::f64::consts::TAU * CUT);
     let inside = 1.0 - (-CUT * CUT).exp();

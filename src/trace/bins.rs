@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 
 use super::ellipsometer::{aop_deg, dolp};
-use super::grid::{Grid, Layout};
+use super::grid::{DirectionGrid, Layout};
 use super::height_field::Side;
 use super::tally::Totals;
 
@@ -37,7 +37,7 @@ pub fn csv(
             .collect();
         format!("{each}{each},0,,")
     };
-    let places = Places::of(grid);
+    let places = BinPlaces::of(grid);
     for side in sides(totals) {
         for bin in 0..grid.per_side() {
             for (n, part) in places.of_bin(side, bin).enumerate() {
@@ -81,15 +81,15 @@ pub fn csv(
 }
 
 /// The first five columns of each bin's row.
-pub struct Places {
+pub struct BinPlaces {
     polar: Vec<[String; 2]>,
     azimuths: Vec<[String; 2]>,
 }
 
-impl Places {
+impl BinPlaces {
     /// Makes the columns of a grid's bins.
     #[must_use]
-    pub fn of(grid: Grid) -> Self {
+    pub fn of(grid: DirectionGrid) -> Self {
         let limits = |bin: usize| grid.limits_deg(bin).map(|limit| limit.to_string());
         let rows = (0..grid.n_theta).map(|row| {
             let [t0, t1, _, _] = limits(row * grid.n_phi);
@@ -99,7 +99,7 @@ impl Places {
             let [_, _, p0, p1] = limits(column);
             [p0, p1]
         });
-        Places {
+        BinPlaces {
             polar: rows.collect(),
             azimuths: columns.collect(),
         }

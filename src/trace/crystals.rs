@@ -6,7 +6,7 @@
 //! vertical.
 
 use super::height_field::HeightField;
-use super::rng::{Purpose, Stream};
+use super::rng::{Purpose, RandomStream};
 use super::vec3::{V3, cross, dot, unit};
 use crate::model::LeftOut;
 
@@ -24,7 +24,7 @@ struct Crystal {
 }
 
 impl Crystal {
-    fn random(side: f64, size: f64, random: &mut Stream) -> Self {
+    fn random(side: f64, size: f64, random: &mut RandomStream) -> Self {
         let mut between = |low: f64, high: f64| low + (high - low) * random.uniform();
         let centre = [
             between(0.0, side),
@@ -106,7 +106,7 @@ pub fn crystals(cells: usize, size: f64, cover: f64, seed: u64) -> HeightField {
     let side = cells as f64 * cell;
     let mut heights = vec![0.0f64; cells * cells];
     for n in 0..count(cells, cover) {
-        let mut random = Stream::new(seed, Purpose::Surface, n + 1);
+        let mut random = RandomStream::new(seed, Purpose::Surface, n + 1);
         let crystal = Crystal::random(side, size, &mut random);
         let around = |centre: f64| {
             let first = ((centre - crystal.reach) / cell).floor() as i64;

@@ -15,13 +15,13 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI};
 use nalgebra::{RowVector4, Vector4};
 use serde::Serialize;
 
-use super::plane::{Direction, plane};
-use super::tally::{Covariance, Estimate, NUMBERS, Totals};
+use super::plane::{PlaneDirection, plane};
+use super::tally::{ElementCovariance, MonteCarloEstimate, NUMBERS, Totals};
 use crate::model::polarisation::{Channel, Mueller, Stokes};
 
 /// A setting of filter and compensator.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Setting {
+pub struct PolariserSetting {
     /// The state that it produces or transmits.
     pub name: &'static str,
     /// Transmission axis of the filter, degrees from s to p.
@@ -33,8 +33,8 @@ pub struct Setting {
     pub camera_compensator_deg: f64,
 }
 
-const fn setting(name: &'static str, filter_deg: f64, compensator_deg: f64) -> Setting {
-    Setting {
+const fn setting(name: &'static str, filter_deg: f64, compensator_deg: f64) -> PolariserSetting {
+    PolariserSetting {
         name,
         filter_deg,
         compensator_deg,
@@ -45,7 +45,7 @@ const fn setting(name: &'static str, filter_deg: f64, compensator_deg: f64) -> S
 }
 
 /// The canonical input states, which are also the camera's settings.
-pub const SETTINGS: [Setting; 6] = [
+pub const SETTINGS: [PolariserSetting; 6] = [
     setting("linear-0", 0.0, 0.0),
     setting("linear-45", 45.0, 45.0),
     setting("linear-90", 90.0, 90.0),
@@ -78,7 +78,7 @@ fn quarter_wave(degrees: f64) -> Mueller {
     at_angle(&fast_s.mueller(), degrees)
 }
 
-impl Setting {
+impl PolariserSetting {
     /// Stokes vector of the lamp's light after its optics, with intensity 1.
     #[must_use]
     pub fn lamp(&self) -> Stokes {
@@ -96,7 +96,7 @@ impl Setting {
 
 /// The results in one direction for one state of the lamp.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Reading {
+pub struct EllipsometerReading {
     /// The lamp's state.
     pub input: &'static str,
     /// Stokes vector per irradiance, sr⁻¹.
@@ -132,7 +132,7 @@ const HARMLESS: f64 = 0.01;
 /// Relative error of the intensity above which ratios to it are not linear.
 const INTENSITY_ERROR_MAX: f64 = 0.3;
 
-impl Reading {
+impl EllipsometerReading {
     /// Whether the degree and angle of polarisation have standard errors.
     #[must_use]
     pub fn has_errors(&self) -> bool {
@@ -142,11 +142,11 @@ impl Reading {
 
 /// One direction in the plane of incidence.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Point {
+pub struct EllipsometerPoint {
     /// Angle of reflection, degrees; positive on the side of the mirror direction.
     pub theta_s_deg: f64,
     /// One reading for each state of the lamp, for example [`SETTINGS`].
-    pub readings: Vec<Reading>,
+    pub readings: Vec<EllipsometerReading>,
     /// Whether the errors treat the Mueller elements as independent, which makes some too large and
     /// others too small: their covariance was not recorded ([`Totals::with_directions`]).
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -169,7 +169,7 @@ pub fn aop_deg(stokes: &[f64; 4]) -> f64 {
 /// The plane of incidence of a polarised run with the lamp at the azimuth `phi_i_deg`, by the angle
 /// of reflection; directions without light are left out. `None` for scalar runs and pixel bins.
 #[must_use]
-pub fn curve(totals: &Totals, phi_i_deg: f64) -> Option<Vec<Point>> {
+pub fn curve(totals: &Totals, phi_i_deg: f64) -> Option<Vec<EllipsometerPoint>> {
     curve_of(totals, phi_i_deg, &SETTINGS.map(|s| (s.name, s.lamp())))
 }
 
@@ -179,18 +179,19 @@ pub fn curve_of(
     totals: &Totals,
     phi_i_deg: f64,
     lamps: &[(&'static str, Stokes)],
-) -> Option<Vec<Point>> {
+) -> Option<Vec<EllipsometerPoint>> {
     if totals.elements() < 16 {
         return None;
     }
-    let point = |direction: Direction| {
+    let point = |direction: PlaneDirection| {
         let numbers = &direction.numbers;
         let std: Vec<f64> = numbers.iter().map(|e| e.std).collect();
         let errors_as_independent = direction.covariance.is_none();
         let covariance = direction.covariance.as_ref();
-        let covariance = covariance.map_or_else(|| Covariance::independent(&std), Clone::clone);
+        let covariance =
+            covariance.map_or_else(|| ElementCovariance::independent(&std), Clone::clone);
         let readings = lamps.iter();
-        Point {
+        EllipsometerPoint {
             theta_s_deg: direction.theta_s_deg,
             readings: readings
                 .map(|(name, lamp)| reading(name, lamp, numbers, &covariance))
@@ -232,9 +233,9 @@ fn angle_std(r: f64) -> f64 {
 fn reading(
     input: &'static str,
     lamp: &Stokes,
-    mueller: &[Estimate],
-    covariance: &Covariance,
-) -> Reading {
+    mueller: &[MonteCarloEstimate],
+    covariance: &ElementCovariance,
+) -> EllipsometerReading {
     let stokes: [f64; 4] =
         std::array::from_fn(|i| (0..4).map(|j| mueller[4 * i + j].value * lamp[j]).sum());
     // Standard error of this combination of the Stokes components.
@@ -266,7 +267,7 @@ fn reading(
         )
     };
     let seen = Vector4::from(stokes);
-    Reading {
+    EllipsometerReading {
         input,
         camera: SETTINGS.map(|s| (s.camera() * seen)[0]),
         camera_std: SETTINGS.map(|s| std_of(s.camera().into())),
@@ -281,7 +282,7 @@ fn reading(
 
 #[cfg(test)]
 mod tests {
-    use super::super::run::{Ending, Follow, Shard, trace, trace_following};
+    use super::super::run::{Follow, Shard, StopPolicy, trace, trace_following};
     use super::super::scene::Scene;
     use super::*;
     use crate::model::polarisation::Boundary;
@@ -350,7 +351,8 @@ mod tests {
             assert!(angle_std(r) > angle_std(r + 0.5), "{r}");
             assert!(angle_std(r) < PI / 3f64.sqrt());
         }
-        let mut stream = crate::trace::rng::Stream::new(7, crate::trace::rng::Purpose::Batch, 0);
+        let mut stream =
+            crate::trace::rng::RandomStream::new(7, crate::trace::rng::Purpose::Batch, 0);
         for r in [1.0, 3.0] {
             let squares: f64 = (0..200_000)
                 .map(|_| {
@@ -404,7 +406,7 @@ mod tests {
             let prepared = Scene::parse(text).unwrap().prepare(&|_| Err(String::new()));
             let mut prepared = prepared.unwrap();
             prepared.photons = photons;
-            let (follow, ending) = (Follow::Scene, Ending::AtLast);
+            let (follow, ending) = (Follow::Scene, StopPolicy::AtLast);
             let totals = trace_following(&prepared, follow, ending, &|_| true);
             curve(&totals, 180.0).unwrap()
         };
@@ -413,13 +415,13 @@ mod tests {
             let point = many.iter().find(|p| p.theta_s_deg == at);
             point.map(|p| &p.readings[lamp]).filter(|r| r.has_errors())
         };
-        let (mut told, mut silent, mut squares) = (0, 0, 0.0);
+        let (mut with_error, mut without_error, mut squares) = (0, 0, 0.0);
         for point in &few {
             for (lamp, r) in point.readings.iter().enumerate() {
                 assert_eq!(r.has_errors(), r.aop_std_deg.is_some());
                 let (Some(std), Some(truth)) = (r.dolp_std, true_state(point.theta_s_deg, lamp))
                 else {
-                    silent += 1;
+                    without_error += 1;
                     continue;
                 };
                 // Linear light stays almost linear, and at the end of the range of DOLP the error
@@ -427,13 +429,16 @@ mod tests {
                 if lamp >= 4 {
                     let off = r.dolp - truth.dolp;
                     squares += (off / std.hypot(truth.dolp_std.unwrap())).powi(2);
-                    told += 1;
+                    with_error += 1;
                 }
             }
         }
-        assert!(silent > 0 && told > 8, "{silent} {told}");
+        assert!(
+            without_error > 0 && with_error > 8,
+            "{without_error} {with_error}"
+        );
         // Both hands share their photons: about ten directions are independent.
-        let rms = (squares / f64::from(told)).sqrt();
+        let rms = (squares / f64::from(with_error)).sqrt();
         assert!((0.4..1.8).contains(&rms), "{rms}");
     }
 
@@ -449,14 +454,14 @@ mod tests {
             let prepared = Scene::parse(&text)
                 .unwrap()
                 .prepare(&|_| Err(String::new()));
-            let (follow, ending) = (Follow::Scene, Ending::AtLast);
+            let (follow, ending) = (Follow::Scene, StopPolicy::AtLast);
             let totals = trace_following(&prepared.unwrap(), follow, ending, &|_| true);
             let mut points = curve(&totals, 180.0).unwrap();
             // The bright half: degrees of polarisation from few photons are not linear.
             points.retain(|p| (10.0..80.0).contains(&p.theta_s_deg));
             points
         };
-        let runs: Vec<Vec<Point>> = (1..=SEEDS).map(readings).collect();
+        let runs: Vec<Vec<EllipsometerPoint>> = (1..=SEEDS).map(readings).collect();
         assert!(runs[0].len() == 7 && !runs[0][0].errors_as_independent);
         // Directions with 39 degrees of freedom each: for all 7 a ratio is known to 4.3 %, and 14 %
         // is more than three times that.
@@ -467,7 +472,7 @@ mod tests {
         };
         // Mean over directions of (scatter over seeds / stated error)², per lamp and number, and
         // the number of directions with a stated error at every seed.
-        let ratio = |lamp: usize, number: &dyn Fn(&Reading) -> Option<(f64, f64)>| {
+        let ratio = |lamp: usize, number: &dyn Fn(&EllipsometerReading) -> Option<(f64, f64)>| {
             let n = SEEDS as f64;
             let of = |point: usize| {
                 let each = runs.iter().map(|r| number(&r[point].readings[lamp]));

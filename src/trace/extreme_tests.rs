@@ -6,12 +6,12 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
-use super::facet::{Diffuse, Roughness};
-use super::grid::Grid;
+use super::facet_scattering::{DiffuseBody, Roughness};
+use super::grid::DirectionGrid;
 use super::height_field::{Flight, HeightField, Side};
-use super::profile::{Profile, ProfileFlight};
-use super::ridged::{RadianceOptions, RidgedSurface};
-use super::rng::{Purpose, Stream};
+use super::pose_radiance::{RadianceOptions, RidgedSurface};
+use super::rng::{Purpose, RandomStream};
+use super::surface_profile::{ProfileFlight, SurfaceProfile};
 use super::vec3::{V3, dot};
 use crate::extremes::{any_double, cases, wide};
 use crate::geometry::{Cones, Directions};
@@ -51,7 +51,7 @@ proptest! {
     #[test]
     fn light_on_a_rough_facet_leaves_or_hits_a_normal_that_faces_it(k in anywhere(), alpha_u in wide(1e-12, 1e12), alpha_v in wide(1e-12, 1e12), height in 0.0..=1.0f64, seed in any::<u64>()) {
         let rough = Roughness { alpha_u, alpha_v };
-        let mut random = Stream::new(seed, Purpose::Photon, 0);
+        let mut random = RandomStream::new(seed, Purpose::Photon, 0);
         prop_assert!(!rough.lambda(&k).is_nan());
         if let Some(next) = rough.next_height(&k, height, &mut random) {
             // An invalid height ends the walk by name (see `walk`); a valid one meets a normal.
@@ -101,7 +101,7 @@ proptest! {
 
     #[test]
     fn rays_on_a_profile_hit_it_or_end_by_name(theta_r in prop_oneof![1e-4..1.48f64, wide(1e-4, 1e-2)], pitch in wide(1e-6, 1e6), round in prop_oneof![Just(0.0), 0.0..0.5f64], k in upwards(), at in 0.0..=1.0f64, onward in prop::collection::vec(anywhere(), 4)) {
-        let Ok(profile) = Profile::sawtooth(theta_r, pitch, round * pitch) else { return Ok(()) };
+        let Ok(profile) = SurfaceProfile::sawtooth(theta_r, pitch, round * pitch) else { return Ok(()) };
         prop_assert!(profile.effective_ridge_angle().is_none_or(|a| a.is_finite() && a > 0.0));
         let mut flight = profile.enter(Side::Above, &k.map(|x| -x), at, &mut 0);
         for next in onward {
@@ -115,7 +115,7 @@ proptest! {
 
     #[test]
     fn a_measured_profile_is_valid_or_refused(rows in prop::collection::vec((any_double(), any_double()), 0..6)) {
-        if let Ok(profile) = Profile::measured(&rows) {
+        if let Ok(profile) = SurfaceProfile::measured(&rows) {
             prop_assert!(profile.period() > 0.0 && profile.period().is_finite());
             prop_assert!(profile.pieces().iter().all(|p| p.normal.iter().all(|x| x.is_finite())));
         }
@@ -123,7 +123,7 @@ proptest! {
 
     #[test]
     fn every_direction_has_a_bin(k in anywhere(), theta in 1..60u32, phi in 1..90u32) {
-        let grid = Grid::polar(theta as usize, phi as usize);
+        let grid = DirectionGrid::polar(theta as usize, phi as usize);
         for side in [Side::Above, Side::Below] {
             let bin = grid.bin(side, &k);
             prop_assert!(bin / grid.per_side() == usize::from(side == Side::Below));
@@ -141,8 +141,8 @@ proptest! {
         n in prop_oneof![wide(1e-3, 1e3), Just(1.0)], k in prop_oneof![Just(0.0), wide(1e-12, 1e3)], rho_d in prop_oneof![Just(0.0), 0.0..1.0f64],
         radius in prop_oneof![Just(0.0), wide(1e-9, 0.2)], lens in prop_oneof![Just(0.0), wide(1e-9, 0.2)], polarised in any::<bool>(), seed in any::<u64>(),
     ) {
-        let Ok(profile) = Profile::sawtooth(theta_r, 1.0, 0.0) else { return Ok(()) };
-        let body = Diffuse::new(rho_d, n, 1.0, 0.98);
+        let Ok(profile) = SurfaceProfile::sawtooth(theta_r, 1.0, 0.0) else { return Ok(()) };
+        let body = DiffuseBody::new(rho_d, n, 1.0, 0.98);
         let body = (k == 0.0 && rho_d > 0.0 && body.strength.is_finite() && body.strength <= 1e3).then_some(body);
         let surface = RidgedSurface::new(profile, Roughness { alpha_u, alpha_v }, [n, k], body);
         let directions = Directions { incident: Vector3::from(i), outgoing: Vector3::from(o) };

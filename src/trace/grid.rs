@@ -21,7 +21,7 @@ pub enum Layout {
 
 /// Direction bins of both hemispheres.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Grid {
+pub struct DirectionGrid {
     /// Meaning of rows and columns.
     pub layout: Layout,
     /// Rows: over 0 to 90° of polar angle, or along v.
@@ -32,11 +32,11 @@ pub struct Grid {
     pub straight: usize,
 }
 
-impl Grid {
+impl DirectionGrid {
     /// Makes bins of equal steps of polar angle and azimuth.
     #[must_use]
     pub const fn polar(n_theta: usize, n_phi: usize) -> Self {
-        Grid {
+        DirectionGrid {
             layout: Layout::Polar,
             n_theta,
             n_phi,
@@ -53,13 +53,13 @@ impl Grid {
             Layout::Polar => step(turn * self.n_phi as f64) % self.n_phi,
             Layout::Disc => 0,
         };
-        Grid { straight, ..self }
+        DirectionGrid { straight, ..self }
     }
 
     /// Makes `n` × `n` pixels over the direction cosines.
     #[must_use]
     pub const fn disc(n: usize) -> Self {
-        Grid {
+        DirectionGrid {
             layout: Layout::Disc,
             n_theta: n,
             n_phi: n,
@@ -106,7 +106,7 @@ impl Grid {
 
     /// Makes a finder for the bins of many directions.
     #[must_use]
-    pub fn finder(&self) -> Finder {
+    pub fn finder(&self) -> BinFinder {
         let turns = match self.layout {
             Layout::Polar => Some((
                 Steps::of(self.n_theta, 4 * self.n_theta),
@@ -114,7 +114,7 @@ impl Grid {
             )),
             Layout::Disc => None,
         };
-        Finder { grid: *self, turns }
+        BinFinder { grid: *self, turns }
     }
 
     /// Index of the first bin of a side.
@@ -205,13 +205,13 @@ fn step(position: f64) -> usize {
 /// function of the angle, y/(|x| + |y|) and its equivalents in the other quadrants, and a table of
 /// the bins' edges in that function.
 #[derive(Debug)]
-pub struct Finder {
-    grid: Grid,
+pub struct BinFinder {
+    grid: DirectionGrid,
     /// Rows and columns of a polar grid.
     turns: Option<(Steps, Steps)>,
 }
 
-impl Finder {
+impl BinFinder {
     /// The bin of a direction, equal to [`DirectionGrid::bin`].
     #[inline(always)]
     #[must_use]
@@ -352,7 +352,7 @@ mod tests {
     use super::super::vec3::unit;
     use super::*;
 
-    const GRID: Grid = Grid::polar(45, 180);
+    const GRID: DirectionGrid = DirectionGrid::polar(45, 180);
 
     #[test]
     fn bins_tile_the_hemisphere() {
@@ -374,9 +374,9 @@ mod tests {
     fn a_finder_gives_the_same_bins_as_the_angles() {
         for grid in [
             GRID,
-            Grid::polar(1, 1),
-            Grid::polar(7, 3),
-            Grid::polar(400, 1001),
+            DirectionGrid::polar(1, 1),
+            DirectionGrid::polar(7, 3),
+            DirectionGrid::polar(400, 1001),
         ] {
             let finder = grid.finder();
             let mut short = 0;
@@ -416,11 +416,11 @@ mod tests {
         let ulps = |x: f64, n: i32| x + f64::from(n) * x.abs() * f64::EPSILON;
         for grid in [
             GRID,
-            Grid::polar(1, 1),
-            Grid::polar(7, 3),
-            Grid::polar(1440, 1440),
-            Grid::disc(128),
-            Grid::disc(9),
+            DirectionGrid::polar(1, 1),
+            DirectionGrid::polar(7, 3),
+            DirectionGrid::polar(1440, 1440),
+            DirectionGrid::disc(128),
+            DirectionGrid::disc(9),
         ] {
             let finder = grid.finder();
             for row in 1..=45 {
@@ -448,7 +448,7 @@ mod tests {
 
     #[test]
     fn pixels_tile_the_disc() {
-        let disc = Grid::disc(128);
+        let disc = DirectionGrid::disc(128);
         let total: f64 = (0..disc.per_side())
             .map(|b| disc.projected_solid_angle(b))
             .sum();

@@ -18,10 +18,12 @@
 //! is narrow (slopes to 1e6 and more occur); the vertical part of a normal is then small but keeps
 //! its digits, as 1/√(1 + s²).
 
+mod windows;
+
 use pulp::Arch;
 use rayon::prelude::*;
 
-use super::escape::{EscapeSlopes, greater, lesser};
+use super::horizon_slopes::{HorizonSlopes, greater, lesser};
 use super::vec3::{V3, unit};
 
 /// The side of an interface on which light is.
@@ -57,7 +59,7 @@ impl Side {
 
 /// A point on a triangle of a field.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Spot {
+pub struct FieldSpot {
     /// Cell along x.
     pub i: usize,
     /// Cell along y.
@@ -76,7 +78,7 @@ pub struct Spot {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Flight {
     /// On the surface.
-    Hit(Spot),
+    Hit(FieldSpot),
     /// The ray leaves the surface.
     Free,
     /// Undecided within [`CELLS_MAX`] cells: an almost horizontal ray.
@@ -105,8 +107,8 @@ pub struct HeightField {
     arch: Arch,
     lowest: f64,
     highest: f64,
-    above: EscapeSlopes,
-    below: EscapeSlopes,
+    above: HorizonSlopes,
+    below: HorizonSlopes,
 }
 
 impl HeightField {
@@ -146,11 +148,20 @@ impl HeightField {
             .collect();
         let arch = Arch::new();
         let ((above, below), (high_around, low_around)) = rayon::join(
-            || EscapeSlopes::of_both_sides(arch, (nx, ny), (cell_x, cell_y), &corners, &high, &low),
+            || {
+                HorizonSlopes::of_both_sides(
+                    arch,
+                    (nx, ny),
+                    (cell_x, cell_y),
+                    &corners,
+                    &high,
+                    &low,
+                )
+            },
             || {
                 rayon::join(
-                    || over_windows(nx, ny, &high, greater),
-                    || over_windows(nx, ny, &low, lesser),
+                    || windows::over_windows(nx, ny, &high, greater),
+                    || windows::over_windows(nx, ny, &low, lesser),
                 )
             },
         );
@@ -217,7 +228,7 @@ impl HeightField {
     /// Unit normal of a spot's triangle, upwards.
     #[inline]
     #[must_use]
-    pub fn normal(&self, spot: &Spot) -> V3 {
+    pub fn normal(&self, spot: &FieldSpot) -> V3 {
         let (sx, sy) = self.slopes(spot.i, spot.j, spot.upper);
         unit(&[-sx, -sy, 1.0])
     }
@@ -277,7 +288,7 @@ impl HeightField {
     /// The horizon slopes of one side.
     #[inline]
     #[must_use]
-    pub fn escape(&self, side: Side) -> &EscapeSlopes {
+    pub fn horizon(&self, side: Side) -> &HorizonSlopes {
         match side {
             Side::Above => &self.above,
             Side::Below => &self.below,
@@ -296,7 +307,7 @@ impl HeightField {
             Side::Above => self.highest,
             Side::Below => self.lowest,
         };
-        let spot = Spot {
+        let spot = FieldSpot {
             i,
             j,
             upper: false,
@@ -311,10 +322,10 @@ impl HeightField {
     /// is added to `crossed`.
     #[inline]
     #[must_use]
-    pub fn onward(&self, spot: &Spot, side: Side, k: &V3, crossed: &mut u64) -> Flight {
+    pub fn onward(&self, spot: &FieldSpot, side: Side, k: &V3, crossed: &mut u64) -> Flight {
         if side.sign() * k[2] > 0.0
             && self
-                .escape(side)
+                .horizon(side)
                 .towards(k)
                 .clears(spot.i * self.ny + spot.j, side.sign() * spot.z)
         {
@@ -336,7 +347,7 @@ impl HeightField {
 
     fn march(
         &self,
-        start: &Spot,
+        start: &FieldSpot,
         on_surface: bool,
         sign: f64,
         k: &V3,
@@ -459,7 +470,7 @@ impl HeightField {
     }
 
     /// A ray along ±n.
-    fn vertical(&self, start: &Spot, on_surface: bool, leaving: bool) -> Flight {
+    fn vertical(&self, start: &FieldSpot, on_surface: bool, leaving: bool) -> Flight {
         if leaving || on_surface {
             return Flight::Free;
         }
@@ -470,10 +481,10 @@ impl HeightField {
     /// Makes a spot from a position on a triangle.
     #[inline]
     #[must_use]
-    pub fn spot_at(&self, i: usize, j: usize, upper: bool, x: f64, y: f64) -> Spot {
+    pub fn spot_at(&self, i: usize, j: usize, upper: bool, x: f64, y: f64) -> FieldSpot {
         let h = self.corners[i * self.ny + j].map(f64::from);
         let (x, y) = (x.clamp(0.0, 1.0), y.clamp(0.0, 1.0));
-        Spot {
+        FieldSpot {
             i,
             j,
             upper,
@@ -482,29 +493,6 @@ impl HeightField {
             z: Self::plane(&h, upper, x, y),
         }
     }
-}
-
-/// For every cell and the [`WINDOW`] − 1 cells after it along both axes, the value that `pick`
-/// selects.
-fn over_windows(nx: usize, ny: usize, cells: &[f32], pick: impl Fn(f32, f32) -> f32) -> Vec<f32> {
-    let mut picked = cells.to_vec();
-    let mut reach = 1;
-    while reach < WINDOW as usize {
-        let (down, right) = (reach % nx, reach % ny);
-        let before = picked.clone();
-        let shifted = before.chunks(ny).cycle().skip(down);
-        for ((out, own), other) in picked.chunks_mut(ny).zip(before.chunks(ny)).zip(shifted) {
-            let across = own[right..].iter().chain(&own[..right]);
-            let diagonal = other[right..].iter().chain(&other[..right]);
-            for ((((o, a), b), c), d) in
-                out.iter_mut().zip(own).zip(other).zip(across).zip(diagonal)
-            {
-                *o = pick(pick(*a, *b), pick(*c, *d));
-            }
-        }
-        reach *= 2;
-    }
-    picked
 }
 
 #[cfg(test)]

@@ -1,16 +1,16 @@
 //! Rays on a rough tile, compared with the nearest hit over all triangles.
 
-use super::super::rng::{Purpose, Stream};
+use super::super::rng::{Purpose, RandomStream};
 use super::super::vec3::dot;
 use super::*;
 
 fn rough(nx: usize, ny: usize, height: f64, seed: u64) -> HeightField {
-    let mut random = Stream::new(seed, Purpose::Surface, 0);
+    let mut random = RandomStream::new(seed, Purpose::Surface, 0);
     let heights: Vec<f64> = (0..nx * ny).map(|_| height * random.uniform()).collect();
     HeightField::new(nx, ny, 1.0, 0.7, &heights)
 }
 
-fn direction(random: &mut Stream) -> V3 {
+fn direction(random: &mut RandomStream) -> V3 {
     let z = 2.0 * random.uniform() - 1.0;
     let phi = std::f64::consts::TAU * random.uniform();
     let r = (1.0f64 - z * z).sqrt();
@@ -52,7 +52,7 @@ fn brute_force(field: &HeightField, origin: &V3, k: &V3, reach: i64) -> Option<f
 #[test]
 fn marching_agrees_with_brute_force() {
     let field = rough(6, 5, 1.5, 3);
-    let mut random = Stream::new(11, Purpose::Photon, 0);
+    let mut random = RandomStream::new(11, Purpose::Photon, 0);
     let (mut hits, mut free) = (0, 0);
     for _ in 0..3000 {
         let mut k = direction(&mut random);

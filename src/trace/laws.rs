@@ -10,11 +10,11 @@ mod stepped;
 
 use super::height_field::Side;
 use super::run::{Shard, trace};
-use super::scene::{Prepared, Scene};
-use super::tally::{Estimate, Totals};
+use super::scene::{PreparedScene, Scene};
+use super::tally::{MonteCarloEstimate, Totals};
 use crate::model::polarisation::Mueller;
 
-fn prepared(text: &str) -> Prepared {
+fn prepared(text: &str) -> PreparedScene {
     Scene::parse(text)
         .unwrap()
         .prepare(&|path| Err(format!("no file {path}")))
@@ -373,7 +373,7 @@ fn exchanging_lamp_and_camera_gives_the_reciprocal_matrix() {
     };
     let matrix = |totals: &Totals, t, p| {
         let bin = totals.grid().bin(Side::Above, &direction(t, p));
-        let e: Vec<Estimate> = (0..16)
+        let e: Vec<MonteCarloEstimate> = (0..16)
             .map(|i| totals.element(Side::Above, bin, i))
             .collect();
         e

@@ -81,7 +81,7 @@ impl Turn {
 }
 
 /// The operations of the walk on the light that a photon carries.
-pub trait Light: Copy + Send + Sync {
+pub trait PhotonState: Copy + Send + Sync {
     /// Number of elements of a direction bin: 16 or 1.
     const ELEMENTS: usize;
     /// Whether it has a frame that rotations affect.
@@ -153,7 +153,7 @@ pub struct Polarised {
     s: V3,
 }
 
-impl Light for Polarised {
+impl PhotonState for Polarised {
     const ELEMENTS: usize = 16;
 
     fn launch(s: &V3) -> Self {
@@ -309,14 +309,14 @@ impl Light for Polarised {
 
 /// A weight: light whose polarisation is not followed.
 #[derive(Debug, Clone, Copy)]
-pub struct Scalar(f64);
+pub struct ScalarState(f64);
 
-impl Light for Scalar {
+impl PhotonState for ScalarState {
     const ELEMENTS: usize = 1;
     const HAS_FRAME: bool = false;
 
     fn launch(_: &V3) -> Self {
-        Scalar(1.0)
+        ScalarState(1.0)
     }
     #[inline]
     fn weight(&self) -> f64 {

@@ -9,40 +9,40 @@
 //! Directions are in the sample frame x = u, y = v, z = n; the sources of the conventions are
 //! listed in [`crate::model::polarisation`].
 
-pub mod beam;
 pub mod beckmann;
 pub mod bins;
-pub mod compare;
 pub mod crystals;
 pub mod ellipsometer;
-pub mod escape;
-mod exact;
 #[cfg(test)]
 mod extreme_tests;
-pub mod facet;
-mod facets;
-pub mod first_hit;
+mod facet_lanes;
+pub mod facet_response;
+pub mod facet_scattering;
+mod fixed_point;
 pub mod grid;
 pub mod height_field;
-pub mod launch;
+pub mod horizon_slopes;
 #[cfg(test)]
 mod laws;
 pub mod light;
 pub mod paired;
 pub mod pilot;
 pub mod plane;
-pub mod profile;
+pub mod polarisation_difference;
+pub mod pose_radiance;
+pub mod primary_hits;
 pub mod report;
 pub mod ridge_map;
-pub mod ridged;
-pub mod ridges;
 pub mod rng;
 pub mod run;
 pub mod scene;
-pub mod spread;
 pub mod stokes;
 pub mod surface;
+pub mod surface_profile;
+pub mod surface_spread;
+pub mod swept_visibility;
 pub mod tails;
 pub mod tally;
 pub mod vec3;
 pub mod walk;
+pub mod worn_ridges;

@@ -7,7 +7,7 @@
 
 use pulp::Simd;
 
-use super::light::{ELEMENTS_MAX, Leaving, Light, Polarised, Scalar, Turn};
+use super::light::{ELEMENTS_MAX, Leaving, PhotonState, Polarised, ScalarState, Turn};
 use super::vec3::V3;
 use crate::model::lanes::Lane;
 use crate::model::polarisation::Channel;
@@ -17,7 +17,7 @@ use crate::model::polarisation::Channel;
 #[derive(Debug, Clone, Copy)]
 pub struct Paired {
     polarised: Polarised,
-    scalar: Scalar,
+    scalar: ScalarState,
 }
 
 /// Index of the scalar weight in a bin.
@@ -25,13 +25,13 @@ pub const SCALAR: usize = Polarised::ELEMENTS;
 /// Index of m00 minus the scalar weight.
 pub const DIFFERENCE: usize = SCALAR + 1;
 
-impl Light for Paired {
+impl PhotonState for Paired {
     const ELEMENTS: usize = DIFFERENCE + 1;
 
     fn launch(s: &V3) -> Self {
         Paired {
             polarised: Polarised::launch(s),
-            scalar: Scalar::launch(s),
+            scalar: ScalarState::launch(s),
         }
     }
     #[inline]
@@ -79,7 +79,7 @@ impl Light for Paired {
     }
     #[inline(always)]
     fn leaves_each<S: Simd>(hits: &Leaving<S>, numbers: &mut [Lane<S>; ELEMENTS_MAX]) -> Lane<S> {
-        Scalar::leaves_each(hits, numbers);
+        ScalarState::leaves_each(hits, numbers);
         let scalar = numbers[0];
         let power = Polarised::leaves_each(hits, numbers);
         numbers[SCALAR] = scalar;

@@ -5,13 +5,13 @@
 
 use pulp::Simd;
 
-use super::grid::Grid;
+use super::grid::DirectionGrid;
 use super::height_field::Side;
-use super::light::{ELEMENTS_MAX, Leaving, Light, Polarised, Scalar, Turn};
+use super::light::{ELEMENTS_MAX, Leaving, PhotonState, Polarised, ScalarState, Turn};
 use super::run::trace_briefly;
-use super::scene::Prepared;
+use super::scene::PreparedScene;
 use super::surface::Relief;
-use super::tally::{Estimate, ORDERS};
+use super::tally::{MonteCarloEstimate, ORDERS};
 use super::vec3::V3;
 use crate::model::lanes::Lane;
 use crate::model::polarisation::Channel;
@@ -19,17 +19,17 @@ use crate::model::polarisation::Channel;
 /// Scalar light accompanied by polarised light of the same lamp.
 #[derive(Debug, Clone, Copy)]
 struct Accompanied {
-    scalar: Scalar,
+    scalar: ScalarState,
     polarised: Polarised,
 }
 
-impl Light for Accompanied {
+impl PhotonState for Accompanied {
     /// The scalar weight, and the difference of the polarised one from it.
     const ELEMENTS: usize = 2;
 
     fn launch(s: &V3) -> Self {
         Accompanied {
-            scalar: Scalar::launch(s),
+            scalar: ScalarState::launch(s),
             polarised: Polarised::launch(s),
         }
     }
@@ -71,7 +71,7 @@ impl Light for Accompanied {
     fn leaves_each<S: Simd>(hits: &Leaving<S>, numbers: &mut [Lane<S>; ELEMENTS_MAX]) -> Lane<S> {
         Polarised::leaves_each(hits, numbers);
         let polarised = numbers[0];
-        let power = Scalar::leaves_each(hits, numbers);
+        let power = ScalarState::leaves_each(hits, numbers);
         numbers[1] = polarised - numbers[0];
         power
     }
@@ -83,16 +83,16 @@ pub struct Pilot {
     /// Photons traced.
     pub photons: u64,
     /// Fraction reflected, without polarisation.
-    pub reflected: Estimate,
+    pub reflected: MonteCarloEstimate,
     /// Fraction reflected with polarisation minus without.
-    pub reflected_difference: Estimate,
+    pub reflected_difference: MonteCarloEstimate,
     /// The same for the transmitted light.
-    pub transmitted_difference: Estimate,
+    pub transmitted_difference: MonteCarloEstimate,
     /// Fraction transmitted.
-    pub transmitted: Estimate,
+    pub transmitted: MonteCarloEstimate,
     /// Fractions reflected and transmitted after 1, 2, … interactions; the last element means "or
     /// more".
-    pub by_interactions: [[Estimate; ORDERS]; 2],
+    pub by_interactions: [[MonteCarloEstimate; ORDERS]; 2],
 }
 
 /// Largest work of a pilot's batch ([`super::tally::TallyBatch::work`]): 64 of them take one or two
@@ -103,8 +103,8 @@ const WORK_MAX: u64 = 1 << 22;
 /// without polarisation sensitivity. Pilots of different `number` are independent and can be
 /// combined ([`Pilot::and`]). `None` if a photon takes as long as thousands usually do.
 #[must_use]
-pub fn pilot(prepared: &Prepared, photons: u64, number: u64) -> Option<Pilot> {
-    let grid = Grid::polar(1, 1);
+pub fn pilot(prepared: &PreparedScene, photons: u64, number: u64) -> Option<Pilot> {
+    let grid = DirectionGrid::polar(1, 1);
     let worth_it = |work| work <= WORK_MAX;
     let totals = trace_briefly::<Accompanied>(prepared, grid, photons, number, &worth_it);
     if totals.photons() < photons {
@@ -114,7 +114,7 @@ pub fn pilot(prepared: &Prepared, photons: u64, number: u64) -> Option<Pilot> {
     // One bin per side: its value times the projected solid angle π is the fraction of the light.
     let of = |side: Side, i: usize| {
         let e = totals.element(side, 0, i);
-        Estimate {
+        MonteCarloEstimate {
             value: e.value * whole,
             std: e.std * whole,
         }
@@ -137,7 +137,7 @@ impl Pilot {
     pub fn and(self, other: Self) -> Self {
         let photons = self.photons + other.photons;
         let share = self.photons as f64 / photons.max(1) as f64;
-        let both = |a: Estimate, b: Estimate| Estimate {
+        let both = |a: MonteCarloEstimate, b: MonteCarloEstimate| MonteCarloEstimate {
             value: share * a.value + (1.0 - share) * b.value,
             std: (share * a.std).hypot((1.0 - share) * b.std),
         };
@@ -158,15 +158,15 @@ impl Pilot {
 /// The work of a run in photons: before its first photon it visits every cell of the topmost height
 /// field, each for half a photon's time.
 #[must_use]
-pub fn effort(prepared: &Prepared) -> u64 {
-    let look = match &prepared.stack.interfaces[0].relief {
+pub fn effort(prepared: &PreparedScene) -> u64 {
+    let analysed = match &prepared.stack.interfaces[0].relief {
         Relief::Field(field) => {
             let (nx, ny) = field.cells();
             (nx * ny / 2) as u64
         }
         _ => 0,
     };
-    prepared.photons.saturating_add(look)
+    prepared.photons.saturating_add(analysed)
 }
 
 #[cfg(test)]
@@ -178,7 +178,7 @@ mod tests {
     const TWO: &str = "[light]\ntheta_i_deg = 60.0\n[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n\
                        [[interface]]\nshape = \"flat\"\nbelow = { n = 2.4 }\n[run]\nphotons = 4000\npolarised = ";
 
-    fn prepared(polarised: bool) -> Prepared {
+    fn prepared(polarised: bool) -> PreparedScene {
         let scene = Scene::parse(&format!("{TWO}{polarised}\n")).unwrap();
         scene.prepare(&|_| Err(String::new())).unwrap()
     }
@@ -225,7 +225,7 @@ mod tests {
         assert_eq!(pilot(&needles(1e3), 500, 0).unwrap().photons, 500);
         let needles = needles(1e7);
         assert_eq!(pilot(&needles, 500, 0), None);
-        let stopped = trace(&needles, Shard::WHOLE, &|p| p.look.is_some());
+        let stopped = trace(&needles, Shard::WHOLE, &|p| p.surface_analysis.is_some());
         assert_eq!(stopped.photons(), 0);
     }
 

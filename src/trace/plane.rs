@@ -1,27 +1,27 @@
 //! The plane of incidence in polar bins: directions of reflection from the lamp's side to the
 //! mirror's.
 //!
-//! Call [`plane`]; [`super::ellipsometer`] and [`super::compare`] evaluate it.
+//! Call [`plane`]; [`super::ellipsometer`] and [`super::polarisation_difference`] evaluate it.
 
-use super::grid::{Grid, Layout};
+use super::grid::{DirectionGrid, Layout};
 use super::height_field::Side;
-use super::tally::{Covariance, Estimate, Totals};
+use super::tally::{ElementCovariance, MonteCarloEstimate, Totals};
 
 /// One direction of the plane.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Direction {
+pub struct PlaneDirection {
     /// Angle of reflection, degrees; positive on the side of the mirror direction.
     pub theta_s_deg: f64,
     /// The contents of its bins, sr⁻¹; means if the plane is the border of two columns.
-    pub numbers: Vec<Estimate>,
+    pub numbers: Vec<MonteCarloEstimate>,
     /// Their covariance, if recorded.
-    pub covariance: Option<Covariance>,
+    pub covariance: Option<ElementCovariance>,
 }
 
 /// Angles of reflection, degrees, and bins of the directions of the plane; `None` if bins are
 /// pixels.
 #[must_use]
-pub fn directions(grid: Grid, phi_i_deg: f64) -> Option<Vec<(f64, Vec<usize>)>> {
+pub fn directions(grid: DirectionGrid, phi_i_deg: f64) -> Option<Vec<(f64, Vec<usize>)>> {
     if grid.layout != Layout::Polar {
         return None;
     }
@@ -41,7 +41,7 @@ pub fn directions(grid: Grid, phi_i_deg: f64) -> Option<Vec<(f64, Vec<usize>)>> 
 /// The directions by ascending angle, for a lamp at the azimuth `phi_i_deg`; those without light
 /// are left out. `None` if bins are pixels, which have no such rows.
 #[must_use]
-pub fn plane(totals: &Totals, phi_i_deg: f64) -> Option<Vec<Direction>> {
+pub fn plane(totals: &Totals, phi_i_deg: f64) -> Option<Vec<PlaneDirection>> {
     let seen = |(theta_s_deg, bins): (f64, Vec<usize>)| {
         // If one of two bins has light, the other is dark, not unknown.
         if bins.iter().all(|&bin| totals.is_empty(Side::Above, bin)) {
@@ -55,12 +55,12 @@ pub fn plane(totals: &Totals, phi_i_deg: f64) -> Option<Vec<Direction>> {
                 value += e.value / n;
                 square += (e.std / n).powi(2);
             }
-            Estimate {
+            MonteCarloEstimate {
                 value,
                 std: square.sqrt(),
             }
         };
-        Some(Direction {
+        Some(PlaneDirection {
             theta_s_deg,
             numbers: (0..totals.elements()).map(mean).collect(),
             covariance: totals.covariance(&bins),
@@ -85,11 +85,11 @@ fn beside(n_phi: usize, phi_deg: f64) -> impl Iterator<Item = usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::grid::Grid;
-    use super::super::light::{Light, Scalar};
+    use super::super::grid::DirectionGrid;
+    use super::super::light::{PhotonState, ScalarState};
     use super::super::run::{Shard, trace};
     use super::super::scene::Scene;
-    use super::super::tally::Batch;
+    use super::super::tally::TallyBatch;
     use super::*;
 
     #[test]
@@ -112,13 +112,13 @@ mod tests {
 
     #[test]
     fn on_a_border_a_bin_without_light_counts_as_dark() {
-        let grid = Grid::polar(2, 8);
+        let grid = DirectionGrid::polar(2, 8);
         let mut totals = Totals::new(grid, 1);
         for _ in 0..2 {
-            let mut batch = Batch::new::<Scalar>(grid);
+            let mut batch = TallyBatch::new::<ScalarState>(grid);
             // Light only on one side of the plane.
             let k = [0.5, 0.1, 0.8];
-            batch.exit(&Scalar::launch(&k), 1.0, Side::Above, &k, 1);
+            batch.exit(&ScalarState::launch(&k), 1.0, Side::Above, &k, 1);
             totals.take(&mut batch, 10);
         }
         let own = totals.element(Side::Above, grid.bin(Side::Above, &[0.5, 0.1, 0.8]), 0);

@@ -2,15 +2,15 @@
 
 use serde::{Deserialize, Serialize, Serializer};
 
-use super::scene::{LeftOut, Prepared, RidgeAngle};
-use super::spread::Surfaces;
+use super::scene::{LeftOut, PreparedScene, RidgeAngle};
 use super::surface::Interface;
-use super::tally::{Energies, Estimate, ORDERS, Totals};
+use super::surface_spread::Surfaces;
+use super::tally::{Energies, MonteCarloEstimate, ORDERS, Totals};
 use crate::wording::{percent, significant};
 
 /// Energies, errors and effects left out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Report {
+pub struct TraceReport {
     /// Photons launched.
     pub photons: u64,
     /// Duration of the run, s, if known.
@@ -52,19 +52,22 @@ pub struct Report {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Energy {
     /// Reflected to the upper side.
-    pub reflected: Estimate,
+    pub reflected: MonteCarloEstimate,
     /// Transmitted through the last interface.
-    pub transmitted: Estimate,
+    pub transmitted: MonteCarloEstimate,
     /// Absorbed by metals, layers and diffuse bodies.
-    pub absorbed: Estimate,
+    pub absorbed: MonteCarloEstimate,
     /// Given up.
-    pub truncated: Estimate,
+    pub truncated: MonteCarloEstimate,
     /// R1, R2, … and T1, T2, …: by number of interactions.
     #[serde(serialize_with = "as_map")]
-    pub by_interactions: Vec<(String, Estimate)>,
+    pub by_interactions: Vec<(String, MonteCarloEstimate)>,
 }
 
-fn as_map<S: Serializer>(list: &[(String, Estimate)], serializer: S) -> Result<S::Ok, S::Error> {
+fn as_map<S: Serializer>(
+    list: &[(String, MonteCarloEstimate)],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
     serializer.collect_map(list.iter().map(|(name, x)| (name, x)))
 }
 
@@ -88,7 +91,7 @@ pub struct About {
 impl About {
     /// Takes the facts from a prepared scene.
     #[must_use]
-    pub fn of(prepared: &Prepared) -> Self {
+    pub fn of(prepared: &PreparedScene) -> Self {
         let clear = |interface: &Interface| {
             let back = interface.from_above.at(0.5).reflected;
             back.s + back.p < NOTHING && interface.diffuse.is_none()
@@ -111,7 +114,7 @@ impl About {
 const MUCH_TRUNCATED: f64 = 1e-3;
 
 /// Notes on the standard errors.
-fn notes(totals: &Totals, e: &Energies<Estimate>) -> Vec<String> {
+fn notes(totals: &Totals, e: &Energies<MonteCarloEstimate>) -> Vec<String> {
     let all = [&e.reflected_all, &e.transmitted_all, &e.absorbed];
     let mut notes = Vec::new();
     if totals.batches() < 2 {
@@ -164,7 +167,7 @@ fn given_up(share: f64) -> Option<String> {
     })
 }
 
-impl Report {
+impl TraceReport {
     /// Adds the results of several realisations, or a note that only the first was traced in time.
     pub fn spread_over(&mut self, surfaces: Option<Surfaces>) {
         if surfaces.is_some() {
@@ -180,7 +183,7 @@ impl Report {
     /// Makes a report of the counted light; the caller fills in times and facts about the scene.
     #[must_use]
     pub fn new(totals: &Totals, polarised: bool) -> Self {
-        let e: Energies<Estimate> = totals.energies();
+        let e: Energies<MonteCarloEstimate> = totals.energies();
         let mut by_interactions = Vec::new();
         for (side, orders) in [("R", &e.reflected), ("T", &e.transmitted)] {
             let used = orders
@@ -192,7 +195,7 @@ impl Report {
                 by_interactions.push((format!("{side}{}{more}", n + 1), *x));
             }
         }
-        Report {
+        TraceReport {
             photons: totals.photons(),
             seconds: None,
             run_seconds: None,
@@ -218,8 +221,8 @@ impl Report {
 
     /// Makes a report of a run of a scene.
     #[must_use]
-    pub fn of(prepared: &Prepared, totals: &Totals) -> Self {
-        Report::new(totals, prepared.polarised).about(About::of(prepared))
+    pub fn of(prepared: &PreparedScene, totals: &Totals) -> Self {
+        TraceReport::new(totals, prepared.polarised).about(About::of(prepared))
     }
 
     /// Adds facts about the scene.
@@ -257,7 +260,7 @@ mod tests {
 
     #[test]
     fn an_outcome_without_photons_is_noted_as_possible() {
-        let told = |below: &str| {
+        let report_of = |below: &str| {
             let scene = format!(
                 "[[interface]]\nshape = \"smith\"\nalpha_u = 5.0\nalpha_v = 5.0\nbelow = {below}\n\
                  [run]\nphotons = 60\nseed = 3\n[light]\ntheta_i_deg = 0.0\n"
@@ -267,27 +270,27 @@ mod tests {
                 .prepare(&|_| Err(String::new()))
                 .unwrap();
             let totals = trace(&ready, Shard::WHOLE, &|_| true);
-            let report = Report::of(&ready, &totals);
+            let report = TraceReport::of(&ready, &totals);
             let unmet = report.notes.iter().any(|n| n.starts_with("no photon"));
             (unmet, report.energy)
         };
-        let (unmet, energy) = told("{ n = 1.5 }");
+        let (unmet, energy) = report_of("{ n = 1.5 }");
         assert_eq!(unmet, energy.reflected.value == 0.0, "{energy:?}");
         assert!(unmet);
         // No light leaves below a metal.
-        assert!(!told("{ n = 0.2, k = 3.0 }").0);
+        assert!(!report_of("{ n = 0.2, k = 3.0 }").0);
     }
 
     #[test]
     fn an_outcome_that_the_boundary_excludes_is_not_noted() {
-        let told = |n_top: f64, theta_i_deg: f64, stokes: &str, method: &str, shape: &str| {
+        let report_of = |n_top: f64, theta_i_deg: f64, stokes: &str, method: &str, shape: &str| {
             let scene = format!(
                 "n_top = {n_top:?}\n[light]\ntheta_i_deg = {theta_i_deg:?}\nstokes = {stokes}\n[[interface]]\n{shape}\n\
                  below = {{ n = 1.0 }}\n[run]\nphotons = 1000\nmethod = \"{method}\"\n"
             );
             let scene = Scene::parse(&scene).unwrap();
             let ready = scene.prepare(&|_| Err(String::new())).unwrap();
-            Report::of(&ready, &trace(&ready, Shard::WHOLE, &|_| true))
+            TraceReport::of(&ready, &trace(&ready, Shard::WHOLE, &|_| true))
         };
         let flat = "shape = \"flat\"";
         let smith = "shape = \"smith\"\nalpha_u = 0.1\nalpha_v = 0.1";
@@ -300,7 +303,7 @@ mod tests {
                 (1.0, 30.0, all, smith),
                 (1.5, brewster, along_p, flat),
             ] {
-                let report = told(n_top, theta, stokes, method, shape);
+                let report = report_of(n_top, theta, stokes, method, shape);
                 let unmet = report.notes.iter().any(|n| n.starts_with("no photon"));
                 assert!(!unmet, "{n_top} {theta} {method}: {report:?}");
             }
@@ -316,11 +319,12 @@ mod tests {
             .prepare(&|_| Err(String::new()))
             .unwrap();
         let totals = trace(&ready, Shard::WHOLE, &|_| true);
-        let mut report = Report::of(&ready, &totals);
-        let told = |report: &Report| report.notes.iter().any(|n| n.contains("was given up"));
-        assert!(told(&report), "{report:?}");
+        let mut report = TraceReport::of(&ready, &totals);
+        let has_note =
+            |report: &TraceReport| report.notes.iter().any(|n| n.contains("was given up"));
+        assert!(has_note(&report), "{report:?}");
         let one = report.energy.reflected;
-        let between = super::super::spread::Between {
+        let between = super::super::surface_spread::Between {
             value: one.value,
             std: one.std,
             std_by_sampling: one.std,
@@ -332,6 +336,6 @@ mod tests {
             transmitted: between,
             absorbed: between,
         }));
-        assert!(told(&report) && report.notes.len() == 1, "{report:?}");
+        assert!(has_note(&report) && report.notes.len() == 1, "{report:?}");
     }
 }

@@ -14,12 +14,12 @@ mod tests;
 
 use serde::{Deserialize, Serialize};
 
-use super::profile::{Profile, ProfileError};
 use super::scene::{HeightMap, MapUnits};
+use super::surface_profile::{ProfileError, SurfaceProfile};
 use crate::model::LeftOut;
 use crate::wording::percent;
-use field::{Field, Wave, take_off_plane};
-use lines::Lines;
+use field::{SampledHeights, Wave, take_off_plane};
+use lines::RidgeLines;
 #[cfg(test)]
 pub(crate) use tests::map_of as height_map_of;
 
@@ -83,7 +83,7 @@ fn is_nothing(share: &f64) -> bool {
 #[derive(Debug, Clone, PartialEq)]
 pub struct RidgeMap {
     /// All ridges of the map, averaged along them, µm.
-    pub profile: Profile,
+    pub profile: SurfaceProfile,
     /// Properties of the map.
     pub facts: RidgeFacts,
 }
@@ -213,7 +213,7 @@ impl RidgeMap {
             *h *= units.height_unit_um;
         }
         take_off_plane(&mut heights, columns, units.pitch_um);
-        let field = Field {
+        let field = SampledHeights {
             columns,
             rows,
             pitch: units.pitch_um,
@@ -234,7 +234,7 @@ impl RidgeMap {
                 waves.push((wave, power));
             }
         }
-        let found: Vec<(Lines, Wave, f64)> = waves
+        let found: Vec<(RidgeLines, Wave, f64)> = waves
             .into_iter()
             .map(|(wave, power)| (field.aligned(wave), power))
             .map(|(wave, power)| (field.lines(wave, 1), wave, power))

@@ -1,6 +1,6 @@
 //! Counter-based random numbers: every photon has its own stream, identified by numbers.
 //!
-//! A [`Stream`] is SplitMix64 (Steele, Lea, Flood 2014) on a key mixed from the run's seed, a
+//! A [`RandomStream`] is SplitMix64 (Steele, Lea, Flood 2014) on a key mixed from the run's seed, a
 //! purpose and an index; its n-th number is a function of the key and n only. A result therefore
 //! depends on the seed, and never on threads, shards or the order in which photons are traced.
 
@@ -16,12 +16,12 @@ pub enum Purpose {
     /// The shape of a surface.
     Surface,
     /// The path of one photon of a preview, which is not part of the run.
-    Sketch,
+    Preview,
 }
 
 /// A reproducible stream of random numbers.
 #[derive(Debug, Clone)]
-pub struct Stream {
+pub struct RandomStream {
     state: u64,
 }
 
@@ -34,13 +34,13 @@ fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-impl Stream {
+impl RandomStream {
     /// Makes stream number `index` of a purpose.
     #[inline]
     #[must_use]
     pub fn new(seed: u64, purpose: Purpose, index: u64) -> Self {
         let key = mix(seed.wrapping_add(GAMMA)) ^ mix(purpose as u64 + 0x5151);
-        Stream {
+        RandomStream {
             state: mix(key.wrapping_add(mix(index.wrapping_add(0xa076_1d64_78bd_642f)))),
         }
     }
@@ -67,7 +67,7 @@ impl Stream {
     }
 }
 
-impl TryRng for Stream {
+impl TryRng for RandomStream {
     type Error = std::convert::Infallible;
 
     fn try_next_u32(&mut self) -> Result<u32, Self::Error> {
@@ -96,8 +96,8 @@ mod tests {
         let n = 20_000;
         let (mut sum, mut square, mut product) = (0.0, 0.0, 0.0);
         for index in 0..n {
-            let a = Stream::new(7, Purpose::Photon, index).uniform() - 0.5;
-            let b = Stream::new(7, Purpose::Photon, index + 1).uniform() - 0.5;
+            let a = RandomStream::new(7, Purpose::Photon, index).uniform() - 0.5;
+            let b = RandomStream::new(7, Purpose::Photon, index + 1).uniform() - 0.5;
             sum += a;
             square += a * a;
             product += a * b;
@@ -112,12 +112,12 @@ mod tests {
 
     #[test]
     fn a_stream_depends_only_on_its_key() {
-        let draw = |seed, index| Stream::new(seed, Purpose::Photon, index).bits();
+        let draw = |seed, index| RandomStream::new(seed, Purpose::Photon, index).bits();
         assert_eq!(draw(1, 2), draw(1, 2));
         assert_ne!(draw(1, 2), draw(2, 1));
         assert_ne!(
-            Stream::new(1, Purpose::Surface, 2).bits(),
-            Stream::new(1, Purpose::Batch, 2).bits()
+            RandomStream::new(1, Purpose::Surface, 2).bits(),
+            RandomStream::new(1, Purpose::Batch, 2).bits()
         );
     }
 }

@@ -12,10 +12,10 @@ mod shape;
 
 use serde::Deserialize;
 
-use super::facet::{Diffuse, Roughness};
-use super::grid::Grid;
-use super::rng::{Purpose, Stream};
-use super::surface::{Interface, Layer, Relief, Stack};
+use super::facet_scattering::{DiffuseBody, Roughness};
+use super::grid::DirectionGrid;
+use super::rng::{Purpose, RandomStream};
+use super::surface::{Interface, Relief, Stack, StackLayer};
 use super::walk::Method;
 use crate::material::tables;
 pub use crate::model::LeftOut;
@@ -23,13 +23,13 @@ use crate::model::polarisation::Boundary;
 use crate::wording::toml_text;
 
 use error::{positive, value};
-use media::{Optics, Step, index};
+use media::{MediumStep, SceneOptics, index};
 use prepared::REGISTRATION;
 
 pub use error::SceneError;
 pub use height_map::{HeightMap, MapUnits};
-pub use prepared::{Prepared, RidgeAngle};
-pub use shape::Shape;
+pub use prepared::{PreparedScene, RidgeAngle};
+pub use shape::InterfaceShape;
 
 /// A scene as written.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -40,19 +40,19 @@ pub struct Scene {
     pub n_top: f64,
     /// The lamp.
     #[serde(default)]
-    pub light: Lamp,
+    pub light: LampSettings,
     /// Interfaces, top first.
     #[serde(default)]
-    pub interface: Vec<Shape>,
+    pub interface: Vec<InterfaceShape>,
     /// Number of photons, seed and method.
     #[serde(default)]
-    pub run: Run,
+    pub run: RunSettings,
 }
 
 /// The direction and state of the incident light.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Lamp {
+pub struct LampSettings {
     /// Polar angle of the direction to the lamp, degrees from n.
     pub theta_i_deg: f64,
     /// Azimuth of that direction, degrees from u towards v.
@@ -63,9 +63,9 @@ pub struct Lamp {
     pub stokes: [f64; 4],
 }
 
-impl Default for Lamp {
+impl Default for LampSettings {
     fn default() -> Self {
-        Lamp {
+        LampSettings {
             theta_i_deg: 0.0,
             phi_i_deg: 0.0,
             wavelength_nm: 550.0,
@@ -77,7 +77,7 @@ impl Default for Lamp {
 /// How to trace.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Run {
+pub struct RunSettings {
     /// Photons to launch.
     pub photons: u64,
     /// Seed of all random numbers.
@@ -94,9 +94,9 @@ pub struct Run {
     pub phi_bins: usize,
 }
 
-impl Default for Run {
+impl Default for RunSettings {
     fn default() -> Self {
-        Run {
+        RunSettings {
             photons: 1_000_000,
             seed: 1,
             polarised: toml::Value::String("auto".to_owned()),
@@ -115,7 +115,7 @@ fn one() -> f64 {
 /// The built shapes of a scene's interfaces. They do not depend on the light and are cheap to
 /// clone.
 #[derive(Debug, Clone)]
-pub struct Shapes {
+pub struct BuiltShapes {
     reliefs: Vec<(Relief, Option<Roughness>)>,
     left_out: Vec<LeftOut>,
     ridge_angles: Vec<RidgeAngle>,
@@ -163,7 +163,7 @@ impl Scene {
     pub fn prepare(
         &self,
         load: &dyn Fn(&str) -> Result<HeightMap, String>,
-    ) -> Result<Prepared, SceneError> {
+    ) -> Result<PreparedScene, SceneError> {
         // Checked first, because building a surface may take long.
         self.checked()?;
         self.prepare_on(&self.shapes(load)?)
@@ -177,8 +177,8 @@ impl Scene {
     pub fn shapes(
         &self,
         load: &dyn Fn(&str) -> Result<HeightMap, String>,
-    ) -> Result<Shapes, SceneError> {
-        let mut shapes = Shapes {
+    ) -> Result<BuiltShapes, SceneError> {
+        let mut shapes = BuiltShapes {
             reliefs: Vec::new(),
             left_out: Vec::new(),
             ridge_angles: Vec::new(),
@@ -203,7 +203,7 @@ impl Scene {
     ///
     /// # Panics
     /// The shapes belong to a scene with another number of interfaces.
-    pub fn prepare_on(&self, shapes: &Shapes) -> Result<Prepared, SceneError> {
+    pub fn prepare_on(&self, shapes: &BuiltShapes) -> Result<PreparedScene, SceneError> {
         assert_eq!(
             shapes.reliefs.len(),
             self.interface.len(),
@@ -213,7 +213,7 @@ impl Scene {
         let mut interfaces = Vec::new();
         let mut layers = Vec::new();
         for ((relief, roughness), step) in shapes.reliefs.iter().zip(optics.steps) {
-            let Step { above, below, .. } = step;
+            let MediumStep { above, below, .. } = step;
             // An absorbing medium below the last interface is treated as a metal.
             let enters = interfaces.len() + 1 < self.interface.len();
             interfaces.push(Interface {
@@ -223,9 +223,9 @@ impl Scene {
                 roughness: *roughness,
                 diffuse: step
                     .rho_d
-                    .map(|r| Diffuse::new(r, below.re / above.re, 1.0, 1.0)),
+                    .map(|r| DiffuseBody::new(r, below.re / above.re, 1.0, 1.0)),
             });
-            layers.push(Layer {
+            layers.push(StackLayer {
                 optical_depth: step.optical_depth,
                 index: below,
             });
@@ -243,14 +243,14 @@ impl Scene {
         }
         let (sin, cos) = self.light.theta_i_deg.to_radians().sin_cos();
         let (sin_phi, cos_phi) = self.light.phi_i_deg.to_radians().sin_cos();
-        Ok(Prepared {
+        Ok(PreparedScene {
             stack: Stack { interfaces, layers },
             method: self.run.method,
             stokes,
             k: [-sin * cos_phi, -sin * sin_phi, -cos],
             s: [sin_phi, -cos_phi, 0.0],
             interactions_max: self.run.interactions_max,
-            grid: Grid::polar(self.run.theta_bins, self.run.phi_bins)
+            grid: DirectionGrid::polar(self.run.theta_bins, self.run.phi_bins)
                 .straight_at(self.light.phi_i_deg),
             seed: self.run.seed,
             plane: true,
@@ -258,13 +258,13 @@ impl Scene {
             polarised,
             left_out,
             ridge_angles: shapes.ridge_angles.clone(),
-            is_drawn: self.interface.iter().any(Shape::is_drawn),
+            is_drawn: self.interface.iter().any(InterfaceShape::is_drawn),
         })
     }
 
     /// Checks everything except the shapes; returns whether polarisation is followed, the lamp's
     /// Stokes vector, and the media.
-    fn checked(&self) -> Result<(bool, [f64; 4], Optics), SceneError> {
+    fn checked(&self) -> Result<(bool, [f64; 4], SceneOptics), SceneError> {
         let polarised = match &self.run.polarised {
             toml::Value::Boolean(b) => *b,
             toml::Value::String(s) if s == "auto" => true,
@@ -293,7 +293,7 @@ impl Scene {
                 let seed = shape.seed.unwrap_or(self.run.seed);
                 // Different from the indices of interfaces without a seed of their own.
                 let index = (number << 16) + k as u64;
-                shape.seed = Some(Stream::new(seed, Purpose::Surface, index).bits());
+                shape.seed = Some(RandomStream::new(seed, Purpose::Surface, index).bits());
             }
         }
         scene
@@ -310,7 +310,7 @@ impl Scene {
     /// Whether a material is tabulated over the wavelength.
     #[must_use]
     pub fn depends_on_wavelength(&self) -> bool {
-        let named = |shape: &Shape| match &shape.below {
+        let named = |shape: &InterfaceShape| match &shape.below {
             toml::Value::String(name) => tables::is_dispersive(name),
             _ => false,
         };

@@ -5,7 +5,7 @@
 
 use pulp::Simd;
 
-use super::light::{ELEMENTS_MAX, Leaving, Light, Turn};
+use super::light::{ELEMENTS_MAX, Leaving, PhotonState, Turn};
 use super::vec3::V3;
 use crate::model::lanes::Lane;
 use crate::model::polarisation::Channel;
@@ -13,7 +13,7 @@ use crate::model::polarisation::Channel;
 /// The Stokes vector (I, Q, U, V) of light that was launched unpolarised with I = 1, and s of its
 /// frame. Signs are those of [`crate::model::polarisation`].
 #[derive(Debug, Clone, Copy)]
-pub struct Stokes {
+pub struct StokesState {
     i: f64,
     q: f64,
     u: f64,
@@ -21,11 +21,11 @@ pub struct Stokes {
     s: V3,
 }
 
-impl Light for Stokes {
+impl PhotonState for StokesState {
     const ELEMENTS: usize = 4;
 
     fn launch(s: &V3) -> Self {
-        Stokes {
+        StokesState {
             i: 1.0,
             q: 0.0,
             u: 0.0,
@@ -104,18 +104,18 @@ impl Light for Stokes {
 #[cfg(test)]
 mod tests {
     use super::super::light::Polarised;
-    use super::super::rng::{Purpose, Stream};
+    use super::super::rng::{Purpose, RandomStream};
     use super::super::vec3::{dot, unit};
     use super::*;
     use crate::model::polarisation::Boundary;
 
     #[test]
     fn it_equals_the_first_column_of_the_mueller_matrix_along_a_path() {
-        let mut random = Stream::new(3, Purpose::Photon, 0);
+        let mut random = RandomStream::new(3, Purpose::Photon, 0);
         let metal = Boundary::new(1.0, 2.9, 3.1);
         let s = [1.0, 0.0, 0.0];
         let mut k = [0.0, 0.0, -1.0];
-        let (mut matrix, mut vector) = (Polarised::launch(&s), Stokes::launch(&s));
+        let (mut matrix, mut vector) = (Polarised::launch(&s), StokesState::launch(&s));
         for bounce in 0..6 {
             let mut draw = || random.uniform() - 0.5;
             let m = unit(&[draw() - k[0], draw() - k[1], draw() - k[2]]);

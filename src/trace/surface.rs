@@ -8,10 +8,10 @@ use std::sync::Arc;
 
 use nalgebra::Complex;
 
-use super::facet::{Diffuse, Roughness};
-use super::height_field::{Flight, HeightField, Side, Spot};
-use super::profile::{Profile, ProfileFlight, ProfileSpot};
-use super::rng::Stream;
+use super::facet_scattering::{DiffuseBody, Roughness};
+use super::height_field::{FieldSpot, Flight, HeightField, Side};
+use super::rng::RandomStream;
+use super::surface_profile::{ProfileFlight, ProfileSpot, SurfaceProfile};
 use super::vec3::{UP, V3};
 use crate::model::polarisation::{Boundary, slant};
 
@@ -23,25 +23,25 @@ pub enum Relief {
     /// A periodic field of heights.
     Field(Arc<HeightField>),
     /// A profile that is constant along u.
-    Profile(Arc<Profile>),
+    Profile(Arc<SurfaceProfile>),
 }
 
 /// A point on a relief.
 #[derive(Debug, Clone, Copy)]
-pub enum Place {
+pub enum ReliefPoint {
     /// Any point of a plane.
     Flat,
     /// On a height field.
-    Field(Spot),
+    Field(FieldSpot),
     /// On a profile.
     Profile(ProfileSpot),
 }
 
 /// The end of a ray.
 #[derive(Debug, Clone, Copy)]
-pub enum Way {
+pub enum RayEnd {
     /// At a point on the same relief.
-    Hit(Place),
+    Hit(ReliefPoint),
     /// The ray leaves the relief.
     Free,
     /// Undecided: counted as truncated.
@@ -53,13 +53,13 @@ impl Relief {
     /// the tile. The number of cells or pieces that it crosses is added to `crossed`.
     #[inline]
     #[must_use]
-    pub fn enter(&self, side: Side, k: &V3, x: f64, y: f64, crossed: &mut u64) -> Way {
+    pub fn enter(&self, side: Side, k: &V3, x: f64, y: f64, crossed: &mut u64) -> RayEnd {
         match self {
-            Relief::Flat => Way::Hit(Place::Flat),
+            Relief::Flat => RayEnd::Hit(ReliefPoint::Flat),
             Relief::Field(field) => match field.enter(side, k, x, y, crossed) {
-                Flight::Hit(spot) => Way::Hit(Place::Field(spot)),
-                Flight::Free => Way::Free,
-                Flight::Lost => Way::Lost,
+                Flight::Hit(spot) => RayEnd::Hit(ReliefPoint::Field(spot)),
+                Flight::Free => RayEnd::Free,
+                Flight::Lost => RayEnd::Lost,
             },
             Relief::Profile(profile) => profile_way(profile.enter(side, k, y, crossed)),
         }
@@ -69,32 +69,32 @@ impl Relief {
     /// crosses is added to `crossed`.
     #[inline]
     #[must_use]
-    pub fn onward(&self, place: &Place, side: Side, k: &V3, crossed: &mut u64) -> Way {
+    pub fn onward(&self, place: &ReliefPoint, side: Side, k: &V3, crossed: &mut u64) -> RayEnd {
         match (self, place) {
-            (Relief::Field(field), Place::Field(spot)) => {
+            (Relief::Field(field), ReliefPoint::Field(spot)) => {
                 match field.onward(spot, side, k, crossed) {
-                    Flight::Hit(spot) => Way::Hit(Place::Field(spot)),
-                    Flight::Free => Way::Free,
-                    Flight::Lost => Way::Lost,
+                    Flight::Hit(spot) => RayEnd::Hit(ReliefPoint::Field(spot)),
+                    Flight::Free => RayEnd::Free,
+                    Flight::Lost => RayEnd::Lost,
                 }
             }
-            (Relief::Profile(profile), Place::Profile(spot)) => {
+            (Relief::Profile(profile), ReliefPoint::Profile(spot)) => {
                 profile_way(profile.onward(spot, side, k, crossed))
             }
-            _ => Way::Free,
+            _ => RayEnd::Free,
         }
     }
 
     /// Facet frame at a point: unit vectors along u, across it, and the normal (upwards).
     #[inline]
     #[must_use]
-    pub fn frame(&self, place: &Place) -> [V3; 3] {
+    pub fn frame(&self, place: &ReliefPoint) -> [V3; 3] {
         match (self, place) {
-            (Relief::Profile(profile), Place::Profile(spot)) => {
+            (Relief::Profile(profile), ReliefPoint::Profile(spot)) => {
                 let (along, normal) = profile.pieces()[spot.piece].frame(spot.v);
                 [[1.0, 0.0, 0.0], along, normal]
             }
-            (Relief::Field(field), Place::Field(spot)) => {
+            (Relief::Field(field), ReliefPoint::Field(spot)) => {
                 let normal = field.normal(spot);
                 let x = 1.0 / (normal[2] * normal[2] + normal[0] * normal[0]).sqrt();
                 let along = [normal[2] * x, 0.0, -normal[0] * x];
@@ -118,22 +118,22 @@ impl Relief {
     /// Facet normal at a point, upwards.
     #[inline]
     #[must_use]
-    pub fn normal(&self, place: &Place) -> V3 {
+    pub fn normal(&self, place: &ReliefPoint) -> V3 {
         match (self, place) {
-            (Relief::Profile(profile), Place::Profile(spot)) => {
+            (Relief::Profile(profile), ReliefPoint::Profile(spot)) => {
                 profile.pieces()[spot.piece].frame(spot.v).1
             }
-            (Relief::Field(field), Place::Field(spot)) => field.normal(spot),
+            (Relief::Field(field), ReliefPoint::Field(spot)) => field.normal(spot),
             _ => UP,
         }
     }
 }
 
-fn profile_way(flight: ProfileFlight) -> Way {
+fn profile_way(flight: ProfileFlight) -> RayEnd {
     match flight {
-        ProfileFlight::Hit(spot) => Way::Hit(Place::Profile(spot)),
-        ProfileFlight::Free => Way::Free,
-        ProfileFlight::Lost => Way::Lost,
+        ProfileFlight::Hit(spot) => RayEnd::Hit(ReliefPoint::Profile(spot)),
+        ProfileFlight::Free => RayEnd::Free,
+        ProfileFlight::Lost => RayEnd::Lost,
     }
 }
 
@@ -149,7 +149,7 @@ pub struct Interface {
     /// Roughness of the facets, below the resolution of the shape.
     pub roughness: Option<Roughness>,
     /// Diffuse return of the light that enters.
-    pub diffuse: Option<Diffuse>,
+    pub diffuse: Option<DiffuseBody>,
 }
 
 impl Interface {
@@ -170,12 +170,12 @@ pub struct Stack {
     /// At least one.
     pub interfaces: Vec<Interface>,
     /// The medium below each interface.
-    pub layers: Vec<Layer>,
+    pub layers: Vec<StackLayer>,
 }
 
 /// A medium between two interfaces, or below the last.
 #[derive(Debug, Clone, Copy)]
-pub struct Layer {
+pub struct StackLayer {
     /// 4πkd/λ, the optical depth at normal incidence; 0 below the last interface.
     pub optical_depth: f64,
     /// n + ik.
@@ -200,7 +200,7 @@ impl Stack {
     #[inline]
     #[must_use]
     pub fn kept_in_layer(&self, interface: usize, cos: f64) -> f64 {
-        let Layer {
+        let StackLayer {
             optical_depth,
             index,
         } = self.layers[interface];
@@ -220,11 +220,11 @@ impl Stack {
         interface: usize,
         side: Side,
         k: &V3,
-        random: &mut Stream,
+        random: &mut RandomStream,
         crossed: &mut u64,
-    ) -> Way {
+    ) -> RayEnd {
         match &self.interfaces[interface].relief {
-            Relief::Flat => Way::Hit(Place::Flat),
+            Relief::Flat => RayEnd::Hit(ReliefPoint::Flat),
             relief => {
                 let (x, y) = (random.uniform(), random.uniform());
                 relief.enter(side, k, x, y, crossed)

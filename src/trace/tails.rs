@@ -11,8 +11,8 @@
 
 use rand_distr::{Distribution, Gamma};
 
-use super::facet::Roughness;
-use super::rng::Stream;
+use super::facet_scattering::Roughness;
+use super::rng::RandomStream;
 use super::vec3::V3;
 
 /// Roughness with a tail.
@@ -58,14 +58,14 @@ impl Tailed {
     }
 
     /// Draws a normal from those that a ray along `k` meets on the facet.
-    pub fn visible_normal(&self, k: &V3, random: &mut Stream) -> V3 {
+    pub fn visible_normal(&self, k: &V3, random: &mut RandomStream) -> V3 {
         self.roughness
             .times(self.scale(k, random))
             .visible_normal(k, random)
     }
 
     /// Draws a scale of the slopes in proportion to the area that the ray meets.
-    fn scale(&self, k: &V3, random: &mut Stream) -> f64 {
+    fn scale(&self, k: &V3, random: &mut RandomStream) -> f64 {
         let shape = 1.0 / self.tail;
         let (Ok(plain), Ok(wide)) = (Gamma::new(shape, 1.0), Gamma::new(shape - 0.5, 1.0)) else {
             return 1.0;
@@ -115,7 +115,7 @@ mod tests {
             };
             for k in [[0.4, 0.3, -0.8], [0.8, 0.2, -0.4]] {
                 let k = unit(&k);
-                let mut random = Stream::new(3, Purpose::Photon, 0);
+                let mut random = RandomStream::new(3, Purpose::Photon, 0);
                 let f = |m: &V3| m[2] * m[2];
                 let n = 40_000;
                 let (mut sum, mut square) = (0.0, 0.0);

@@ -9,21 +9,21 @@
 //! variance is a difference of two sums of squares and is meaningless below 4 ε of them; this is
 //! its floor, so an exact result has the error of rounding instead of 0.
 
+mod analytic_part;
 mod batch;
 mod energies;
-mod known;
 mod products;
 mod text;
 
-use super::exact::{Resting, Wide, from_fixed, to_fixed};
-use super::grid::Grid;
+use super::fixed_point::{Resting, Wide, from_fixed, to_fixed};
+use super::grid::DirectionGrid;
 use super::height_field::Side;
 use super::paired::{DIFFERENCE, SCALAR};
-pub use batch::Batch;
+pub use analytic_part::AnalyticPart;
+pub use batch::TallyBatch;
 pub use energies::{Energies, ORDERS};
-pub use known::Known;
 use products::{Counted, Products};
-pub use products::{Covariance, NUMBERS};
+pub use products::{ElementCovariance, NUMBERS};
 
 /// Photons of a full batch. Squares of a bin are divided by their batch's photons and stored in
 /// units of this, because batches differ in size and that difference is not noise.
@@ -37,7 +37,7 @@ const NO_DIFFERENCE: f64 = 1e-12;
 /// Sums over any number of batches; adding is exact, so the order does not matter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Totals {
-    grid: Grid,
+    grid: DirectionGrid,
     stride: usize,
     /// Per bin: `stride` sums,
     bins: Vec<i128>,
@@ -64,7 +64,7 @@ pub struct Totals {
 
 /// A mean and its standard error.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Estimate {
+pub struct MonteCarloEstimate {
     /// The mean.
     pub value: f64,
     /// Its standard error, from the spread of the batches.
@@ -74,7 +74,7 @@ pub struct Estimate {
 impl Totals {
     /// Makes empty totals; `elements` is 16 with polarisation, 1 without.
     #[must_use]
-    pub fn new(grid: Grid, elements: usize) -> Self {
+    pub fn new(grid: DirectionGrid, elements: usize) -> Self {
         let bins = 2 * grid.per_side();
         Totals {
             grid,
@@ -126,7 +126,7 @@ impl Totals {
     }
 
     /// Adds the analytic part per photon, for `photons` of the counted photons.
-    pub fn include(&mut self, known: &Known, photons: u64) {
+    pub fn include(&mut self, known: &AnalyticPart, photons: u64) {
         if photons == 0 {
             return;
         }
@@ -145,14 +145,14 @@ impl Totals {
     }
 
     /// Adds a batch of `photons` launched photons and clears it.
-    pub fn take(&mut self, batch: &mut Batch, photons: u64) {
+    pub fn take(&mut self, batch: &mut TallyBatch, photons: u64) {
         self.count(batch, photons);
         batch.clear();
     }
 
     /// Adds a batch that continues. Totals of one element count only m00, whatever the batch
     /// contains.
-    pub fn count(&mut self, batch: &Batch, photons: u64) {
+    pub fn count(&mut self, batch: &TallyBatch, photons: u64) {
         let n = self.stride;
         let per_photon = FULL / photons.max(1) as f64;
         for &bin in &batch.touched {
@@ -241,7 +241,7 @@ impl Totals {
 
     /// The direction bins.
     #[must_use]
-    pub fn grid(&self) -> Grid {
+    pub fn grid(&self) -> DirectionGrid {
         self.grid
     }
 
@@ -288,7 +288,7 @@ impl Totals {
         }
     }
 
-    fn estimate(&self, sum: i128, square: Wide, known: i128, norm: f64) -> Estimate {
+    fn estimate(&self, sum: i128, square: Wide, known: i128, norm: f64) -> MonteCarloEstimate {
         let (s, q) = (from_fixed(sum), square.value() / FULL);
         let (b, photons) = (self.batches as f64, self.photons as f64);
         // Variance of the sum of B independent batches of n of all N photons: N/(B−1) (Σ x²/n − (Σ
@@ -301,7 +301,7 @@ impl Totals {
         } else {
             f64::NAN
         };
-        Estimate {
+        MonteCarloEstimate {
             value: from_fixed(sum + known) / norm,
             std: variance.sqrt() / norm,
         }
@@ -309,7 +309,7 @@ impl Totals {
 
     /// Element `i` (row by row) of the Mueller BRDF (above) or BTDF (below) of a bin, sr⁻¹.
     #[must_use]
-    pub fn element(&self, side: Side, bin: usize, i: usize) -> Estimate {
+    pub fn element(&self, side: Side, bin: usize, i: usize) -> MonteCarloEstimate {
         let at = self.index(side, bin) * self.stride + i;
         let norm = self.grid.projected_solid_angle(bin) * self.photons as f64;
         let square = Wide::of(self.squares[at]);
@@ -319,7 +319,7 @@ impl Totals {
     /// Covariance of the elements of the mean Mueller matrix of bins above; `None` if they are not
     /// one of the [`Totals::with_directions`].
     #[must_use]
-    pub fn covariance(&self, bins: &[usize]) -> Option<Covariance> {
+    pub fn covariance(&self, bins: &[usize]) -> Option<ElementCovariance> {
         let (products, lit) = self.products.as_ref()?.sums(bins)?;
         let first = *bins.first()?;
         let sums: [f64; NUMBERS] = std::array::from_fn(|i| {
@@ -334,7 +334,7 @@ impl Totals {
             photons: self.photons,
             lit,
         };
-        Some(Covariance::new(&products, &sums, counted, norm))
+        Some(ElementCovariance::new(&products, &sums, counted, norm))
     }
 
     /// Root mean square error of m00 divided by its own root mean square, both over the reflected
@@ -353,7 +353,7 @@ impl Totals {
 
     /// The same including the analytic part for these photons, before it is [`Totals::include`]d.
     #[must_use]
-    pub fn relative_error_with(&self, known: Option<(&Known, u64)>) -> Option<f64> {
+    pub fn relative_error_with(&self, known: Option<(&AnalyticPart, u64)>) -> Option<f64> {
         let n = self.stride;
         let (mut noise, mut signal) = (0.0, 0.0);
         for bin in 0..self.grid.per_side() {
@@ -381,21 +381,21 @@ pub struct DifferentRuns;
 
 #[cfg(test)]
 mod tests {
-    use super::super::light::{Light, Polarised, Scalar};
-    use super::super::rng::{Purpose, Stream};
+    use super::super::light::{PhotonState, Polarised, ScalarState};
+    use super::super::rng::{Purpose, RandomStream};
     use super::super::vec3::unit;
     use super::*;
 
-    const GRID: Grid = Grid::polar(45, 180);
+    const GRID: DirectionGrid = DirectionGrid::polar(45, 180);
 
     #[test]
     fn the_order_of_batches_does_not_matter_and_totals_round_trip_as_text() {
         let batch = |seed: u64| {
-            let mut batch = Batch::new::<Scalar>(GRID);
-            let mut random = Stream::new(seed, Purpose::Photon, 0);
+            let mut batch = TallyBatch::new::<ScalarState>(GRID);
+            let mut random = RandomStream::new(seed, Purpose::Photon, 0);
             for _ in 0..1500 {
                 let k = unit(&[random.uniform() - 0.5, random.uniform() - 0.5, 0.3]);
-                let mut light = Scalar::launch(&k);
+                let mut light = ScalarState::launch(&k);
                 light.scale(random.uniform());
                 batch.exit(&light, light.weight(), Side::Above, &k, 1);
             }
@@ -429,31 +429,34 @@ mod tests {
             let mut totals = Totals::new(GRID, 1);
             for n in 0..64 {
                 let photons = if n < larger { few + 1 } else { few };
-                let mut batch = Batch::new::<Scalar>(GRID);
+                let mut batch = TallyBatch::new::<ScalarState>(GRID);
                 for _ in 0..photons {
-                    batch.exit(&Scalar::launch(&k), 1.0, Side::Above, &k, 1);
+                    batch.exit(&ScalarState::launch(&k), 1.0, Side::Above, &k, 1);
                 }
                 totals.take(&mut batch, u64::from(photons));
             }
-            let told = totals.relative_error().unwrap();
-            assert!(told < 1e-7, "{few}: {told}");
+            let estimated = totals.relative_error().unwrap();
+            assert!(estimated < 1e-7, "{few}: {estimated}");
         }
         // One photon in four returns, in batches of one and of two: the error is that of counting.
         let mut totals = Totals::new(GRID, 1);
-        let mut random = Stream::new(5, Purpose::Photon, 0);
+        let mut random = RandomStream::new(5, Purpose::Photon, 0);
         for n in 0..40_000u64 {
-            let mut batch = Batch::new::<Scalar>(GRID);
+            let mut batch = TallyBatch::new::<ScalarState>(GRID);
             for _ in 0..=n % 2 {
                 if random.uniform() < 0.25 {
-                    batch.exit(&Scalar::launch(&k), 1.0, Side::Above, &k, 1);
+                    batch.exit(&ScalarState::launch(&k), 1.0, Side::Above, &k, 1);
                 }
             }
             totals.take(&mut batch, 1 + n % 2);
         }
         let expected = (0.75f64 / 0.25 / 60_000.0).sqrt();
-        let told = totals.relative_error().unwrap();
+        let estimated = totals.relative_error().unwrap();
         // A variance of 40,000 such batches is known to 1 %.
-        assert!((told / expected - 1.0).abs() < 0.03, "{told} {expected}");
+        assert!(
+            (estimated / expected - 1.0).abs() < 0.03,
+            "{estimated} {expected}"
+        );
     }
 
     #[test]
@@ -461,12 +464,12 @@ mod tests {
         // Each bin is hit once: its square equals its noise, and only rounding remains.
         for seed in 0..20 {
             let mut totals = Totals::new(GRID, 1);
-            let mut random = Stream::new(seed, Purpose::Photon, 0);
+            let mut random = RandomStream::new(seed, Purpose::Photon, 0);
             for n in 0..16 {
-                let mut batch = Batch::new::<Scalar>(GRID);
+                let mut batch = TallyBatch::new::<ScalarState>(GRID);
                 let phi = 0.39 * f64::from(n);
                 let k = unit(&[phi.cos(), phi.sin(), 1.0]);
-                let mut light = Scalar::launch(&k);
+                let mut light = ScalarState::launch(&k);
                 light.scale(random.uniform());
                 batch.exit(&light, light.weight(), Side::Above, &k, 1);
                 totals.take(&mut batch, 1);
@@ -477,14 +480,14 @@ mod tests {
 
     #[test]
     fn millions_of_dark_bins_take_almost_no_time() {
-        let grid = Grid::polar(1440, 1440);
+        let grid = DirectionGrid::polar(1440, 1440);
         let k = unit(&[0.1, 0.1, 1.0]);
         let seconds = || {
             let started = std::time::Instant::now();
-            let mut batch = Batch::new::<Polarised>(grid);
+            let mut batch = TallyBatch::new::<Polarised>(grid);
             let light = Polarised::launch(&[0.0, 1.0, 0.0]);
             batch.exit(&light, 1.0, Side::Above, &k, 1);
-            let mut known = Known::new(grid, Polarised::ELEMENTS);
+            let mut known = AnalyticPart::new(grid, Polarised::ELEMENTS);
             known.take(&mut batch);
             let mut totals = Totals::new(grid, Polarised::ELEMENTS);
             for _ in 0..4 {
@@ -512,8 +515,8 @@ mod tests {
         let k = unit(&[0.1, 0.1, 1.0]);
         let large = f64::from(1u32 << 20);
         let batch = |photons: f64| {
-            let mut batch = Batch::new::<Scalar>(GRID);
-            let mut light = Scalar::launch(&k);
+            let mut batch = TallyBatch::new::<ScalarState>(GRID);
+            let mut light = ScalarState::launch(&k);
             light.scale(photons);
             batch.exit(&light, photons, Side::Above, &k, 1);
             batch.absorb(2.0 * large - photons);
@@ -536,8 +539,11 @@ mod tests {
                 (reflected.std / expected - 1.0).abs() < 1e-3,
                 "{reflected:?}"
             );
-            let told = totals.relative_error().unwrap();
-            assert!((told / (2.0 * expected) - 1.0).abs() < 1e-3, "{told}");
+            let estimated = totals.relative_error().unwrap();
+            assert!(
+                (estimated / (2.0 * expected) - 1.0).abs() < 1e-3,
+                "{estimated}"
+            );
         }
     }
 }

@@ -7,9 +7,9 @@ use std::ops::{Add, Mul, Sub};
 pub type V3 = [f64; 3];
 
 /// A number, or a register of numbers.
-pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
+pub trait Component: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
 
-impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<Output = T>> Number for T {}
+impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<Output = T>> Component for T {}
 
 /// The macro-surface normal.
 pub const UP: V3 = [0.0, 0.0, 1.0];
@@ -17,14 +17,14 @@ pub const UP: V3 = [0.0, 0.0, 1.0];
 /// a · b.
 #[inline(always)]
 #[must_use]
-pub fn dot<T: Number>(a: &[T; 3], b: &[T; 3]) -> T {
+pub fn dot<T: Component>(a: &[T; 3], b: &[T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// a × b.
 #[inline(always)]
 #[must_use]
-pub fn cross<T: Number>(a: &[T; 3], b: &[T; 3]) -> [T; 3] {
+pub fn cross<T: Component>(a: &[T; 3], b: &[T; 3]) -> [T; 3] {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],

@@ -6,14 +6,20 @@
 //! metals and layers absorb their part of every photon, and weak photons undergo roulette.
 
 mod emerge;
+mod splitting;
+mod waiting;
 
 use super::height_field::Side;
-use super::light::Light;
-use super::rng::Stream;
-use super::surface::{Interface, Place, Stack, Way};
-use super::tally::Batch;
+use super::light::PhotonState;
+use super::rng::RandomStream;
+use super::surface::{Interface, RayEnd, ReliefPoint, Stack};
+use super::tally::TallyBatch;
 use super::vec3::{V3, combine, dot};
 use crate::model::polarisation::Channel;
+
+pub use splitting::worth_splitting;
+use waiting::State;
+pub use waiting::Waiting;
 
 /// How random numbers are used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
@@ -31,23 +37,6 @@ const WEAK: f64 = 1e-3;
 /// Weight of a photon that survives roulette.
 const REVIVED: f64 = 1e-2;
 
-/// Least fraction of the light in the weaker branch for following both branches after the first
-/// hit. In a stack this applies to as many hits as there are interfaces, that is, on the way down.
-/// After that each part has a long path, and a random choice adds less variance than following both
-/// would cost.
-const WORTH_SPLITTING: f64 = 1e-3;
-/// The same in a stack of at least [`LAYERED`] rough interfaces: it is larger for the same reason.
-const WORTH_SPLITTING_LAYERED: f64 = 3e-2;
-/// Least number of rough interfaces of a layered stack.
-const LAYERED: usize = 3;
-/// Number of rough interfaces beyond which both branches are followed only at the first hit: a
-/// photon in twenty layers would have hundreds of parts, and more noise than photons with random
-/// branches in the same time.
-const SPLIT_ROUGH_MAX: usize = 5;
-/// Number of smooth interfaces beyond which both branches are followed only at the first hit.
-const SPLIT_FLAT_MAX: usize = 16;
-/// Largest number of pending branches of one photon; beyond it one branch is drawn.
-const WAITING: usize = 12;
 /// Largest number of splits of a photon on rough interfaces; beyond it one branch is drawn. On
 /// ordinary roughness a photon splits a few times. Between walls that light crosses hundreds of
 /// times there would be as many parts, each with a long path.
@@ -64,45 +53,6 @@ const FLAT_CHANCE_MIN: f64 = 0.25;
 const HEAVIEST: f64 = 2.0;
 /// Work of one interaction, in crossed cells.
 const INTERACTION: u64 = 16;
-
-/// Pending branches of a photon. One instance serves all photons of a thread in turn.
-#[derive(Debug)]
-pub struct Waiting<L> {
-    states: [Option<State<L>>; WAITING],
-    count: usize,
-    /// Number of splits of the photon so far.
-    splits: u32,
-}
-
-impl<L: Light> Waiting<L> {
-    /// Makes an empty list.
-    #[must_use]
-    pub fn none() -> Self {
-        Waiting {
-            states: [const { None }; WAITING],
-            count: 0,
-            splits: 0,
-        }
-    }
-
-    fn has_room(&self) -> bool {
-        self.count < WAITING
-    }
-
-    fn push(&mut self, state: State<L>) {
-        self.states[self.count] = Some(state);
-        self.count += 1;
-    }
-
-    fn pop(&mut self) -> Option<State<L>> {
-        self.count = self.count.checked_sub(1)?;
-        self.states[self.count].take()
-    }
-
-    fn clear(&mut self) {
-        while self.pop().is_some() {}
-    }
-}
 
 /// The common parameters of all photons of a run.
 pub struct Walk<'a> {
@@ -126,49 +76,26 @@ pub struct Walk<'a> {
     pub go_on: &'a (dyn Fn(u64) -> bool + Sync),
 }
 
-/// A photon that has just left a point.
-#[derive(Debug, Clone, Copy)]
-struct State<L> {
-    light: L,
-    k: V3,
-    side: Side,
-    interface: usize,
-    place: Place,
-    interactions: u32,
-}
-
 enum Event {
     Goes,
     Ends,
 }
 
-/// Least fraction in the weaker branch for following both after the first hit. The optimum was
-/// measured in stacks of 2 to 60 interfaces of smooth and rough glass.
-#[must_use]
-pub fn worth_splitting(stack: &Stack) -> f64 {
-    const NEVER: f64 = 2.0;
-    match (stack.is_flat(), stack.interfaces.len()) {
-        (true, ..=SPLIT_FLAT_MAX) | (false, ..LAYERED) => WORTH_SPLITTING,
-        (false, LAYERED..=SPLIT_ROUGH_MAX) => WORTH_SPLITTING_LAYERED,
-        _ => NEVER,
-    }
-}
-
 impl Walk<'_> {
     /// Traces a photon that crosses the first interface's outermost level at the fractions `x`, `y`
     /// of its tile.
-    pub fn photon<L: Light>(
+    pub fn photon<L: PhotonState>(
         &self,
         x: f64,
         y: f64,
-        random: &mut Stream,
+        random: &mut RandomStream,
         waiting: &mut Waiting<L>,
-        batch: &mut Batch,
+        batch: &mut TallyBatch,
     ) {
         let relief = &self.stack.interfaces[0].relief;
         let place = match relief.enter(Side::Above, &self.k, x, y, &mut batch.work) {
-            Way::Hit(place) => place,
-            Way::Free | Way::Lost => {
+            RayEnd::Hit(place) => place,
+            RayEnd::Free | RayEnd::Lost => {
                 // Almost horizontal light travels far without a hit.
                 batch.given_up |= batch.take_due() && !(self.go_on)(batch.work);
                 return batch.truncate(1.0);
@@ -178,12 +105,12 @@ impl Walk<'_> {
     }
 
     /// Traces a photon that hits the first interface at `place`.
-    pub fn photon_at<L: Light>(
+    pub fn photon_at<L: PhotonState>(
         &self,
-        place: Place,
-        random: &mut Stream,
+        place: ReliefPoint,
+        random: &mut RandomStream,
         waiting: &mut Waiting<L>,
-        batch: &mut Batch,
+        batch: &mut TallyBatch,
     ) {
         let mut state = State {
             light: L::launch(&self.s),
@@ -200,15 +127,15 @@ impl Walk<'_> {
 
     /// Continues light from its first hit, at `place`, along `k` on a side.
     #[expect(clippy::too_many_arguments, reason = "a photon's state and its tools")]
-    pub fn go_on<L: Light>(
+    pub fn go_on<L: PhotonState>(
         &self,
         light: L,
         k: V3,
         side: Side,
-        place: Place,
-        random: &mut Stream,
+        place: ReliefPoint,
+        random: &mut RandomStream,
         waiting: &mut Waiting<L>,
-        batch: &mut Batch,
+        batch: &mut TallyBatch,
     ) {
         let mut state = State {
             light,
@@ -225,11 +152,11 @@ impl Walk<'_> {
         self.follow_waiting(waiting, random, batch);
     }
 
-    fn follow_waiting<L: Light>(
+    fn follow_waiting<L: PhotonState>(
         &self,
         waiting: &mut Waiting<L>,
-        random: &mut Stream,
-        batch: &mut Batch,
+        random: &mut RandomStream,
+        batch: &mut TallyBatch,
     ) {
         while let Some(mut other) = waiting.pop() {
             if let Event::Goes = self.advance(&mut other, random, batch) {
@@ -239,12 +166,12 @@ impl Walk<'_> {
     }
 
     /// From a hit to the end of the path.
-    fn follow<L: Light>(
+    fn follow<L: PhotonState>(
         &self,
         state: &mut State<L>,
         waiting: &mut Waiting<L>,
-        random: &mut Stream,
-        batch: &mut Batch,
+        random: &mut RandomStream,
+        batch: &mut TallyBatch,
     ) {
         loop {
             if state.interactions >= self.interactions_max {
@@ -278,16 +205,16 @@ impl Walk<'_> {
     }
 
     /// To the next hit, or out.
-    fn advance<L: Light>(
+    fn advance<L: PhotonState>(
         &self,
         state: &mut State<L>,
-        random: &mut Stream,
-        batch: &mut Batch,
+        random: &mut RandomStream,
+        batch: &mut TallyBatch,
     ) -> Event {
         let relief = &self.stack.interfaces[state.interface].relief;
         let crossed = &mut batch.work;
         let mut way = relief.onward(&state.place, state.side, &state.k, crossed);
-        if let Way::Free = way {
+        if let RayEnd::Free = way {
             let below = match state.side {
                 Side::Above => state.interface.checked_sub(1),
                 Side::Below => Some(state.interface),
@@ -312,18 +239,18 @@ impl Walk<'_> {
                 .enter(state.interface, state.side, &state.k, random, crossed);
         }
         match way {
-            Way::Hit(place) => {
+            RayEnd::Hit(place) => {
                 state.place = place;
                 Event::Goes
             }
-            Way::Free | Way::Lost => {
+            RayEnd::Free | RayEnd::Lost => {
                 batch.truncate(state.light.power(&self.stokes));
                 Event::Ends
             }
         }
     }
 
-    fn exit<L: Light>(&self, state: &mut State<L>, batch: &mut Batch) {
+    fn exit<L: PhotonState>(&self, state: &mut State<L>, batch: &mut TallyBatch) {
         let power = state.light.power(&self.stokes);
         state.light.leave(&state.k, &self.s);
         batch.exit(
@@ -336,12 +263,12 @@ impl Walk<'_> {
     }
 
     /// Absorbs all but `kept`; returns `false` if the photon ended.
-    fn survive<L: Light>(
+    fn survive<L: PhotonState>(
         &self,
         state: &mut State<L>,
         kept: f64,
-        random: &mut Stream,
-        batch: &mut Batch,
+        random: &mut RandomStream,
+        batch: &mut TallyBatch,
     ) -> bool {
         let power = state.light.power(&self.stokes);
         if self.method == Method::Analog {
@@ -357,7 +284,7 @@ impl Walk<'_> {
     }
 
     /// Returns `false` if a weak photon ended.
-    pub fn roulette<L: Light>(&self, light: &mut L, random: &mut Stream) -> bool {
+    pub fn roulette<L: PhotonState>(&self, light: &mut L, random: &mut RandomStream) -> bool {
         let weight = light.weight();
         if weight >= WEAK {
             return true;
@@ -372,13 +299,13 @@ impl Walk<'_> {
 
     /// A hit on a smooth facet: both branches are followed, always at the first hit, later if both
     /// carry enough.
-    fn split_smooth<L: Light>(
+    fn split_smooth<L: PhotonState>(
         &self,
         state: &mut State<L>,
         waiting: &mut Waiting<L>,
         m: &V3,
-        random: &mut Stream,
-        batch: &mut Batch,
+        random: &mut RandomStream,
+        batch: &mut TallyBatch,
     ) -> Event {
         let interface = &self.stack.interfaces[state.interface];
         let boundary = interface.boundary(state.side);
@@ -436,13 +363,13 @@ impl Walk<'_> {
 
     /// A hit on a mirror with normal `m` (upwards): one branch is drawn.
     #[inline]
-    fn meet_smooth<L: Light>(
+    fn meet_smooth<L: PhotonState>(
         &self,
         state: &mut State<L>,
         interface: &Interface,
         m: &V3,
-        random: &mut Stream,
-        batch: &mut Batch,
+        random: &mut RandomStream,
+        batch: &mut TallyBatch,
     ) -> Event {
         let boundary = interface.boundary(state.side);
         // A facet is hit from its own side; rounding at grazing incidence must not reverse that.
@@ -486,13 +413,13 @@ impl Walk<'_> {
         Event::Goes
     }
 
-    fn reflect_off_metal<L: Light>(
+    fn reflect_off_metal<L: PhotonState>(
         &self,
         state: &mut State<L>,
         reflected: &Channel,
         share: f64,
-        random: &mut Stream,
-        batch: &mut Batch,
+        random: &mut RandomStream,
+        batch: &mut TallyBatch,
     ) -> bool {
         let before = state.light.power(&self.stokes);
         if self.method == Method::Analog {
@@ -513,12 +440,12 @@ impl Walk<'_> {
 
     /// A hit on a facet that is rough below the resolution of the relief, or has a diffuse body:
     /// the light walks on Smith's surface until it leaves the facet.
-    fn meet_rough<L: Light>(
+    fn meet_rough<L: PhotonState>(
         &self,
         state: &mut State<L>,
         interface: &Interface,
-        random: &mut Stream,
-        batch: &mut Batch,
+        random: &mut RandomStream,
+        batch: &mut TallyBatch,
     ) -> Event {
         let [u, v, n] = interface.relief.frame(&state.place);
         // Local z points to the side of the light, so below everything is mirrored in the facet.

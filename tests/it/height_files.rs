@@ -1,4 +1,5 @@
-//! Files of heights as labs have them, through the program: what is told of them, and what is refused.
+//! Files of heights as laboratories have them, through the program: what is reported, and what is
+//! refused.
 
 use std::path::Path;
 
@@ -37,7 +38,7 @@ fn scene(file: &str) -> String {
 }
 
 #[test]
-fn scenes_are_traced_on_the_heights_that_a_file_means_and_say_what_they_took_for_nothing() {
+fn all_forms_of_a_height_file_give_the_same_light_and_missing_points_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let points: String = map(200, 16, "")
@@ -92,7 +93,7 @@ fn a_tiff_of_several_candidates_is_refused() {
 }
 
 #[test]
-fn a_shape_that_contradicts_light_and_manifest_is_a_warning_whatever_else_comes_out() {
+fn a_shape_that_contradicts_light_and_manifest_gives_a_warning() {
     let folder = tempfile::tempdir().unwrap();
     // Much higher than ridges of 12°, and half as long.
     let profile = "v_um,z_um\n0,26.795\n46.65,0\n51.76,26.795\n";

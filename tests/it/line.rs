@@ -1,4 +1,4 @@
-//! The thread that owns a port, over a real pseudo-terminal, with faults put into the seam.
+//! The thread that owns a port, over a real pseudo-terminal, with injected faults.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -51,7 +51,7 @@ async fn ask(line: &PortLine, address: u8, words: &str) -> String {
 }
 
 #[tokio::test]
-async fn a_late_reply_never_answers_the_next_question() {
+async fn a_late_reply_never_answers_the_next_command() {
     let rig = Rig::new();
     let line = rig.line(1);
     rig.faults.on("get device.id", LineFault::LateReply, 1);
@@ -66,7 +66,7 @@ async fn a_late_reply_never_answers_the_next_question() {
 }
 
 #[tokio::test]
-async fn a_lost_or_garbled_reply_is_asked_for_again() {
+async fn a_command_is_repeated_after_a_lost_or_garbled_reply() {
     let rig = Rig::new();
     let line = rig.line(4);
     for fault in [
@@ -84,7 +84,7 @@ async fn a_lost_or_garbled_reply_is_asked_for_again() {
 }
 
 #[tokio::test]
-async fn a_reply_that_comes_twice_counts_once() {
+async fn a_duplicate_reply_counts_once() {
     let rig = Rig::new();
     let line = rig.line(4);
     rig.faults.on("get version", LineFault::DoubleReply, 1);
@@ -94,7 +94,7 @@ async fn a_reply_that_comes_twice_counts_once() {
 }
 
 #[tokio::test]
-async fn what_belongs_to_others_is_put_aside() {
+async fn lines_that_belong_to_others_are_set_aside() {
     let rig = Rig::new();
     let line = rig.line(4);
     // Another device, another id, another axis, an alert, a help text, noise.
@@ -108,7 +108,7 @@ async fn what_belongs_to_others_is_put_aside() {
 }
 
 #[tokio::test]
-async fn ids_come_round_without_being_mixed_up() {
+async fn ids_are_reused_without_confusion() {
     let rig = Rig::new();
     let line = rig.line(4);
     rig.faults.on("get version", LineFault::LateReply, 1);
@@ -131,7 +131,7 @@ async fn a_long_command_and_its_long_reply_are_whole() {
 }
 
 #[tokio::test]
-async fn nothing_asked_before_a_stop_is_sent_after_it() {
+async fn a_command_issued_before_a_stop_is_not_sent_after_it() {
     let rig = Rig::new();
     let line = rig.line(2);
     let before = line.stops();
@@ -151,7 +151,7 @@ async fn nothing_asked_before_a_stop_is_sent_after_it() {
 }
 
 #[tokio::test]
-async fn a_stop_is_repeated_until_every_device_has_heard_it() {
+async fn a_stop_is_repeated_until_every_device_has_acknowledged_it() {
     let rig = Rig::new();
     let line = rig.line(4);
     rig.faults.on("stop", LineFault::LoseCommand, 1);
@@ -163,7 +163,7 @@ async fn a_stop_is_repeated_until_every_device_has_heard_it() {
 }
 
 #[tokio::test]
-async fn everyone_who_is_there_answers_a_broadcast() {
+async fn every_device_answers_a_broadcast() {
     let rig = Rig::new();
     let line = rig.line(1);
     let replies = line.ask_everyone("get system.serial").await.unwrap();
@@ -172,7 +172,7 @@ async fn everyone_who_is_there_answers_a_broadcast() {
 }
 
 #[tokio::test]
-async fn a_pulled_plug_is_said_at_once_and_for_good() {
+async fn a_pulled_plug_is_reported_at_once_and_permanently() {
     let rig = Rig::new();
     let line = rig.line(3);
     assert_eq!(ask(&line, 1, "get version").await, "7.38");
@@ -199,7 +199,7 @@ async fn a_port_has_one_owner_until_its_last_handle_is_dropped() {
     drop(line);
     assert_eq!(ask(&second, 1, "get version").await, "7.38");
     drop(second);
-    // The thread closes the port in its own time.
+    // The thread closes the port asynchronously.
     let limit = Instant::now() + Duration::from_secs(10);
     while again().is_err() {
         assert!(Instant::now() < limit, "the port is still taken");

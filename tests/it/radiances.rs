@@ -17,9 +17,9 @@ use ridged::model::{Optics, Surface, Variant, radiance};
 use ridged::observation::{
     FlatObservation, Observation, ObservationSet, Prior, SharedErrors, WhiteReference,
 };
-use ridged::trace::facet::Roughness;
-use ridged::trace::ridged::{RadianceOptions, RidgedSurface};
-use ridged::trace::ridges::Ridges;
+use ridged::trace::facet_scattering::Roughness;
+use ridged::trace::pose_radiance::{RadianceOptions, RidgedSurface};
+use ridged::trace::worn_ridges::WornRidges;
 use ridged::units::Angle;
 
 /// What is put on top of the radiances.
@@ -463,7 +463,7 @@ fn what_the_first_facet_polarises_the_second_one_sees_on_plastic_too() {
         alpha_u: alpha,
         alpha_v: alpha,
     };
-    let profile = Ridges::ideal(theta_r, 1.0).profile().unwrap();
+    let profile = WornRidges::ideal(theta_r, 1.0).profile().unwrap();
     let traced = RidgedSurface::new(profile, roughness, [eta, 0.0], None);
     let mut brightest = 0.0f64;
     let mut differences = Vec::new();

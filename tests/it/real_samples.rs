@@ -10,7 +10,7 @@ use ridged::fit::{FitOptions, VariantChoice, fit, fit_watched};
 use ridged::observation::{ObservationSet, Prior};
 use ridged::reduction::reduce;
 use ridged::series::Series;
-use ridged::trace::profile::Profile;
+use ridged::trace::surface_profile::SurfaceProfile;
 
 fn observed(name: &str) -> ObservationSet {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series2");
@@ -121,7 +121,7 @@ fn rounded_crests_are_found_to_first_order_and_a_profile_makes_the_angle_certain
             Some((v.trim().parse().ok()?, z.trim().parse().ok()?))
         })
         .collect();
-    let profile = Profile::measured(&corners).unwrap();
+    let profile = SurfaceProfile::measured(&corners).unwrap();
     let options = FitOptions {
         variant: VariantChoice::Traced,
         ..FitOptions::default()

@@ -1,5 +1,4 @@
-//! The program `ridged simulate-rig` from the outside. What it says on its line is the business of
-//! `tests/vendor`.
+//! The program `ridged simulate-rig` from the outside. `tests/vendor` tests its protocol.
 
 use std::io::{BufRead, BufReader, Read};
 use std::net::TcpListener;
@@ -33,7 +32,7 @@ fn bad_usage_is_two_and_an_address_in_use_is_one() {
 }
 
 #[test]
-fn it_says_where_it_listens_and_what_it_is() {
+fn it_prints_its_address_and_description() {
     let mut child = simulate_rig(&["--pty", "--describe"])
         .stdout(Stdio::piped())
         .spawn()

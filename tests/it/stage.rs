@@ -1,5 +1,5 @@
-//! The stage over a real pseudo-terminal against the simulated controller: as it should go, then
-//! once per fault. Time stands still until somebody waits, so nothing here sleeps.
+//! The stage over a real pseudo-terminal with the simulated controller: the normal course, then
+//! once per fault. Time stands still until a task waits, so no test sleeps.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -20,7 +20,7 @@ use ridged::sim::world::{AxisFault, World, WorldSettings};
 use ridged::units::Angle;
 use tokio::sync::Notify;
 
-/// A stepped clock that can be held: sleepers then wait until it is let go.
+/// A stepped clock that can be held: sleepers then wait until it is released.
 #[derive(Default)]
 struct HeldClock {
     inner: SteppedClock,
@@ -105,7 +105,7 @@ impl Rig {
         stage
     }
 
-    /// Another program writes to the same line; what it is answered reaches us as noise.
+    /// Another program sends a command on the same line; the replies reach this program as noise.
     fn foreign(&self, command: &str) {
         let mut line = std::fs::OpenOptions::new()
             .write(true)
@@ -115,8 +115,8 @@ impl Rig {
     }
 }
 
-/// Impatient, so that a lost reply costs little, and stubborn, so that a loaded machine does not
-/// look like one.
+/// A short time-out, so that a lost reply costs little, and many attempts, so that a loaded machine
+/// does not count as a silent device.
 fn settings() -> StageSettings {
     StageSettings {
         reply_timeout_ms: 50,
@@ -164,7 +164,7 @@ async fn a_stage_homes_moves_and_reads_back_where_it_is() {
             phi_s_deg,
         );
         assert!(!rig.world.is_moving());
-        // The gear's play is taken up: what the counter says is where the axis is.
+        // The play of the gear is taken up: the counter shows the true position.
         assert_at(rig.world.pose_now(), theta_c_deg, phi_s_deg);
     }
     let angle = stage.move_to(PhiS, Angle::from_deg(12.0)).await.unwrap();
@@ -172,7 +172,7 @@ async fn a_stage_homes_moves_and_reads_back_where_it_is() {
 }
 
 #[tokio::test]
-async fn without_the_approach_from_below_the_play_shows() {
+async fn without_the_approach_from_below_the_position_is_off_by_the_play() {
     let rig = Rig::new();
     let mut settings = settings();
     settings.phi_s.backlash = Angle::ZERO;
@@ -216,7 +216,7 @@ async fn settings_are_applied_and_read_back() {
     settings.theta_c.acceleration_deg_s2 = Some(100.0);
     let stage = rig.connect_with(settings.clone()).await.unwrap();
     let way = stage.predicted_move(Pose::from_deg(0.0, 0.0), Pose::from_deg(10.0, 0.0));
-    // 10/5 + 5/100 s and 0.1 s to settle; the device's ramp is a whole number, 52 for 52.4.
+    // 10/5 + 5/100 s and 0.1 s to settle; the device's ramp is an integer, 52 for 52.4.
     assert!((way.as_secs_f64() - 2.15).abs() < 2e-3, "{way:?}");
 
     drop(stage);
@@ -266,7 +266,7 @@ async fn the_wrong_device_is_refused() {
 }
 
 #[tokio::test]
-async fn a_silent_device_and_a_missing_port_are_told_apart() {
+async fn a_silent_device_and_a_missing_port_give_different_errors() {
     let rig = Rig::new();
     rig.world.set_powered(PhiS, false);
     let error = rig.connect_with(settings()).await.err().unwrap();
@@ -299,7 +299,7 @@ async fn a_second_stage_on_the_port_is_refused() {
     );
 }
 
-/// A fault on the line during a move does not keep the axis from arriving, exactly once.
+/// With a fault on the line during a move, the axis still arrives, and moves only once.
 async fn arrives_in_spite_of(command: &str, fault: LineFault, times: u32) {
     let rig = Rig::new();
     let stage = rig.homed().await;
@@ -316,16 +316,16 @@ async fn a_lost_reply_to_a_move_does_not_interrupt_it() {
 }
 
 #[tokio::test]
-async fn a_lost_move_command_is_sent_again() {
+async fn a_lost_move_command_is_repeated() {
     arrives_in_spite_of("move abs", LineFault::LoseCommand, 1).await;
     arrives_in_spite_of("move abs", LineFault::GarbleCommand, 1).await;
 }
 
 #[tokio::test]
-async fn a_device_that_never_hears_a_command_has_not_done_it() {
+async fn a_command_that_never_arrives_is_an_error() {
     let rig = Rig::new();
     let stage = rig.homed().await;
-    // It has had a reference all along, and stands still without a flag: as after a homing.
+    // The axis has a reference and is at rest without a flag, as after homing.
     rig.faults.on(" home", LineFault::LoseCommand, 1000);
     let error = stage.home(ThetaC).await.unwrap_err();
     assert!(matches!(error, StageError::NoReply(_)), "{error:?}");
@@ -338,7 +338,7 @@ async fn a_device_that_never_hears_a_command_has_not_done_it() {
 }
 
 #[tokio::test]
-async fn infinity_is_no_limit_and_no_speed() {
+async fn an_infinite_limit_or_speed_is_refused() {
     for (asked, word) in [
         ("get limit.max", "inf"),
         ("get limit.min", "-inf"),
@@ -347,7 +347,7 @@ async fn infinity_is_no_limit_and_no_speed() {
     ] {
         let rig = Rig::new();
         rig.faults.on(asked, LineFault::Says(word.into()), 1);
-        // A device that does not tell its microsteps may be told them by the settings.
+        // The settings may state the microsteps of a device that does not report them.
         let error = rig.connect_with(settings()).await.err().unwrap();
         let unreadable = matches!(&error, StageError::Unreadable { answer, .. } if answer == word);
         let no_scale = matches!(&error, StageError::NoScale { .. });
@@ -359,7 +359,7 @@ async fn infinity_is_no_limit_and_no_speed() {
 }
 
 #[tokio::test]
-async fn lost_and_garbled_polls_are_asked_again() {
+async fn lost_and_garbled_polls_are_repeated() {
     arrives_in_spite_of("get pos", LineFault::LoseReply, 2).await;
     arrives_in_spite_of("get pos", LineFault::GarbleReply, 3).await;
     arrives_in_spite_of("get pos", LineFault::DropByte, 3).await;
@@ -372,17 +372,17 @@ async fn a_late_reply_is_not_taken_for_the_next_one() {
 }
 
 #[tokio::test]
-async fn replies_that_come_twice_change_nothing() {
+async fn duplicate_replies_have_no_effect() {
     arrives_in_spite_of("/", LineFault::DoubleReply, 1000).await;
 }
 
 #[tokio::test]
-async fn a_spurious_idle_alert_is_no_arrival() {
+async fn a_spurious_idle_alert_is_not_an_arrival() {
     let alert = b"!01 1 IDLE --\r\n!02 1 IDLE --\r\n".to_vec();
     arrives_in_spite_of("/", LineFault::Before(alert), 1000).await;
 }
 
-/// A fault in mid-move: the error, and whether the next move works at once.
+/// A fault during a move: the expected error, and whether the next move works at once.
 async fn fails_with(fault: AxisFault, expected: fn(&StageError) -> bool, next_works: bool) {
     let rig = Rig::new();
     let stage = rig.homed().await;
@@ -416,7 +416,7 @@ async fn a_foreign_stop_is_not_an_arrival() {
 }
 
 #[tokio::test]
-async fn a_hand_on_the_knob_is_not_an_arrival() {
+async fn turning_the_manual_knob_is_not_an_arrival() {
     let nc = |e: &StageError| {
         matches!(
             e,
@@ -430,31 +430,31 @@ async fn a_hand_on_the_knob_is_not_an_arrival() {
 }
 
 #[tokio::test]
-async fn a_stall_asks_for_homing() {
+async fn a_stall_requires_homing() {
     let stalled = |e: &StageError| matches!(e, StageError::Stalled { axis: ThetaC, position } if (position.deg() + 40.0).abs() < 0.01);
     fails_with(AxisFault::Stall, stalled, false).await;
 }
 
 #[tokio::test]
-async fn a_limit_sensor_in_mid_travel_asks_for_homing() {
+async fn a_limit_sensor_during_a_move_requires_homing() {
     let wl = |e: &StageError| matches!(e, StageError::Fault { flag, .. } if *flag == Flag::UnexpectedLimit);
     fails_with(AxisFault::LimitSensor, wl, false).await;
 }
 
 #[tokio::test]
-async fn an_emergency_stop_is_told_and_stays() {
+async fn an_emergency_stop_is_reported_and_lasts() {
     let fh = |e: &StageError| matches!(e, StageError::Fault { flag, .. } if *flag == Flag::EmergencyStop);
     fails_with(AxisFault::EmergencyStop, fh, false).await;
 }
 
 #[tokio::test]
-async fn a_power_cycle_in_mid_move_is_noticed() {
+async fn a_power_cycle_during_a_move_is_detected() {
     let cycled = |e: &StageError| matches!(e, StageError::PowerCycled { axis: ThetaC });
     fails_with(AxisFault::PowerCycle, cycled, false).await;
 }
 
 #[tokio::test]
-async fn a_power_cycle_between_moves_is_noticed_and_told_once() {
+async fn a_power_cycle_between_moves_is_reported_once() {
     let rig = Rig::new();
     let stage = rig.homed().await;
     stage.move_pose(Pose::from_deg(0.0, 0.0)).await.unwrap();
@@ -484,14 +484,14 @@ async fn a_power_cycle_between_moves_is_noticed_and_told_once() {
 }
 
 #[tokio::test]
-async fn a_restart_that_a_foreign_program_hides_shows_in_the_uptime() {
+async fn a_restart_hidden_by_another_program_is_detected_by_the_uptime() {
     let rig = Rig::new();
     let stage = rig.homed().await;
     stage.move_pose(Pose::from_deg(0.0, 0.0)).await.unwrap();
     rig.clock.inner.advance(Duration::from_secs(1000));
     stage.move_pose(Pose::from_deg(0.0, 5.0)).await.unwrap();
     rig.world.cause(PhiS, AxisFault::PowerCycle);
-    // `set pos` takes WR down, homing takes WH down: no flag tells any more.
+    // `set pos` clears WR and homing clears WH, so no flag is left.
     rig.foreign("/2 1 home");
     stage.status().await.unwrap();
     rig.clock.inner.advance(Duration::from_secs(100));
@@ -506,7 +506,7 @@ async fn a_restart_that_a_foreign_program_hides_shows_in_the_uptime() {
 }
 
 #[tokio::test]
-async fn an_axis_that_stands_elsewhere_without_a_flag_is_sent_again() {
+async fn an_axis_at_a_wrong_position_without_a_flag_is_moved_again() {
     let rig = Rig::new();
     let stage = rig.homed().await;
     let by = Angle::from_deg(-2.0);
@@ -531,7 +531,7 @@ async fn a_move_that_takes_far_too_long_is_stopped() {
     else {
         panic!("{error:?}")
     };
-    // Judged after one and a half times the prediction and a second.
+    // The limit is one and a half times the prediction plus a second.
     assert!(waited_s > 1.5 * predicted_s + 1.0 && waited_s < 1.5 * predicted_s + 1.5);
     assert!(!rig.world.is_moving());
 }
@@ -542,7 +542,7 @@ async fn homing_that_is_cut_off_names_its_key() {
     let mut settings = settings();
     settings.phi_s.home_timeout_s = 2.0;
     let stage = rig.connect_with(settings).await.unwrap();
-    // From recorded 0 to the home switch at 30 deg/s, as slow as that.
+    // From recorded 0 to the home switch at 30 deg/s, slowed down.
     rig.foreign("/2 1 set maxspeed 5000");
     let error = stage.home(PhiS).await.unwrap_err();
     assert!(
@@ -555,7 +555,7 @@ async fn homing_that_is_cut_off_names_its_key() {
         assert!(words.contains(part), "{part}: {words}");
     }
     assert!(!rig.world.is_moving());
-    // Nor does any other motion that is late: not even the shortest has taken no time.
+    // The same for any other late motion: even the shortest has a duration above 0.
     let late = StageError::TimedOut {
         axis: PhiS,
         waited_s: 1.01,
@@ -565,7 +565,7 @@ async fn homing_that_is_cut_off_names_its_key() {
 }
 
 #[tokio::test]
-async fn a_parked_axis_says_what_unparks_it_and_keeps_its_position() {
+async fn the_error_of_a_parked_axis_names_the_command_to_unpark_it() {
     let rig = Rig::new();
     let stage = rig.homed().await;
     stage.move_pose(Pose::from_deg(5.0, 10.0)).await.unwrap();
@@ -574,7 +574,7 @@ async fn a_parked_axis_says_what_unparks_it_and_keeps_its_position() {
     let refused = stage.move_to(ThetaC, Angle::ZERO).await.unwrap_err();
     let words = refused.to_string();
     assert!(words.contains("ridged rig unpark"), "{words}");
-    // Homing alone is an order to the stage, not a person's word that it may move again.
+    // Homing on the stage does not unpark: only an operator's command may.
     assert!(stage.home(ThetaC).await.is_err());
     stage.unpark(ThetaC).await.unwrap();
     assert!(!rig.world.is_moving());
@@ -587,7 +587,7 @@ async fn a_parked_axis_says_what_unparks_it_and_keeps_its_position() {
     stage.home(ThetaC).await.unwrap();
 }
 
-/// Both stages on one controller, as the settings say it.
+/// Both stages on one controller, in the settings.
 fn on_one_controller() -> StageSettings {
     let mut settings = settings();
     let tilt = &settings.theta_c;
@@ -602,7 +602,7 @@ async fn two_axes_of_one_controller_move_stop_and_fail_each_on_its_own() {
     let stage = rig.connect_with(on_one_controller()).await.unwrap();
     assert_eq!(stage.identity().theta_c, stage.identity().phi_s);
     stage.home(ThetaC).await.unwrap();
-    // The other one was not homed by that.
+    // The other axis has not been homed by that.
     let status = stage.status().await.unwrap();
     assert!(status.theta_c.homed && !status.phi_s.homed);
     stage.home(PhiS).await.unwrap();
@@ -610,7 +610,7 @@ async fn two_axes_of_one_controller_move_stop_and_fail_each_on_its_own() {
     assert_at(pose, 20.0, 300.0);
     assert_at(rig.world.pose_now(), 20.0, 300.0);
 
-    // What befalls one is told of that one, and the other goes on.
+    // A fault of one axis is reported for that axis, and the other one continues.
     rig.world
         .arm(PhiS, Angle::from_deg(200.0), AxisFault::Stall);
     let error = stage.move_to(PhiS, Angle::ZERO).await.unwrap_err();
@@ -621,7 +621,7 @@ async fn two_axes_of_one_controller_move_stop_and_fail_each_on_its_own() {
     stage.move_to(ThetaC, Angle::ZERO).await.unwrap();
     stage.home(PhiS).await.unwrap();
 
-    // A stop reaches both; it is answered once.
+    // A stop reaches both axes and is answered once.
     rig.clock.hold();
     let moving = tokio::spawn({
         let stage = stage.clone();
@@ -636,7 +636,7 @@ async fn two_axes_of_one_controller_move_stop_and_fail_each_on_its_own() {
     outcome.unwrap();
     assert!(!rig.world.is_moving());
 
-    // It has one power supply.
+    // The controller has one power supply.
     rig.world.cause(ThetaC, AxisFault::PowerCycle);
     let status = stage.status().await.unwrap();
     assert!(!status.theta_c.homed && !status.phi_s.homed);
@@ -671,7 +671,7 @@ async fn a_pulled_plug_ends_the_move_and_the_next_connection_finds_a_still_stage
         "{error:?}"
     );
     assert!(stage.status().await.unwrap_err().is_disconnect());
-    assert!(rig.world.is_moving(), "nobody could tell the device");
+    assert!(rig.world.is_moving(), "the stop could not reach the device");
     drop(stage);
     let stage = rig.connect().await;
     assert!(!rig.world.is_moving());
@@ -698,7 +698,7 @@ async fn a_stop_ends_a_move_at_once_and_the_next_one_works() {
     assert!(matches!(second, Err(StageError::Busy { .. })), "{second:?}");
 
     let stop = async {
-        // The move ends although the clock is held: it does not sleep its time out.
+        // The move ends although the clock is held: it does not wait for its time-out.
         let stopped = moving.await.unwrap();
         assert!(matches!(stopped, Err(StageError::Stopped)), "{stopped:?}");
         rig.clock.let_go();
@@ -715,7 +715,7 @@ async fn a_stop_ends_a_move_at_once_and_the_next_one_works() {
 }
 
 #[tokio::test]
-async fn a_stop_in_mid_homing_leaves_the_axis_without_reference() {
+async fn a_stop_during_homing_leaves_the_axis_without_reference() {
     let rig = Rig::new();
     let stage = rig.connect().await;
     rig.clock.hold();
@@ -760,7 +760,7 @@ async fn a_move_whose_future_was_dropped_is_stopped_by_the_next() {
 }
 
 #[tokio::test]
-async fn a_status_can_be_asked_in_mid_move() {
+async fn the_status_can_be_read_during_a_move() {
     let rig = Rig::new();
     let stage = rig.homed().await;
     rig.clock.hold();

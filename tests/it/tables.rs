@@ -1,4 +1,4 @@
-//! Tables of BRDF from goniometers: made here from known surfaces, read, fitted.
+//! BRDF tables from goniometers: simulated here for known surfaces, read and fitted.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -62,7 +62,8 @@ fn brdf(surface: &Surface, angles: &[Angles]) -> Vec<f64> {
     pairs.map(|(l, d)| l.value / d.incident.z).collect()
 }
 
-/// Two angles of incidence from four sides, and the detector around the mirror directions of facets up to 15°.
+/// Two angles of incidence from four sides, and the detector around the mirror directions of facets
+/// up to 15°.
 fn around() -> Vec<Angles> {
     let mut angles = Vec::new();
     for (theta_i, phi_i) in [(10.0, 0.0), (10.0, 90.0), (30.0, 180.0), (30.0, 270.0)] {
@@ -77,7 +78,7 @@ fn around() -> Vec<Angles> {
     angles
 }
 
-/// Across the ridges alone, the detector on both sides of the normal.
+/// Only across the ridges, with the detector on both sides of the normal.
 fn across() -> Vec<Angles> {
     let mut angles = Vec::new();
     for (theta_i, phi_i) in [(0.0, 90.0), (20.0, 90.0), (30.0, 270.0)] {
@@ -169,7 +170,7 @@ fn fitted(observations: ObservationSet) -> FitReport {
         .report
 }
 
-/// A parameter lies within its U, which is below `most`.
+/// A parameter is within its U, which is below `most`.
 fn holds(name: &str, found: (Option<f64>, Option<f64>), truth: f64, most: f64) {
     let (value, u) = (found.0.unwrap(), found.1.unwrap());
     assert!(
@@ -180,7 +181,7 @@ fn holds(name: &str, found: (Option<f64>, Option<f64>), truth: f64, most: f64) {
 }
 
 #[test]
-fn a_table_around_the_hemisphere_tells_the_surface_that_made_it() {
+fn a_table_of_the_hemisphere_identifies_its_surface() {
     let truth = surface(12.0);
     let angles = around();
     let set = observed(MANIFEST, &csv(&angles, &noisy(&brdf(&truth, &angles))));
@@ -204,7 +205,7 @@ fn a_table_around_the_hemisphere_tells_the_surface_that_made_it() {
 }
 
 #[test]
-fn a_table_across_the_ridges_alone_tells_their_angle() {
+fn a_table_across_the_ridges_identifies_their_angle() {
     let truth = surface(8.0);
     let angles = across();
     let table = csv(&angles, &noisy(&brdf(&truth, &angles)));
@@ -216,7 +217,7 @@ fn a_table_across_the_ridges_alone_tells_their_angle() {
         0.5,
     );
     holds("αv", (p.alpha_v.value, p.alpha_v.expanded), 0.14, 0.02);
-    // Without a scale the angle stays.
+    // The angle is identifiable without an absolute scale.
     let relative = MANIFEST.replace("scale_rel_std = 0.005", "scale = \"relative\"");
     let p = fitted(observed(&relative, &table)).parameters;
     holds(
@@ -256,7 +257,7 @@ fn same(a: &ObservationSet, b: &ObservationSet) {
 }
 
 #[test]
-fn one_and_the_same_reading_may_be_written_in_many_ways() {
+fn equivalent_forms_of_a_reading_give_the_same_observation() {
     let angles: [Angles; 3] = [
         [20.0, 30.0, 40.0, 200.0],
         [0.0, 0.0, 10.0, 90.0],
@@ -299,7 +300,8 @@ fn one_and_the_same_reading_may_be_written_in_many_ways() {
     }
     assert!((expected.observations[0].signal - 0.7 * cos(20.0)).abs() < 1e-12);
 
-    // Azimuths from v, the other way round, below the normal, in radians, from a German spreadsheet.
+    // Azimuths from v, clockwise, with negative polar angles, in radians, from a German
+    // spreadsheet.
     let from_v = with_sigma(
         &|a, f| ([a[0], a[1] - 90.0, a[2], a[3] - 90.0], f, 0.01 * f),
         header,
@@ -335,7 +337,7 @@ fn one_and_the_same_reading_may_be_written_in_many_ways() {
     same(&observed(&manifest, &bird.to_string()), &expected);
 }
 
-/// A file of BiRD's with angles in radians.
+/// A BiRD file with angles in radians.
 fn bird(angles: [Vec<f64>; 4], values: &[f64], u_brdf: &Json) -> Json {
     let [theta_i, phi_i, theta_r, phi_r] = angles;
     let angle = |values: Vec<f64>| json!({"unit": "rad", "values": values});
@@ -365,8 +367,8 @@ fn bird(angles: [Vec<f64>; 4], values: &[f64], u_brdf: &Json) -> Json {
     })
 }
 
-/// What a schema of BiRD's finds wrong, by the keywords that its schemas of `brdf`, `metadata` and `data` use. Schemas that
-/// are not beside them (of provenance, sample and instruments, which nothing reads) are passed by.
+/// The faults that a schema of BiRD finds, for the keywords of its schemas of `brdf`, `metadata`
+/// and `data`. Other schemas (provenance, sample, instruments, which are not read) are skipped.
 fn against(schema: &Json, value: &Json, at: &str) -> Vec<String> {
     let mut wrong = Vec::new();
     if let Some(link) = schema["$ref"].as_str() {
@@ -387,7 +389,7 @@ fn against(schema: &Json, value: &Json, at: &str) -> Vec<String> {
         Some(other) => panic!("{other}"),
     };
     if !is_a {
-        wrong.push(format!("{at} is no {}", schema["type"]));
+        wrong.push(format!("{at} is not of type {}", schema["type"]));
     }
     if schema.get("const").is_some_and(|c| c != value) {
         wrong.push(format!("{at} is not {}", schema["const"]));
@@ -396,7 +398,7 @@ fn against(schema: &Json, value: &Json, at: &str) -> Vec<String> {
         .as_array()
         .is_some_and(|e| !e.contains(value))
     {
-        wrong.push(format!("{at} is none of {}", schema["enum"]));
+        wrong.push(format!("{at} is not one of {}", schema["enum"]));
     }
     let number = |key: &str| Some((value.as_f64()?, schema[key].as_f64()?));
     if number("minimum").is_some_and(|(x, least)| x < least)
@@ -444,7 +446,7 @@ fn against(schema: &Json, value: &Json, at: &str) -> Vec<String> {
 }
 
 #[test]
-fn what_is_read_as_bird_is_valid_by_birds_own_schema() {
+fn accepted_bird_files_are_valid_by_the_schema_of_bird() {
     let text = include_str!("../data/bird/brdf_json_schema_v1.0.json");
     let schema: Json = serde_json::from_str(text).unwrap();
     let file = |u: Json| {
@@ -466,7 +468,7 @@ fn what_is_read_as_bird_is_valid_by_birds_own_schema() {
         &good.to_string(),
     );
     assert_eq!(read.observations.len(), 2);
-    // The schema is looked at in earnest, and what it refuses is refused.
+    // The schema check is effective: files that it refuses are refused here too.
     for (path, bad, words) in [
         ("/data/BRDF/unit", json!("sr"), "got `sr`"),
         ("/data/theta_i/unit", json!("grad"), "got `grad`"),
@@ -510,7 +512,7 @@ fn what_is_read_as_bird_is_valid_by_birds_own_schema() {
 }
 
 #[test]
-fn what_is_wrong_with_a_table_is_named_with_its_place() {
+fn the_fault_of_a_table_is_named_with_its_place() {
     let table = "theta_i,phi_i,theta_o,phi_o,value,sigma\n10,0,20,90,0.5,\n10,0,30,90,nan,\n10,0,40,90,0.4,0.01\n";
     let set = observed(MANIFEST, table);
     assert_eq!(set.observations.len(), 2);
@@ -557,7 +559,7 @@ fn what_is_wrong_with_a_table_is_named_with_its_place() {
             assert!(said.contains(word), "{to}: `{word}` is not in: {said}");
         }
     }
-    // Commands that need frames say what this is.
+    // Commands that need frames name the kind of folder.
     let folder = folder(MANIFEST, table);
     assert!(is_table(folder.path()));
     let said = Series::open(folder.path()).unwrap_err().to_string();

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use tracing::{trace, warn};
 
-use super::request::{Expected, Failure, LineError, Request, Shared, add};
+use super::request::{ExchangeFailure, ExpectedReplies, LineError, LineRequest, LineState, add};
 use crate::bench::port::Port;
 use crate::bench::wire::zaber::{
     CONTINUED, DeviceCommand, ID_MAX, MessageBody, Reply, decode_message,
@@ -28,7 +28,7 @@ const REPLY_BYTES_MAX: usize = 4096;
 pub(super) struct Owner {
     /// The port, or the reason why it is lost.
     pub port: Result<Box<dyn Port>, String>,
-    pub shared: Arc<Shared>,
+    pub shared: Arc<LineState>,
     pub lines: LineSplitter,
     pub next_id: u8,
     /// Ids whose reply may still arrive, each with the time until when.
@@ -38,11 +38,11 @@ pub(super) struct Owner {
 impl Owner {
     pub fn run(
         mut self,
-        mut requests: mpsc::Receiver<Request>,
-        mut urgent: mpsc::UnboundedReceiver<Request>,
+        mut requests: mpsc::Receiver<LineRequest>,
+        mut urgent: mpsc::UnboundedReceiver<LineRequest>,
     ) {
-        let next = async |requests: &mut mpsc::Receiver<Request>,
-                          urgent: &mut mpsc::UnboundedReceiver<Request>| {
+        let next = async |requests: &mut mpsc::Receiver<LineRequest>,
+                          urgent: &mut mpsc::UnboundedReceiver<LineRequest>| {
             tokio::select! {
                 biased;
                 Some(request) = urgent.recv() => Some(request),
@@ -60,20 +60,22 @@ impl Owner {
         }
     }
 
-    fn serve(&mut self, request: &Request) -> Result<Vec<Reply>, Failure> {
+    fn serve(&mut self, request: &LineRequest) -> Result<Vec<Reply>, ExchangeFailure> {
         let stops = *self.shared.stops.borrow();
         if request.stops.is_some_and(|then| then != stops) {
-            return Err(Failure::Final(LineError::CancelledByStop));
+            return Err(ExchangeFailure::Final(LineError::CancelledByStop));
         }
         let Some(id) = self.free_id() else {
             // The replies to all hundred ids may still arrive: the device has been silent for long.
-            return Err(Failure::Silence(Vec::new()));
+            return Err(ExchangeFailure::Silence(Vec::new()));
         };
         let command = DeviceCommand {
             id: Some(id),
             ..request.command.clone()
         };
-        let packets = command.encode(true).map_err(|e| Failure::Final(e.into()))?;
+        let packets = command
+            .encode(true)
+            .map_err(|e| ExchangeFailure::Final(e.into()))?;
         match self.exchange(&command, &packets, &request.expected, request.wait) {
             Ok(outcome) => {
                 if outcome.is_err() {
@@ -81,13 +83,13 @@ impl Owner {
                     self.in_doubt.insert(id, until);
                     add(&self.shared.counters.timeouts, "timeout");
                 }
-                outcome.map_err(Failure::Silence)
+                outcome.map_err(ExchangeFailure::Silence)
             }
             Err(error) => {
                 warn!(port = %self.shared.port, "the connection is lost: {error}");
                 // Closed at once, so that the port can be opened again when the device is back.
                 self.port = Err(error.to_string());
-                Err(Failure::Final(self.gone()))
+                Err(ExchangeFailure::Final(self.gone()))
             }
         }
     }
@@ -119,7 +121,7 @@ impl Owner {
         &mut self,
         command: &DeviceCommand,
         packets: &[Vec<u8>],
-        expected: &Expected,
+        expected: &ExpectedReplies,
         wait: Duration,
     ) -> io::Result<Result<Vec<Reply>, Vec<Reply>>> {
         let mut buffer = [0; 512];
@@ -171,7 +173,7 @@ impl Owner {
 /// Collects the replies to one command.
 struct Gathering<'a> {
     command: &'a DeviceCommand,
-    expected: &'a Expected,
+    expected: &'a ExpectedReplies,
     whole: Vec<Reply>,
     /// A reply that continues in info messages.
     open: Option<Reply>,
@@ -179,7 +181,7 @@ struct Gathering<'a> {
 
 impl Gathering<'_> {
     /// Takes a line if it belongs to the command; returns whether it did.
-    fn take(&mut self, line: &[u8], shared: &Shared) -> bool {
+    fn take(&mut self, line: &[u8], shared: &LineState) -> bool {
         let Ok(message) = decode_message(line) else {
             return false;
         };
@@ -225,21 +227,21 @@ impl Gathering<'_> {
             return false;
         }
         match self.expected {
-            Expected::One => reply.address == self.command.address && self.whole.is_empty(),
-            Expected::Each(addresses) => {
+            ExpectedReplies::One => reply.address == self.command.address && self.whole.is_empty(),
+            ExpectedReplies::Each(addresses) => {
                 addresses.contains(&reply.address)
                     && self.whole.iter().all(|r| r.address != reply.address)
             }
             // Replies of two devices with one address must both be kept; a repeated reply need not.
-            Expected::Anyone => !self.whole.contains(reply),
+            ExpectedReplies::Anyone => !self.whole.contains(reply),
         }
     }
 
     fn is_done(&self) -> bool {
         match self.expected {
-            Expected::One => !self.whole.is_empty(),
-            Expected::Each(addresses) => self.whole.len() == addresses.len(),
-            Expected::Anyone => false,
+            ExpectedReplies::One => !self.whole.is_empty(),
+            ExpectedReplies::Each(addresses) => self.whole.len() == addresses.len(),
+            ExpectedReplies::Anyone => false,
         }
     }
 }

@@ -87,7 +87,7 @@ pub(super) struct Counters {
 }
 
 #[derive(Debug)]
-pub(super) struct Shared {
+pub(super) struct LineState {
     pub port: String,
     pub settings: LineSettings,
     pub counters: Counters,
@@ -97,7 +97,7 @@ pub(super) struct Shared {
 
 /// Which replies end an exchange.
 #[derive(Debug, Clone)]
-pub(super) enum Expected {
+pub(super) enum ExpectedReplies {
     /// One reply, from the device and axis addressed.
     One,
     /// One reply from each of these devices.
@@ -106,21 +106,21 @@ pub(super) enum Expected {
     Anyone,
 }
 
-pub(super) struct Request {
+pub(super) struct LineRequest {
     pub command: DeviceCommand,
-    pub expected: Expected,
+    pub expected: ExpectedReplies,
     pub wait: Duration,
     /// Number of stops when this was requested; `None` if a stop does not cancel it.
     pub stops: Option<u64>,
-    pub answer: oneshot::Sender<Result<Vec<Reply>, Failure>>,
+    pub answer: oneshot::Sender<Result<Vec<Reply>, ExchangeFailure>>,
 }
 
-pub(super) enum Failure {
+pub(super) enum ExchangeFailure {
     Silence(Vec<Reply>),
     Final(LineError),
 }
 
-impl Shared {
+impl LineState {
     /// Counts a line that answers no open command, and logs it at debug level.
     pub fn put_aside(&self, line: &[u8]) {
         let counters = &self.counters;

@@ -14,10 +14,13 @@ use crate::cli::output_path;
 use crate::cli::values::whole;
 use crate::figures::{PlotAxis, with_true_minus};
 use crate::model::LeftOut;
-use crate::trace::compare::{Difference, Direction, Mask, Summary, WAVELENGTHS_NM, seed_at};
-use crate::trace::grid::Grid;
+use crate::trace::grid::DirectionGrid;
 use crate::trace::height_field::Side;
 use crate::trace::paired::SCALAR;
+use crate::trace::polarisation_difference::{
+    DifferenceSummary, DirectionDifference, DirectionMask, PolarisationDifference, WAVELENGTHS_NM,
+    seed_at,
+};
 use crate::trace::run::Follow;
 use crate::trace::tally::Totals;
 
@@ -63,7 +66,7 @@ pub struct Args {
 #[derive(Debug, Serialize)]
 struct Report {
     pixels: u16,
-    mask: Mask,
+    mask: DirectionMask,
     wavelengths_nm: Vec<f64>,
     photons_per_wavelength: u64,
     angles: Vec<ComparedAngle>,
@@ -75,9 +78,9 @@ struct Report {
 #[derive(Debug, Serialize)]
 struct ComparedAngle {
     theta_i_deg: f64,
-    adm: Option<Summary>,
-    mdm: Option<Summary>,
-    worst: Option<Direction>,
+    adm: Option<DifferenceSummary>,
+    mdm: Option<DifferenceSummary>,
+    worst: Option<DirectionDifference>,
     directions: usize,
     too_dark: usize,
     not_settled: usize,
@@ -113,11 +116,11 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     } else {
         vec![source.scene.light.wavelength_nm]
     };
-    let mask = Mask {
+    let mask = DirectionMask {
         divisor: args.mask,
         error_max: args.error_max,
     };
-    let grid = Grid::disc(usize::from(args.pixels));
+    let grid = DirectionGrid::disc(usize::from(args.pixels));
     let at = |run: usize| {
         let mut scene = source.scene.clone();
         scene.light.theta_i_deg = angles[run / wavelengths.len()];
@@ -165,7 +168,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         }
         let all = std::mem::take(&mut of_angle);
         let theta = angles[run / wavelengths.len()];
-        let difference = Difference::of(&all, &mask)
+        let difference = PolarisationDifference::of(&all, &mask)
             .ok_or_else(|| CliError::no_result(anyhow!("no run was finished")))?;
         if let Some(folder) = &args.pictures {
             let lamp = LampMark {
@@ -241,8 +244,8 @@ fn pictures(
     lamp: LampMark,
     wavelengths: &[f64],
     runs: &[Totals],
-    difference: &Difference,
-    mask: &Mask,
+    difference: &PolarisationDifference,
+    mask: &DirectionMask,
 ) -> Result<(), CliError> {
     let grid = difference.grid;
     let bins = grid.per_side();
@@ -258,7 +261,7 @@ fn pictures(
             })
             .collect()
     };
-    let of = |value: fn(&Direction) -> f64| -> Vec<Option<f64>> {
+    let of = |value: fn(&DirectionDifference) -> f64| -> Vec<Option<f64>> {
         let mut values = vec![None; bins];
         for direction in &difference.directions {
             values[direction.bin] = Some(value(direction));
@@ -388,7 +391,7 @@ fn lobe(lamp: LampMark, runs: &[Totals], waves: &str) -> String {
 
 /// A plane through n, by rising angle from it: one direction per pixel width, in degrees towards the azimuth `phi_deg`, and
 /// up to four surrounding pixels with their weights. (A plane along the pixels' rows is between two rows.)
-fn across(grid: Grid, phi_deg: f64) -> Vec<(f64, Vec<(usize, f64)>)> {
+fn across(grid: DirectionGrid, phi_deg: f64) -> Vec<(f64, Vec<(usize, f64)>)> {
     let n = grid.n_phi;
     let centre = |i: i64| (2 * i + 1) as f64 / n as f64 - 1.0;
     let (sin, cos) = phi_deg.to_radians().sin_cos();
@@ -427,7 +430,7 @@ mod tests {
     #[test]
     fn a_plane_has_one_direction_per_pixel_and_both_rows_beside_it() {
         for n in [8, 127, 128] {
-            let grid = Grid::disc(n);
+            let grid = DirectionGrid::disc(n);
             for phi_deg in [0.0, 10.0, 90.0, 180.0, 200.0] {
                 let plane = across(grid, phi_deg);
                 assert!(plane.len() + 4 >= n, "{n} {phi_deg}: {}", plane.len());

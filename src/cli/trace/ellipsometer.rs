@@ -13,7 +13,7 @@ use crate::cli::limits::{RunLimits, Stopwatch};
 use crate::cli::output_path;
 use crate::figures::{Panel, PlotAxis, with_true_minus};
 use crate::model::LeftOut;
-use crate::trace::ellipsometer::{ERROR_UNKNOWN, Point, SETTINGS, curve};
+use crate::trace::ellipsometer::{ERROR_UNKNOWN, EllipsometerPoint, SETTINGS, curve};
 use crate::trace::run::Follow;
 
 /// Six states of the lamp's light, six settings of the camera's filter and compensator, over the plane
@@ -47,7 +47,7 @@ pub struct Args {
 
 #[derive(Debug, Serialize)]
 struct Report {
-    settings: [crate::trace::ellipsometer::Setting; 6],
+    settings: [crate::trace::ellipsometer::PolariserSetting; 6],
     photons: u64,
     angles: Vec<MeasuredAngle>,
     seconds: f64,
@@ -64,7 +64,7 @@ struct MeasuredAngle {
     photons: u64,
     /// Error of the reflected bins, root mean square.
     relative_error: Option<f64>,
-    points: Vec<Point>,
+    points: Vec<EllipsometerPoint>,
 }
 
 /// Runs the command.
@@ -152,7 +152,7 @@ pub(super) fn write_curves(
     folder: &Path,
     name: &str,
     theta_i_deg: f64,
-    points: &[Point],
+    points: &[EllipsometerPoint],
     step_deg: f64,
 ) -> Result<(), CliError> {
     let panels = |dolp: bool, settings: std::ops::Range<usize>| -> Vec<Panel> {
@@ -218,14 +218,14 @@ fn shown_aop_deg(aop_deg: f64) -> f64 {
 const SHOWN: usize = 20;
 
 /// Returns the nearest direction with light for each ten degrees; the CSV file has all directions.
-fn shown(points: &[Point]) -> Vec<&Point> {
+fn shown(points: &[EllipsometerPoint]) -> Vec<&EllipsometerPoint> {
     if points.len() <= SHOWN {
         return points.iter().collect();
     }
-    let mut nearest: Vec<&Point> = Vec::new();
+    let mut nearest: Vec<&EllipsometerPoint> = Vec::new();
     for ten in -9..=9 {
         let wanted = 10.0 * f64::from(ten);
-        let off = |p: &Point| (p.theta_s_deg - wanted).abs();
+        let off = |p: &EllipsometerPoint| (p.theta_s_deg - wanted).abs();
         // A direction nearer to the next ten degrees belongs to those.
         let found = points.iter().filter(|p| off(p) <= 5.0);
         let found = found.min_by(|a, b| off(a).total_cmp(&off(b)));
@@ -316,9 +316,9 @@ impl Report {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::ellipsometer::Reading;
+    use crate::trace::ellipsometer::EllipsometerReading;
 
-    fn report(readings: Vec<Reading>) -> Report {
+    fn report(readings: Vec<EllipsometerReading>) -> Report {
         Report {
             settings: SETTINGS,
             photons: 1,
@@ -326,7 +326,7 @@ mod tests {
                 theta_i_deg: 45.0,
                 photons: 1,
                 relative_error: None,
-                points: vec![Point {
+                points: vec![EllipsometerPoint {
                     theta_s_deg: 45.0,
                     readings,
                     errors_as_independent: false,
@@ -339,8 +339,8 @@ mod tests {
         }
     }
 
-    fn reading(aop_deg: f64) -> Reading {
-        Reading {
+    fn reading(aop_deg: f64) -> EllipsometerReading {
+        EllipsometerReading {
             input: "left",
             stokes: [1.0, 0.5, 0.0, 0.1],
             stokes_std: [0.1; 4],
@@ -407,11 +407,11 @@ mod tests {
 
     #[test]
     fn the_table_shows_a_direction_for_each_ten_degrees_whatever_the_bins() {
-        let lit = |n_theta: i32, from_deg: f64, until_deg: f64| -> Vec<Point> {
+        let lit = |n_theta: i32, from_deg: f64, until_deg: f64| -> Vec<EllipsometerPoint> {
             let width = 90.0 / f64::from(n_theta);
             let all = (-n_theta..n_theta).map(|n| (f64::from(n) + 0.5) * width);
             let lit = all.filter(|t| (from_deg..until_deg).contains(t));
-            lit.map(|theta_s_deg| Point {
+            lit.map(|theta_s_deg| EllipsometerPoint {
                 theta_s_deg,
                 readings: Vec::new(),
                 errors_as_independent: false,

@@ -9,7 +9,7 @@ use crate::figures::{
     ColourBar, DataSeries, Figure, GREY, Mark, NO_VALUE, Panel, PlotAxis, Raster, Stroke, Symbol,
     power_of_ten, with_true_minus,
 };
-use crate::trace::grid::{Grid, Layout};
+use crate::trace::grid::{DirectionGrid, Layout};
 use crate::trace::height_field::Side;
 
 /// Pixels across a disc's picture, and its side in the figure.
@@ -107,7 +107,7 @@ pub(super) struct LampMark {
 
 /// Discs in rows of `columns`, with a title and a note above them.
 pub(super) fn figure(
-    grid: Grid,
+    grid: DirectionGrid,
     lamp: LampMark,
     columns: usize,
     title: &str,
@@ -125,7 +125,7 @@ pub(super) fn figure(
     figure.svg()
 }
 
-fn panel(grid: Grid, lamp: LampMark, disc: &Disc) -> Panel {
+fn panel(grid: DirectionGrid, lamp: LampMark, disc: &Disc) -> Panel {
     let circle = |radius: f64, stroke| {
         let angles = (0..=90).map(|n| (4.0 * f64::from(n)).to_radians());
         let points = angles.map(|a| (radius * a.cos(), radius * a.sin()));
@@ -169,14 +169,14 @@ fn panel(grid: Grid, lamp: LampMark, disc: &Disc) -> Panel {
 }
 
 /// Distance of a polar angle from a disc's centre, the rim being at 1.
-fn from_centre(grid: Grid, theta_deg: f64) -> f64 {
+fn from_centre(grid: DirectionGrid, theta_deg: f64) -> f64 {
     match grid.layout {
         Layout::Polar => theta_deg / 90.0,
         Layout::Disc => theta_deg.to_radians().sin(),
     }
 }
 
-fn picture(grid: Grid, disc: &Disc) -> Raster {
+fn picture(grid: DirectionGrid, disc: &Disc) -> Raster {
     let mut rgba = Vec::with_capacity(4 * PIXELS * PIXELS);
     for row in 0..PIXELS {
         for column in 0..PIXELS {
@@ -211,7 +211,7 @@ mod tests {
 
     #[test]
     fn a_figure_shows_every_disc_and_decades_have_round_ends() {
-        let grid = Grid::polar(9, 12);
+        let grid = DirectionGrid::polar(9, 12);
         let discs: Vec<Disc> = (0..3)
             .map(|n| Disc {
                 title: format!("m{n} < 1"),

@@ -14,8 +14,8 @@ use crate::accuracy::trace_forecast::{Patience, TraceExtent, of_runs};
 use crate::cli::limits::{RunLimits, Stopwatch};
 use crate::cli::progress::Bar;
 use crate::clock::elapsed_s;
-use crate::trace::run::{self, Ending, Follow, Progress};
-use crate::trace::scene::Prepared;
+use crate::trace::run::{self, Follow, StopPolicy, TraceProgress};
+use crate::trace::scene::PreparedScene;
 use crate::trace::tally::Totals;
 
 /// Number of photons from which a forecast is worth its time.
@@ -33,7 +33,7 @@ pub(super) struct Runs<'a> {
     /// Runs since the command began.
     pub watch: Stopwatch,
     /// Makes the scene of each run by its number.
-    pub make: &'a dyn Fn(usize) -> Result<Prepared, CliError>,
+    pub make: &'a dyn Fn(usize) -> Result<PreparedScene, CliError>,
 }
 
 /// Result of the runs.
@@ -65,7 +65,7 @@ impl FinishedRuns {
 /// Bad input for an invalid scene; no result where a run has no result at its time limit; interrupted after Ctrl-C.
 pub(super) fn each(
     runs: &Runs<'_>,
-    take: &mut dyn FnMut(usize, &Prepared, Totals) -> Result<(), CliError>,
+    take: &mut dyn FnMut(usize, &PreparedScene, Totals) -> Result<(), CliError>,
 ) -> Result<FinishedRuns, CliError> {
     let limits = runs.limits;
     let cancel = interrupt::flag()?;
@@ -89,13 +89,13 @@ pub(super) fn each(
             .map(|limit| (limit - watch.seconds()).max(0.0) / (runs.count - n) as f64);
         let late = || share_s.is_some_and(|share_s| begun.elapsed().as_secs_f64() >= share_s);
         let before = runs.photons.saturating_mul(n as u64);
-        let proceed = |progress: &Progress| {
+        let proceed = |progress: &TraceProgress| {
             bar.at(before.saturating_add(progress.photons), all);
             !(cancel.load(Ordering::Relaxed)
                 || late()
                 || limits.is_reached(progress.relative_error))
         };
-        let ending = Ending::of(share_s, elapsed_s, limits.target_error);
+        let ending = StopPolicy::of(share_s, elapsed_s, limits.target_error);
         let totals = run::trace_following(&prepared, runs.follow, ending, &proceed);
         if cancel.load(Ordering::Relaxed) {
             bar.clear();

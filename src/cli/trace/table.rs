@@ -13,11 +13,11 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::cli::CliError;
-use crate::trace::bins::{self, Places};
-use crate::trace::grid::Grid;
+use crate::trace::bins::{self, BinPlaces};
+use crate::trace::grid::DirectionGrid;
 use crate::trace::height_field::Side;
 use crate::trace::report::About;
-use crate::trace::run::{Shard, SoFar};
+use crate::trace::run::{PartialRun, Shard};
 use crate::trace::tally::Totals;
 use crate::wording::hex;
 
@@ -67,7 +67,7 @@ impl ShardPart {
     pub fn of(
         run: String,
         shard: Shard,
-        done: &SoFar,
+        done: &PartialRun,
         complete: bool,
         stokes: [f64; 4],
         scene: About,
@@ -146,7 +146,7 @@ pub(super) fn kept(
     photons: u64,
     shard: Shard,
     polarised: bool,
-) -> Result<SoFar, CliError> {
+) -> Result<PartialRun, CliError> {
     let wrong = |what: &str| CliError::bad_input(anyhow!("{}: {what}", file.display()));
     let (part, totals) = read(file)?;
     if part.run != run {
@@ -176,7 +176,7 @@ pub(super) fn kept(
         }
         batches.extend(first..=last);
     }
-    SoFar::kept(totals, batches, photons, shard).ok_or_else(damaged)
+    PartialRun::kept(totals, batches, photons, shard).ok_or_else(damaged)
 }
 
 /// Writes the bins, with DOLP and AOP for the lamp's `stokes`; with a `part`, as a shard. The file appears whole
@@ -315,9 +315,9 @@ fn read(file: &Path) -> Result<(ShardPart, Totals), CliError> {
             if part.sums.is_none() {
                 return Err(wrong(older));
             }
-            let grid = Grid {
+            let grid = DirectionGrid {
                 straight: part.straight,
-                ..Grid::polar(part.n_theta, part.n_phi)
+                ..DirectionGrid::polar(part.n_theta, part.n_phi)
             };
             let known = |bin: &usize| *bin < grid.per_side();
             if !part.plane.iter().flatten().flatten().all(known) {
@@ -330,7 +330,7 @@ fn read(file: &Path) -> Result<(ShardPart, Totals), CliError> {
                 .ok_or_else(|| wrong("the column run is damaged"))?;
             found = Some(Found {
                 sums: part.begun(),
-                places: Places::of(grid),
+                places: BinPlaces::of(grid),
                 part,
                 totals,
             });
@@ -397,17 +397,17 @@ struct Found {
     part: ShardPart,
     totals: Totals,
     sums: Sha256,
-    places: Places,
+    places: BinPlaces,
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::report::Report;
-    use crate::trace::run::{Ending, resume};
-    use crate::trace::scene::{Prepared, Scene};
+    use crate::trace::report::TraceReport;
+    use crate::trace::run::{StopPolicy, resume};
+    use crate::trace::scene::{PreparedScene, Scene};
 
-    fn rough_glass() -> Prepared {
+    fn rough_glass() -> PreparedScene {
         let text = "[light]\ntheta_i_deg = 45.0\n[[interface]]\nshape = \"beckmann\"\nalpha_u = 0.4\n\
                     alpha_v = 0.4\ncells = 64\nbelow = { n = 1.5 }\n[run]\nphotons = 5000\ntheta_bins = 9\n\
                     phi_bins = 12\n";
@@ -417,8 +417,8 @@ mod tests {
             .unwrap()
     }
 
-    fn traced(prepared: &Prepared, shard: Shard) -> Totals {
-        resume(prepared, shard, None, Ending::AtLast, &|_| true).totals
+    fn traced(prepared: &PreparedScene, shard: Shard) -> Totals {
+        resume(prepared, shard, None, StopPolicy::AtLast, &|_| true).totals
     }
 
     #[test]
@@ -430,7 +430,7 @@ mod tests {
         write(&whole, &traced(&prepared, Shard::WHOLE), &lamp, None).unwrap();
         let part = |number, complete| {
             let shard = Shard { number, of: 3 };
-            let done = resume(&prepared, shard, None, Ending::AtLast, &|_| true);
+            let done = resume(&prepared, shard, None, StopPolicy::AtLast, &|_| true);
             let file = folder.path().join(format!("{number}{complete}.csv"));
             let about = About::of(&prepared);
             let part = ShardPart::of("r".to_owned(), shard, &done, complete, lamp, about);
@@ -446,8 +446,8 @@ mod tests {
         assert!(whole_run.directions().is_some());
         assert_eq!(sum.totals, whole_run);
         assert_eq!(
-            Report::new(&sum.totals, true).about(sum.scene),
-            Report::of(&prepared, &whole_run)
+            TraceReport::new(&sum.totals, true).about(sum.scene),
+            TraceReport::of(&prepared, &whole_run)
         );
         let read = |p: &Path| std::fs::read(p).unwrap();
         assert_eq!(read(&whole), read(&merged));
@@ -469,7 +469,7 @@ mod tests {
         let file = |name: &str| folder.path().join(name);
         for number in [1, 2] {
             let shard = Shard { number, of: 2 };
-            let done = resume(&prepared, shard, None, Ending::AtLast, &|_| true);
+            let done = resume(&prepared, shard, None, StopPolicy::AtLast, &|_| true);
             let lamp = [1.0, 0.0, 0.0, 0.0];
             let part = ShardPart::of(
                 "r".to_owned(),
@@ -505,7 +505,7 @@ mod tests {
         let prepared = rough_glass();
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("1.csv");
-        let done = resume(&prepared, Shard::WHOLE, None, Ending::AtLast, &|_| true);
+        let done = resume(&prepared, Shard::WHOLE, None, StopPolicy::AtLast, &|_| true);
         let (lamp, about) = ([1.0, 0.0, 0.0, 0.0], About::of(&prepared));
         let part = ShardPart::of("r".to_owned(), Shard::WHOLE, &done, true, lamp, about);
         write(&file, &done.totals, &lamp, Some(&part)).unwrap();
@@ -566,7 +566,7 @@ mod tests {
                 folder.path().join("kept.csv"),
                 folder.path().join("whole.csv"),
             );
-            let save = |file: &Path, done: &SoFar| {
+            let save = |file: &Path, done: &PartialRun| {
                 let complete = done.is_complete(5000, shard);
                 let part = ShardPart::of(
                     "r".to_owned(),
@@ -582,13 +582,15 @@ mod tests {
             let load = || kept(&file, "r", 5000, shard, true).unwrap();
             save(
                 &whole,
-                &resume(&prepared, shard, None, Ending::AtLast, &|_| true),
+                &resume(&prepared, shard, None, StopPolicy::AtLast, &|_| true),
             );
             let (mut before, mut stops) = (None, 0);
             loop {
                 // Each time a few batches of the 64 more than before.
-                let start = before.as_ref().map_or(0, |b: &SoFar| b.totals.photons());
-                let done = resume(&prepared, shard, before, Ending::AtLast, &|p| {
+                let start = before
+                    .as_ref()
+                    .map_or(0, |b: &PartialRun| b.totals.photons());
+                let done = resume(&prepared, shard, before, StopPolicy::AtLast, &|p| {
                     p.photons <= start + 400
                 });
                 if save(&file, &done) {

@@ -18,10 +18,10 @@ use crate::cli::{CliError, interrupt, output_path};
 use crate::clock::elapsed_s;
 use crate::plan::scene::TracePlanRequest;
 use crate::plan::{self, ComputationPlan};
-use crate::trace::report::{About, Report};
-use crate::trace::run::{self, Ending, Progress, Shard, SoFar};
-use crate::trace::scene::{Prepared, Scene};
-use crate::trace::spread::over_surfaces;
+use crate::trace::report::{About, TraceReport};
+use crate::trace::run::{self, PartialRun, Shard, StopPolicy, TraceProgress};
+use crate::trace::scene::{PreparedScene, Scene};
+use crate::trace::surface_spread::over_surfaces;
 use crate::trace::tally::Totals;
 use crate::wording::{counted, hex};
 
@@ -32,7 +32,7 @@ pub(super) struct TraceTask<'a> {
     watch: Stopwatch,
     cancel: Arc<AtomicBool>,
     scene: Scene,
-    prepared: Prepared,
+    prepared: PreparedScene,
     plan: ComputationPlan,
     shard: Shard,
     /// Identifies the run: files of one run have the same.
@@ -43,7 +43,7 @@ pub(super) struct TraceTask<'a> {
 
 /// The traced part, and the seconds in total and until the first photon.
 pub(super) struct FinishedTask {
-    pub(super) so_far: SoFar,
+    pub(super) so_far: PartialRun,
     complete: bool,
     run_seconds: f64,
     setup_seconds: Option<f64>,
@@ -107,8 +107,8 @@ impl<'a> TraceTask<'a> {
     }
 
     /// Reads the state of a stopped run.
-    pub(super) fn kept(&self) -> Result<Option<SoFar>, CliError> {
-        let Prepared {
+    pub(super) fn kept(&self) -> Result<Option<PartialRun>, CliError> {
+        let PreparedScene {
             photons, polarised, ..
         } = self.prepared;
         let file = self.args.resume.as_deref();
@@ -135,7 +135,7 @@ impl<'a> TraceTask<'a> {
         }
     }
 
-    pub(super) fn execute(&self, before: Option<SoFar>) -> Result<FinishedTask, CliError> {
+    pub(super) fn execute(&self, before: Option<PartialRun>) -> Result<FinishedTask, CliError> {
         let TraceTask {
             args,
             prepared,
@@ -205,12 +205,12 @@ impl<'a> TraceTask<'a> {
     }
 
     /// Makes the report; traces further surfaces if `--surfaces` asks for them.
-    pub(super) fn report(&self, done: &FinishedTask) -> Result<Report, CliError> {
+    pub(super) fn report(&self, done: &FinishedTask) -> Result<TraceReport, CliError> {
         let totals = &done.so_far.totals;
-        let mut report = Report::of(&self.prepared, totals);
+        let mut report = TraceReport::of(&self.prepared, totals);
         if let Some(count) = self.args.surfaces {
             let bar = Bar::new("surfaces");
-            let again = |other: &Scene| -> Result<Prepared, CliError> {
+            let again = |other: &Scene| -> Result<PreparedScene, CliError> {
                 let mut other_one = ready(self.path, other)?;
                 plan::scene::apply(&self.plan, &self.scene, &mut other_one);
                 Ok(other_one)
@@ -268,41 +268,47 @@ fn how_to_go_on(scene: &Path, out: Option<&Path>, shard: Option<Shard>) -> Strin
 
 /// Traces with a progress bar on a terminal.
 fn watched(
-    prepared: &Prepared,
+    prepared: &PreparedScene,
     shard: Shard,
-    before: Option<SoFar>,
+    before: Option<PartialRun>,
     args: &Args,
     cancel: &AtomicBool,
     watch: &Stopwatch,
     first: &(dyn Fn() + Sync),
-) -> SoFar {
+) -> PartialRun {
     // Photons have no pace before the illuminated part of the surface is found.
     let (looking, bar) = (Bar::new("%"), Bar::new("photons"));
     let looked = AtomicBool::new(false);
     let left_s = args.limits.max_seconds.map(|limit| limit - watch.seconds());
-    let ending = Ending::of(left_s, elapsed_s, args.limits.target_error);
-    let so_far = run::resume(prepared, shard, before, ending, &|progress: &Progress| {
-        if let Some(share) = progress.look {
-            looking.show(
-                (100.0 * share) as u64,
-                100,
-                "finding the illuminated surface",
-            );
-        } else {
-            if !looked.swap(true, Ordering::Relaxed) {
-                looking.clear();
+    let ending = StopPolicy::of(left_s, elapsed_s, args.limits.target_error);
+    let so_far = run::resume(
+        prepared,
+        shard,
+        before,
+        ending,
+        &|progress: &TraceProgress| {
+            if let Some(share) = progress.surface_analysis {
+                looking.show(
+                    (100.0 * share) as u64,
+                    100,
+                    "finding the illuminated surface",
+                );
+            } else {
+                if !looked.swap(true, Ordering::Relaxed) {
+                    looking.clear();
+                }
+                first();
+                let error = progress.relative_error;
+                let word = error.map_or(String::new(), |e| format!("error {:.2} %", 100.0 * e));
+                bar.show(progress.photons, progress.photons_planned, &word);
             }
-            first();
-            let error = progress.relative_error;
-            let word = error.map_or(String::new(), |e| format!("error {:.2} %", 100.0 * e));
-            bar.show(progress.photons, progress.photons_planned, &word);
-        }
-        let good_enough = args
-            .limits
-            .target_error
-            .is_some_and(|target| progress.relative_error.is_some_and(|e| e <= target));
-        !(cancel.load(Ordering::Relaxed) || watch.is_late() || good_enough)
-    });
+            let good_enough = args
+                .limits
+                .target_error
+                .is_some_and(|target| progress.relative_error.is_some_and(|e| e <= target));
+            !(cancel.load(Ordering::Relaxed) || watch.is_late() || good_enough)
+        },
+    );
     looking.clear();
     bar.clear();
     so_far

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::trace::run::{Shard, trace};
-use crate::trace::tally::Estimate;
+use crate::trace::tally::MonteCarloEstimate;
 
 fn planned(text: &str, request: &TracePlanRequest) -> ComputationPlan {
     let scene = Scene::parse(text).unwrap();
@@ -160,7 +160,7 @@ fn layers_over_a_metal_keep_polarisation_where_the_run_would_notice() {
 
 /// A pilot with these reflected and transmitted shares by number of interactions.
 fn saw(photons: u64, reflected: &[f64], transmitted: &[f64]) -> Pilot {
-    let exactly = |value: f64| Estimate { value, std: 0.0 };
+    let exactly = |value: f64| MonteCarloEstimate { value, std: 0.0 };
     let all = |shares: &[f64]| exactly(shares.iter().sum());
     let each = |shares: &[f64]| {
         std::array::from_fn(|n| exactly(shares.get(n).copied().unwrap_or_default()))

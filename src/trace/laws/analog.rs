@@ -8,7 +8,7 @@ fn energies(
     interfaces: &str,
     stokes: &str,
     method: &str,
-) -> Energies<crate::trace::tally::Estimate> {
+) -> Energies<crate::trace::tally::MonteCarloEstimate> {
     let text = format!(
         "[light]\ntheta_i_deg = 70.0\nstokes = {stokes}\n{interfaces}\n[run]\nphotons = 200000\nmethod = \"{method}\"\n"
     );

@@ -1,15 +1,15 @@
 //! The tracer compared with closed forms and with tables of other programs.
 
 use super::super::height_field::Side;
-use super::super::tally::{Estimate, Totals};
+use super::super::tally::{MonteCarloEstimate, Totals};
 use super::{interface, scene, single, traced};
 use crate::model::flat_stack::FlatStack;
 use crate::model::single_bounce::{Scattering, mueller_brdf};
 
 /// A Mueller element summed over all directions of reflection (a mirror direction may be on the
 /// edge of bins).
-pub(super) fn all_reflected(totals: &Totals, i: usize) -> Estimate {
-    let mut sum = Estimate {
+pub(super) fn all_reflected(totals: &Totals, i: usize) -> MonteCarloEstimate {
+    let mut sum = MonteCarloEstimate {
         value: 0.0,
         std: 0.0,
     };
@@ -25,7 +25,7 @@ pub(super) fn all_reflected(totals: &Totals, i: usize) -> Estimate {
 }
 
 /// Deviation of an estimate from a value known to 1e-12, in standard errors.
-pub(super) fn deviation(estimate: &Estimate, expected: f64) -> f64 {
+pub(super) fn deviation(estimate: &MonteCarloEstimate, expected: f64) -> f64 {
     let difference = (estimate.value - expected).abs();
     if difference < 1e-12 {
         0.0

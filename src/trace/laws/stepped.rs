@@ -8,7 +8,7 @@ use super::*;
 use crate::model::polarisation::Boundary;
 use crate::trace::beckmann::beckmann;
 use crate::trace::height_field::HeightField;
-use crate::trace::rng::{Purpose, Stream};
+use crate::trace::rng::{Purpose, RandomStream};
 use crate::trace::vec3::{V3, combine, dot, unit};
 
 /// Steps per cell.
@@ -63,11 +63,16 @@ fn below(field: &HeightField, from: &V3, k: &V3) -> Option<V3> {
 }
 
 /// Fraction of the light reflected once, with its standard error.
-fn reflected_once(field: &HeightField, boundary: &Boundary, theta: f64, rays: usize) -> Estimate {
+fn reflected_once(
+    field: &HeightField,
+    boundary: &Boundary,
+    theta: f64,
+    rays: usize,
+) -> MonteCarloEstimate {
     let (nx, ny) = field.cells();
     let (dx, dy) = field.cell_size();
     let k = [theta.sin(), 0.0, -theta.cos()];
-    let mut random = Stream::new(8, Purpose::Batch, 0);
+    let mut random = RandomStream::new(8, Purpose::Batch, 0);
     let (mut sum, mut square) = (0.0, 0.0);
     for _ in 0..rays {
         let from = [
@@ -89,7 +94,7 @@ fn reflected_once(field: &HeightField, boundary: &Boundary, theta: f64, rays: us
     }
     let n = rays as f64;
     let mean = sum / n;
-    Estimate {
+    MonteCarloEstimate {
         value: mean,
         std: ((square / n - mean * mean) / n).sqrt(),
     }

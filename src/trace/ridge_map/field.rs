@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::super::rng::{Purpose, Stream};
-use super::lines::{Line, Lines};
+use super::super::rng::{Purpose, RandomStream};
+use super::lines::{RidgeLine, RidgeLines};
 
 /// Largest side of a window in which waves are searched, in pixels.
 const WINDOW: usize = 96;
@@ -28,7 +28,7 @@ const OVERTONES: usize = 6;
 const LINE_MIN: f64 = 0.3;
 
 /// Heights with their positions.
-pub(super) struct Field<'a> {
+pub(super) struct SampledHeights<'a> {
     pub columns: usize,
     pub rows: usize,
     pub pitch: [f64; 2],
@@ -67,7 +67,7 @@ pub(super) fn take_off_plane(heights: &mut [f64], columns: usize, pitch: [f64; 2
 /// Spatial frequency, 1/µm along u and v.
 pub(super) type Wave = [f64; 2];
 
-impl Field<'_> {
+impl SampledHeights<'_> {
     /// The strongest wave of each of several windows about the centre, from windows of single
     /// heights to windows of block means that span the map.
     pub fn strongest_waves(&self) -> Vec<Wave> {
@@ -184,7 +184,7 @@ impl Field<'_> {
 
     /// Random positions in a window about the centre: x, y and weighted height.
     fn places(&self, window: f64) -> Vec<[f64; 3]> {
-        let mut random = Stream::new(1, Purpose::Surface, 0);
+        let mut random = RandomStream::new(1, Purpose::Surface, 0);
         let counts = [
             ((window / self.pitch[0]) as usize).clamp(1, self.columns),
             ((window / self.pitch[1]) as usize).clamp(1, self.rows),
@@ -274,7 +274,7 @@ impl Field<'_> {
     }
 
     /// Means along the ridges of a wave, from one in `stride` heights.
-    pub fn lines(&self, wave: Wave, stride: usize) -> Lines {
+    pub fn lines(&self, wave: Wave, stride: usize) -> RidgeLines {
         self.lines_as_wide(wave, stride, 1.0)
     }
 
@@ -282,7 +282,7 @@ impl Field<'_> {
     /// blurred by only a fraction of a sample. With too little shear, adjacent lines would come
     /// from different rows, and errors of their direction would become steps between them; lines
     /// are then one sample wide.
-    pub fn fine_lines(&self, wave: Wave) -> Lines {
+    pub fn fine_lines(&self, wave: Wave) -> RidgeLines {
         let share = match self.sheared(wave) < CROSSED {
             true => 1.0,
             false => FINE,
@@ -291,7 +291,7 @@ impl Field<'_> {
     }
 
     /// Lines whose width is this fraction of a sample's.
-    fn lines_as_wide(&self, wave: Wave, stride: usize, share: f64) -> Lines {
+    fn lines_as_wide(&self, wave: Wave, stride: usize, share: f64) -> RidgeLines {
         let f = wave[0].hypot(wave[1]);
         let (c, s) = (wave[0] / f, wave[1] / f);
         let width = share * self.sample(wave);
@@ -383,11 +383,11 @@ impl Field<'_> {
         } else {
             0.0
         };
-        let lines: Vec<Line> = sums
+        let lines: Vec<RidgeLine> = sums
             .iter()
             .zip(&is_kept)
             .filter(|(_, is_kept)| **is_kept)
-            .map(|(sum, _)| Line {
+            .map(|(sum, _)| RidgeLine {
                 v: sum[1] / sum[0],
                 z: mean(sum),
                 count: sum[0],
@@ -405,7 +405,7 @@ impl Field<'_> {
         of_lines.sort_by(f64::total_cmp);
         let typical = of_lines.get(of_lines.len() / 2).copied().unwrap_or(rest);
         let unevenness = (typical - askew / used).max(0.0).sqrt();
-        Lines {
+        RidgeLines {
             width,
             explained: 1.0 - rest * used / squares[0],
             unevenness,

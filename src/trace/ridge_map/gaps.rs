@@ -5,7 +5,7 @@
 //! beside a gap until half of it is left for the wall, [`FlankExtension::Whole`] to its middle (or
 //! to where they meet). The difference of the results bounds the unknown to either side.
 
-use super::lines::{Line, Lines, Reach};
+use super::lines::{FlankExtension, RidgeLine, RidgeLines};
 
 /// Lines whose spacing exceeds the usual one by this, in samples, have a gap between them.
 const WIDE: f64 = 0.45;
@@ -21,7 +21,7 @@ struct Gap {
     to: f64,
 }
 
-impl Lines {
+impl RidgeLines {
     /// Usual spacing of lines.
     fn apart(&self) -> f64 {
         let mut apart: Vec<f64> = self.lines.windows(2).map(|l| l[1].v - l[0].v).collect();
@@ -39,7 +39,7 @@ impl Lines {
         }
         let usual = self.apart();
         let pairs = self.lines.windows(2);
-        let is_gap = |l: &&[Line]| {
+        let is_gap = |l: &&[RidgeLine]| {
             let within = |hole: &f64| l[0].v < *hole && *hole < l[1].v;
             l[1].v - l[0].v > usual + WIDE * self.sample && self.holes.iter().any(within)
         };
@@ -61,7 +61,7 @@ impl Lines {
     }
 
     /// The straight pieces of these lines, with the flanks beside gaps extended.
-    pub fn bridged_by(&self, straight: &Lines, reach: Reach) -> Lines {
+    pub fn bridged_by(&self, straight: &RidgeLines, reach: FlankExtension) -> RidgeLines {
         let (gaps, usual) = (self.gaps(), self.apart());
         let corners = &straight.lines;
         let mut lines = Vec::with_capacity(corners.len() + 2 * gaps.len());
@@ -86,7 +86,7 @@ impl Lines {
             }
         }
         let holes = straight.holes.clone();
-        Lines {
+        RidgeLines {
             lines,
             holes,
             ..*straight
@@ -95,21 +95,25 @@ impl Lines {
 }
 
 /// Extends the flanks on both sides of a gap straight into it, or to where they meet.
-fn gone_on([before, a, b, after]: [&Line; 4], gap: &Gap, reach: Reach) -> Vec<Line> {
-    let slope = |from: &Line, to: &Line| (to.z - from.z) / (to.v - from.v);
+fn gone_on(
+    [before, a, b, after]: [&RidgeLine; 4],
+    gap: &Gap,
+    reach: FlankExtension,
+) -> Vec<RidgeLine> {
+    let slope = |from: &RidgeLine, to: &RidgeLine| (to.z - from.z) / (to.v - from.v);
     let (left, right) = (slope(before, a), slope(b, after));
-    let on = |line: &Line, slope: f64, v: f64| Line {
+    let on = |line: &RidgeLine, slope: f64, v: f64| RidgeLine {
         v,
         z: line.z + slope * (v - line.v),
         count: line.count,
     };
     let by = match reach {
-        Reach::Half => 0.25 * (gap.to - gap.from),
-        Reach::Whole => 0.5 * HALF * (gap.to - gap.from),
+        FlankExtension::Half => 0.25 * (gap.to - gap.from),
+        FlankExtension::Whole => 0.5 * HALF * (gap.to - gap.from),
     };
     let ends = [gap.from + by, gap.to - by];
     let meet = a.v + (b.z - a.z - right * (b.v - a.v)) / (left - right);
-    let reached = meet <= ends[0] || meet >= ends[1] || reach == Reach::Whole;
+    let reached = meet <= ends[0] || meet >= ends[1] || reach == FlankExtension::Whole;
     if meet > a.v && meet < b.v && reached {
         return vec![on(a, left, meet)];
     }
@@ -118,7 +122,7 @@ fn gone_on([before, a, b, after]: [&Line; 4], gap: &Gap, reach: Reach) -> Vec<Li
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::profile::Profile;
+    use super::super::super::surface_profile::SurfaceProfile;
     use super::super::tests::map_of;
     use super::super::{MapUnits, RidgeMap};
 
@@ -128,7 +132,7 @@ mod tests {
     };
 
     /// Total width of steeply rising parts per ridge, µm.
-    fn wall_um(profile: &Profile, ridges: usize) -> f64 {
+    fn wall_um(profile: &SurfaceProfile, ridges: usize) -> f64 {
         let steep = profile
             .pieces()
             .iter()
@@ -138,7 +142,7 @@ mod tests {
 
     #[test]
     fn unmeasured_walls_have_their_expected_width_and_the_steepest_is_the_alternative() {
-        let sawtooth = Profile::sawtooth(10f64.to_radians(), 60.0, 0.0).unwrap();
+        let sawtooth = SurfaceProfile::sawtooth(10f64.to_radians(), 60.0, 0.0).unwrap();
         // sin² of the angle is the wall's fraction of a ridge.
         let wall = sawtooth.period() * 10f64.to_radians().sin().powi(2);
         for (azimuth_deg, size) in [(0.0, [400, 60]), (90.0, [60, 400]), (17.0, [300, 200])] {
@@ -165,17 +169,19 @@ mod tests {
             );
             let steepest = made.profile.alternative().unwrap();
             assert!(wall_um(steepest, made.facts.ridges) < 0.3 * wall, "{case}");
-            let told = made.facts.left_out();
+            let left_out = made.facts.left_out();
             assert!(
-                told.iter().any(|l| l.why.contains("not measured anywhere")),
-                "{told:?}"
+                left_out
+                    .iter()
+                    .any(|l| l.why.contains("not measured anywhere")),
+                "{left_out:?}"
             );
         }
     }
 
     #[test]
     fn scattered_missing_points_and_spikes_have_no_effect() {
-        let sawtooth = Profile::sawtooth(10f64.to_radians(), 40.0, 0.0).unwrap();
+        let sawtooth = SurfaceProfile::sawtooth(10f64.to_radians(), 40.0, 0.0).unwrap();
         let whole = map_of(&sawtooth, 33.0, [260, 220], [1.0, 1.0], 0.02);
         let (mut holed, mut spiked) = (whole.clone(), whole.clone());
         for n in (0..whole.heights.len()).step_by(37) {

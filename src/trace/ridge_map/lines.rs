@@ -1,6 +1,6 @@
 //! The mean along ridges: levelled, cropped to whole periods, oriented towards the facets' lean.
 
-use super::super::profile::{Profile, ProfileError};
+use super::super::surface_profile::{ProfileError, SurfaceProfile};
 use super::{RIDGES_MIN, RidgeFacts, RidgeMap, RidgeMapError, SAMPLES_MIN};
 
 /// Least difference from one half of the fraction of a ridge that leans to its facets' side.
@@ -13,7 +13,7 @@ const LEAST: f64 = 2e-4;
 
 /// Means along the ridges, by their position across.
 #[derive(Debug, Clone)]
-pub(super) struct Lines {
+pub(super) struct RidgeLines {
     /// Width of a line, µm.
     pub width: f64,
     /// Width of a sample across the ridges, µm.
@@ -25,12 +25,12 @@ pub(super) struct Lines {
     /// Positions of lines with too few measured heights for a mean.
     pub holes: Vec<f64>,
     /// Sorted by position.
-    pub lines: Vec<Line>,
+    pub lines: Vec<RidgeLine>,
 }
 
 /// The mean of the heights along a line.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Line {
+pub(super) struct RidgeLine {
     /// Position across, µm.
     pub v: f64,
     /// Mean height, µm.
@@ -41,20 +41,20 @@ pub(super) struct Line {
 
 /// How far flanks are extended into a gap beside them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Reach {
+pub(super) enum FlankExtension {
     /// Until half of it is left.
     Half,
     /// Until only a vertical wall is left.
     Whole,
 }
 
-impl Lines {
+impl RidgeLines {
     /// The profile: whole periods, levelled, straight where deviations are within the noise, +v
     /// towards the facets' lean. `wide` are lines one sample wide, used for the residuals along
     /// them.
     pub fn profile(
         mut self,
-        wide: &Lines,
+        wide: &RidgeLines,
         period: f64,
         across: f64,
     ) -> Result<RidgeMap, RidgeMapError> {
@@ -103,7 +103,7 @@ impl Lines {
         if share < 0.5 + LEAN_MIN {
             return Err(RidgeMapError::BothSides { share });
         }
-        let profile = self.straightened(period, Reach::Half)?;
+        let profile = self.straightened(period, FlankExtension::Half)?;
         let theta_r = profile
             .effective_ridge_angle()
             .ok_or(ProfileError::LeansNowhere)?;
@@ -111,7 +111,7 @@ impl Lines {
         let unseen_share = self.unseen();
         let mut profile = profile.with_lobe_error(lobe_error);
         if unseen_share > 0.0 {
-            profile = profile.with_alternative(self.straightened(period, Reach::Whole)?);
+            profile = profile.with_alternative(self.straightened(period, FlankExtension::Whole)?);
         }
         let (low, high) = profile.range();
         let lean = across.to_degrees() + if turned { 180.0 } else { 0.0 };
@@ -216,16 +216,20 @@ impl Lines {
     }
 
     /// The lines with straight facets.
-    fn straight(&self) -> Lines {
+    fn straight(&self) -> RidgeLines {
         let mut lines = self.clone();
         lines.settle(&self.corners());
         lines
     }
 
     /// Whole periods of the straight lines, with gaps bridged.
-    fn straightened(&self, period: f64, reach: Reach) -> Result<Profile, ProfileError> {
+    fn straightened(
+        &self,
+        period: f64,
+        reach: FlankExtension,
+    ) -> Result<SurfaceProfile, ProfileError> {
         let straight = self.bridged_by(&self.straight(), reach);
-        Profile::measured(&straight.whole_periods(period))
+        SurfaceProfile::measured(&straight.whole_periods(period))
     }
 
     /// The ends of straight pieces that contain all lines within their noise (Ramer 1972, Douglas
@@ -294,7 +298,7 @@ impl Lines {
         self.lines = kept
             .iter()
             .zip(right)
-            .map(|(n, z)| Line {
+            .map(|(n, z)| RidgeLine {
                 z,
                 ..self.lines[*n]
             })
@@ -304,18 +308,20 @@ impl Lines {
     /// Standard uncertainty (rad) of the lobe's angle at the profile's effective ridge angle.
     /// Profiles from only every second or fourth line have wider samples and fewer heights: their
     /// common change is the effect of the samples' width, their differences are noise.
-    fn lobe_error(&self, profile: &Profile, period: f64) -> f64 {
+    fn lobe_error(&self, profile: &SurfaceProfile, period: f64) -> f64 {
         let Some(whole) = profile.lobe_offsets() else {
             return 0.0;
         };
         let thinned = |first: usize, step: usize| {
             let lines = self.lines.iter().skip(first).step_by(step);
-            let part = Lines {
+            let part = RidgeLines {
                 lines: lines.copied().collect(),
                 holes: self.holes.clone(),
                 ..*self
             };
-            part.straightened(period, Reach::Half).ok()?.lobe_offsets()
+            part.straightened(period, FlankExtension::Half)
+                .ok()?
+                .lobe_offsets()
         };
         let mut most = 0.0f64;
         for step in [2, 4] {

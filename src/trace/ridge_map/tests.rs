@@ -1,20 +1,20 @@
 //! Sawtooth maps with known direction, period and noise.
 
-use super::super::ridges::Ridges;
-use super::super::rng::{Purpose, Stream};
+use super::super::rng::{Purpose, RandomStream};
+use super::super::worn_ridges::WornRidges;
 use super::*;
 
 /// A map of a profile whose +v points to `azimuth_deg`, with a tilt, and noise of this many µm
 /// (rms).
 pub(crate) fn map_of(
-    profile: &Profile,
+    profile: &SurfaceProfile,
     azimuth_deg: f64,
     size: [usize; 2],
     pitch: [f64; 2],
     noise: f64,
 ) -> HeightMap {
     let (s, c) = azimuth_deg.to_radians().sin_cos();
-    let mut random = Stream::new(7, Purpose::Surface, 1);
+    let mut random = RandomStream::new(7, Purpose::Surface, 1);
     let pieces = profile.pieces();
     let height = |v: f64| {
         let v = pieces[0].from + (v - pieces[0].from).rem_euclid(profile.period());
@@ -48,7 +48,7 @@ fn found(map: &HeightMap, pitch: [f64; 2]) -> Result<RidgeFacts, RidgeMapError> 
 #[test]
 fn direction_period_and_angle_are_recovered_from_rotated_noisy_maps() {
     let theta_r = 10f64.to_radians();
-    let sawtooth = Profile::sawtooth(theta_r, 25.0, 0.0).unwrap();
+    let sawtooth = SurfaceProfile::sawtooth(theta_r, 25.0, 0.0).unwrap();
     for (azimuth_deg, pitch) in [
         (0.0, [1.0, 1.0]),
         (23.0, [1.0, 1.3]),
@@ -76,9 +76,9 @@ fn direction_period_and_angle_are_recovered_from_rotated_noisy_maps() {
 
 #[test]
 fn the_mean_along_the_ridges_recovers_the_profile_of_the_map() {
-    let worn = Ridges {
+    let worn = WornRidges {
         round: 1.5,
-        ..Ridges::ideal(0.2, 40.0)
+        ..WornRidges::ideal(0.2, 40.0)
     };
     let profile = worn.profile().unwrap();
     let map = map_of(&profile, 67.0, [300, 260], [1.0, 1.0], 0.05);
@@ -91,7 +91,7 @@ fn the_mean_along_the_ridges_recovers_the_profile_of_the_map() {
     );
     // On the facets the slopes are those of the sawtooth, for nine tenths of the length.
     let pieces = made.profile.pieces();
-    let slope = |p: &&super::super::profile::Piece| (p.z_to - p.z_from) / (p.to - p.from);
+    let slope = |p: &&super::super::surface_profile::Piece| (p.z_to - p.z_from) / (p.to - p.from);
     let close = pieces
         .iter()
         .filter(|p| (slope(p) + 0.2f64.tan()).abs() < 0.05);
@@ -102,7 +102,7 @@ fn the_mean_along_the_ridges_recovers_the_profile_of_the_map() {
 #[test]
 fn large_ridges_and_many_ridges_are_found_equally() {
     for (pitch_um, size) in [(160.0, [600, 520]), (10.0, [420, 300])] {
-        let sawtooth = Profile::sawtooth(0.15, pitch_um, 0.0).unwrap();
+        let sawtooth = SurfaceProfile::sawtooth(0.15, pitch_um, 0.0).unwrap();
         let map = map_of(&sawtooth, 75.0, size, [1.0, 1.0], 0.02);
         let f = found(&map, [1.0, 1.0]).unwrap();
         assert!(
@@ -116,10 +116,10 @@ fn large_ridges_and_many_ridges_are_found_equally() {
 #[test]
 fn other_maps_are_refused_with_the_remedy() {
     let unit = [1.0, 1.0];
-    let sawtooth = Profile::sawtooth(0.2, 30.0, 0.0).unwrap();
+    let sawtooth = SurfaceProfile::sawtooth(0.2, 30.0, 0.0).unwrap();
     let refused = |map: &HeightMap| found(map, unit).unwrap_err().to_string();
     let of = |heights: Vec<f64>, columns: usize| HeightMap::new(columns, heights);
-    let mut random = Stream::new(3, Purpose::Surface, 0);
+    let mut random = RandomStream::new(3, Purpose::Surface, 0);
     let noise = of((0..120 * 120).map(|_| random.uniform()).collect(), 120);
     assert!(refused(&noise).contains("not made of parallel ridges"));
     // Two directions at once: a field of pyramids.
@@ -131,11 +131,11 @@ fn other_maps_are_refused_with_the_remedy() {
     assert!(refused(&plane).contains("flat"));
     let few = map_of(&sawtooth, 0.0, [75, 75], unit, 0.0);
     assert!(refused(&few).contains("are needed: measure a wider area"));
-    let fine = Profile::sawtooth(0.2, 5.0, 0.0).unwrap();
+    let fine = SurfaceProfile::sawtooth(0.2, 5.0, 0.0).unwrap();
     let coarse = map_of(&fine, 20.0, [100, 100], unit, 0.0);
     let why = refused(&coarse);
     assert!(why.contains("finer pitch"), "{why}");
-    let groove = Profile::of_corners(&[(0.0, 0.0), (15.0, -3.0)], 30.0);
+    let groove = SurfaceProfile::of_corners(&[(0.0, 0.0), (15.0, -3.0)], 30.0);
     let grooves = map_of(&groove, 40.0, [200, 200], unit, 0.01);
     assert!(refused(&grooves).contains("about equally to both sides"));
     let mut hole = map_of(&sawtooth, 0.0, [150, 150], unit, 0.0);
@@ -157,9 +157,9 @@ fn the_lobe_error_covers_the_effects_of_noise_and_samples() {
             (67.0, 0.05, 0.5),
             (67.0, 0.05, 2.0),
         ] {
-            let truth = Ridges {
+            let truth = WornRidges {
                 round,
-                ..Ridges::ideal(theta_deg.to_radians(), 40.0)
+                ..WornRidges::ideal(theta_deg.to_radians(), 40.0)
             };
             let truth = truth.profile().unwrap();
             let map = map_of(&truth, azimuth_deg, [300, 260], [pitch; 2], noise);
@@ -201,7 +201,7 @@ fn the_lobe_error_covers_the_effects_of_noise_and_samples() {
 
 #[test]
 fn strips_with_little_shear_get_no_spurious_lean() {
-    let sawtooth = Profile::sawtooth(10f64.to_radians(), 100.0, 0.0).unwrap();
+    let sawtooth = SurfaceProfile::sawtooth(10f64.to_radians(), 100.0, 0.0).unwrap();
     for (azimuth_deg, size, pitch, noise) in [
         (0.0, [512, 32], 1.0, 0.0),
         (0.0, [1280, 64], 1.0, 0.0),

@@ -3,7 +3,7 @@
 //! A missing height is NaN. [`HeightMap::filled`] interpolates missing points,
 //! [`HeightMap::spikes`] finds heights that differ from all their neighbours.
 
-use crate::trace::profile::{Profile, ProfileError};
+use crate::trace::surface_profile::{ProfileError, SurfaceProfile};
 
 /// Heights read from a file, in the file's unit; index row·columns + column, rows along v.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -213,7 +213,7 @@ impl HeightMap {
     /// # Errors
     /// The rows are not two numbers, the heights are a map, or the profile is not closed or does
     /// not lean to +v.
-    pub fn profile(&self) -> Result<Profile, ProfileError> {
+    pub fn profile(&self) -> Result<SurfaceProfile, ProfileError> {
         if let (Some(pitch_um), Some(height_unit_um)) = (self.pitch_um, self.height_unit_um) {
             if self.rows != 1 {
                 return Err(ProfileError::Map { rows: self.rows });
@@ -229,18 +229,18 @@ impl HeightMap {
             });
         }
         let rows = self.heights.chunks_exact(2).map(|r| (r[0], r[1]));
-        Profile::measured(&rows.filter(|row| !row.1.is_nan()).collect::<Vec<_>>())
+        SurfaceProfile::measured(&rows.filter(|row| !row.1.is_nan()).collect::<Vec<_>>())
     }
 
     /// The profile of a single row of samples.
     ///
     /// # Errors
     /// The profile is not closed or does not lean to +v.
-    pub fn row_profile(&self, units: MapUnits) -> Result<Profile, ProfileError> {
+    pub fn row_profile(&self, units: MapUnits) -> Result<SurfaceProfile, ProfileError> {
         let samples = self.heights.iter().enumerate();
         let samples =
             samples.map(|(n, h)| (n as f64 * units.pitch_um[0], h * units.height_unit_um));
-        Profile::measured(&samples.filter(|row| !row.1.is_nan()).collect::<Vec<_>>())
+        SurfaceProfile::measured(&samples.filter(|row| !row.1.is_nan()).collect::<Vec<_>>())
     }
 }
 

@@ -5,20 +5,20 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::Complex;
 
 use super::error::{positive, value};
-use super::{LeftOut, Scene, SceneError, Shape};
+use super::{InterfaceShape, LeftOut, Scene, SceneError};
 use crate::material::tables;
 use crate::model::fresnel;
 use crate::model::polarisation::{Boundary, excess, slant};
 
 /// The media of a scene.
-pub(super) struct Optics {
+pub(super) struct SceneOptics {
     /// One per interface, top first.
-    pub(super) steps: Vec<Step>,
+    pub(super) steps: Vec<MediumStep>,
     pub(super) left_out: Vec<LeftOut>,
 }
 
 /// The transition from one medium to the next.
-pub(super) struct Step {
+pub(super) struct MediumStep {
     /// n + ik above.
     pub(super) above: Complex<f64>,
     /// n + ik below.
@@ -36,8 +36,8 @@ struct Medium {
 
 impl Scene {
     /// Returns the media of all interfaces, top first.
-    pub(super) fn optics(&self) -> Result<Optics, SceneError> {
-        let mut optics = Optics {
+    pub(super) fn optics(&self) -> Result<SceneOptics, SceneError> {
+        let mut optics = SceneOptics {
             steps: Vec::new(),
             left_out: Vec::new(),
         };
@@ -51,7 +51,7 @@ impl Scene {
             }
             let left_out = &mut optics.left_out;
             let optical_depth = self.layer(shape, number, above, &medium, last, left_out)?;
-            optics.steps.push(Step {
+            optics.steps.push(MediumStep {
                 above,
                 below: medium.index,
                 optical_depth,
@@ -62,7 +62,12 @@ impl Scene {
         Ok(optics)
     }
 
-    fn medium(&self, shape: &Shape, number: usize, above: f64) -> Result<Medium, SceneError> {
+    fn medium(
+        &self,
+        shape: &InterfaceShape,
+        number: usize,
+        above: f64,
+    ) -> Result<Medium, SceneError> {
         let key = |k: &str| format!("interface {number}: below.{k}");
         match &shape.below {
             toml::Value::String(name) => {
@@ -124,7 +129,7 @@ impl Scene {
     /// Optical depth of the layer below.
     fn layer(
         &self,
-        shape: &Shape,
+        shape: &InterfaceShape,
         number: usize,
         above: Complex<f64>,
         medium: &Medium,

@@ -3,21 +3,21 @@
 use serde::{Deserialize, Serialize};
 
 use super::{LeftOut, Scene};
-use crate::trace::grid::Grid;
+use crate::trace::grid::DirectionGrid;
 use crate::trace::surface::Stack;
 use crate::trace::vec3::V3;
 use crate::trace::walk::Method;
 
 /// A scene ready to trace.
 #[derive(Debug, Clone)]
-pub struct Prepared {
+pub struct PreparedScene {
     pub(in crate::trace) stack: Stack,
     pub(in crate::trace) method: Method,
     pub(in crate::trace) stokes: [f64; 4],
     pub(in crate::trace) k: V3,
     pub(in crate::trace) s: V3,
     pub(in crate::trace) interactions_max: u32,
-    pub(in crate::trace) grid: Grid,
+    pub(in crate::trace) grid: DirectionGrid,
     pub(in crate::trace) seed: u64,
     /// Whether the products of Mueller elements are accumulated in the plane of incidence, for the
     /// errors of Stokes vectors and of the degree and angle of polarisation there; costs about ten
@@ -44,7 +44,7 @@ pub struct RidgeAngle {
     pub theta_r_deg: f64,
 }
 
-impl Prepared {
+impl PreparedScene {
     /// How random numbers are used.
     #[must_use]
     pub fn method(&self) -> Method {
@@ -66,7 +66,7 @@ impl Prepared {
 /// An effect left out for several interfaces.
 pub(super) const REGISTRATION: &str = "lateral registration of the layers";
 
-impl Prepared {
+impl PreparedScene {
     /// Removes interfaces of `scene` that do not affect light (1 for the topmost): both media are
     /// equal. The other interfaces keep their numbers.
     ///
@@ -103,7 +103,7 @@ impl Prepared {
 
     /// The same scene with other direction bins.
     #[must_use]
-    pub fn with_grid(mut self, grid: Grid) -> Self {
+    pub fn with_grid(mut self, grid: DirectionGrid) -> Self {
         self.grid = grid.straight_at(self.phi_i_deg());
         self
     }

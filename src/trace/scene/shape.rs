@@ -9,19 +9,19 @@ use serde::Deserialize;
 
 use super::super::beckmann::{self, beckmann};
 use super::super::crystals::{self, crystals};
-use super::super::facet::Roughness;
+use super::super::facet_scattering::Roughness;
 use super::super::height_field::HeightField;
-use super::super::profile::lowest_and_highest;
-use super::super::ridges::Ridges;
-use super::super::rng::{Purpose, Stream};
+use super::super::rng::{Purpose, RandomStream};
 use super::super::surface::Relief;
+use super::super::surface_profile::lowest_and_highest;
+use super::super::worn_ridges::WornRidges;
 use super::{HeightMap, LeftOut, Scene, SceneError, positive, value};
 use crate::wording::{percent, significant};
 
 /// One interface as written; the allowed keys depend on `shape`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Shape {
+pub struct InterfaceShape {
     /// `flat`, `beckmann`, `smith`, `ridges`, `profile`, `crystals` or `file`.
     pub shape: String,
     /// The medium below: `{ n, k, rho_d }` or a material's name.
@@ -58,7 +58,7 @@ pub struct Shape {
     pub height_unit_um: Option<f64>,
 }
 
-impl Shape {
+impl InterfaceShape {
     /// Whether the surface is random: one realisation of its statistics.
     pub(super) fn is_drawn(&self) -> bool {
         matches!(self.shape.as_str(), "beckmann" | "crystals")
@@ -78,7 +78,7 @@ impl Scene {
         }
         // Without a seed of its own, each interface derives a different one from the run's.
         let seed = keys.shape.seed.unwrap_or_else(|| {
-            Stream::new(self.run.seed, Purpose::Surface, keys.number as u64).bits()
+            RandomStream::new(self.run.seed, Purpose::Surface, keys.number as u64).bits()
         });
         Ok((cells, seed))
     }
@@ -86,7 +86,7 @@ impl Scene {
     /// Builds the relief of an interface and the roughness of its facets.
     pub(super) fn relief(
         &self,
-        shape: &Shape,
+        shape: &InterfaceShape,
         number: usize,
         load: &dyn Fn(&str) -> Result<HeightMap, String>,
         left_out: &mut Vec<LeftOut>,
@@ -184,7 +184,7 @@ impl Scene {
         }
         let draft = keys.none_or_more("draft_deg", keys.shape.draft_deg.unwrap_or(0.0))?;
         let burr = keys.none_or_more("burr_um", keys.shape.burr_um.unwrap_or(0.0))?;
-        let ridges = Ridges {
+        let ridges = WornRidges {
             theta_r: theta.to_radians(),
             pitch,
             round,
@@ -403,7 +403,7 @@ type Made = (Relief, Option<Roughness>);
 
 /// The keys of one interface, with its number from the top.
 struct Keys<'a> {
-    shape: &'a Shape,
+    shape: &'a InterfaceShape,
     number: usize,
 }
 

@@ -1,9 +1,9 @@
 //! The counts of one independent replicate, bin by bin; hot code, cleared and reused.
 
 use super::energies::{Energies, ORDERS};
-use crate::trace::grid::{Finder, Grid};
+use crate::trace::grid::{BinFinder, DirectionGrid};
 use crate::trace::height_field::Side;
-use crate::trace::light::Light;
+use crate::trace::light::PhotonState;
 use crate::trace::vec3::V3;
 
 /// Work between two calls of the stop callback: about a millisecond.
@@ -11,13 +11,13 @@ const ASKED: u64 = 1 << 16;
 
 /// The counts of the photons of one replicate.
 #[derive(Debug)]
-pub struct Batch {
+pub struct TallyBatch {
     /// Work of its photons: cells crossed, and other work in the same unit.
     pub work: u64,
     asked_at: u64,
     /// Its photons were stopped on their way: the counts are invalid.
     pub given_up: bool,
-    finder: Finder,
+    finder: BinFinder,
     pub(super) stride: usize,
     pub(super) bins: Vec<f64>,
     pub(super) hits: Vec<u32>,
@@ -25,12 +25,12 @@ pub struct Batch {
     pub(super) energies: Energies<f64>,
 }
 
-impl Batch {
+impl TallyBatch {
     /// Makes an empty batch for light of kind `L`.
     #[must_use]
-    pub fn new<L: Light>(grid: Grid) -> Self {
+    pub fn new<L: PhotonState>(grid: DirectionGrid) -> Self {
         let bins = 2 * grid.per_side();
-        Batch {
+        TallyBatch {
             work: 0,
             asked_at: ASKED,
             given_up: false,
@@ -46,13 +46,20 @@ impl Batch {
     /// Counts light that leaves along `k` on a side after `interactions` (≥ 1), already in the
     /// frame of exit.
     #[inline]
-    pub fn exit<L: Light>(&mut self, light: &L, power: f64, side: Side, k: &V3, interactions: u32) {
+    pub fn exit<L: PhotonState>(
+        &mut self,
+        light: &L,
+        power: f64,
+        side: Side,
+        k: &V3,
+        interactions: u32,
+    ) {
         self.count(light, power, self.finder.bin(side, k), side, interactions);
     }
 
     /// The same for a known bin.
     #[inline(always)]
-    pub fn count<L: Light>(
+    pub fn count<L: PhotonState>(
         &mut self,
         light: &L,
         power: f64,
@@ -66,7 +73,7 @@ impl Batch {
 
     /// The same for light after one interaction with given numbers.
     #[inline(always)]
-    pub(in crate::trace) fn count_numbers<L: Light>(
+    pub(in crate::trace) fn count_numbers<L: PhotonState>(
         &mut self,
         numbers: impl Iterator<Item = f64>,
         power: f64,
@@ -81,7 +88,7 @@ impl Batch {
 
     /// The numbers of a bin that is being counted.
     #[inline(always)]
-    fn slot<L: Light>(&mut self, bin: usize) -> &mut [f64] {
+    fn slot<L: PhotonState>(&mut self, bin: usize) -> &mut [f64] {
         if self.hits[bin] == 0 {
             self.touched.push(bin as u32);
         }
@@ -121,7 +128,7 @@ impl Batch {
     }
 
     /// Adds the counts of another batch with the same bins, and clears that.
-    pub fn take(&mut self, other: &mut Batch) {
+    pub fn take(&mut self, other: &mut TallyBatch) {
         for &bin in &other.touched {
             let at = bin as usize;
             if self.hits[at] == 0 {

@@ -3,8 +3,8 @@
 //! *Conditioning.* Regression slopes of an energy on the total energy are used only if the total
 //! scatters between batches by more than 3e-5 of itself.
 
-use super::{Estimate, Totals};
-use crate::trace::exact::{Wide, from_fixed, to_fixed};
+use super::{MonteCarloEstimate, Totals};
+use crate::trace::fixed_point::{Wide, from_fixed, to_fixed};
 
 /// Energies are distinguished up to this number of interactions; the last element means "or more".
 pub const ORDERS: usize = 16;
@@ -108,7 +108,7 @@ impl Totals {
     /// plane), which a division by a spoils. Both choices of β sum to 1, so the fractions do too,
     /// and the standard error is that of the remainder.
     #[must_use]
-    pub fn energies(&self) -> Energies<Estimate> {
+    pub fn energies(&self) -> Energies<MonteCarloEstimate> {
         let e = &self.energy_sums;
         let launched = self.photons as f64;
         let counted = e.total() + self.energy_known.total();
@@ -145,10 +145,10 @@ impl Totals {
         // Few batches give no slope, and neither do batches that count their photons almost exactly
         // (three roundings of 1e-16 in a difference that needs six digits). If slopes bring little,
         // they are not worth a negative fraction.
-        let told = self.batches >= BATCHES_FOR_SLOPE
+        let has_slopes = self.batches >= BATCHES_FOR_SLOPE
             && var_a > 1e-9 * a * a / b
             && scatter(&mut { slopes }) < 0.5 * scatter(&mut { shares });
-        let mut out = Energies::filled(Estimate {
+        let mut out = Energies::filled(MonteCarloEstimate {
             value: 0.0,
             std: 0.0,
         });
@@ -159,13 +159,13 @@ impl Totals {
         for (o, (((s, q), p), k)) in out.all_mut().zip(sums) {
             let sum = from_fixed(s + k);
             let (s, q, p) = (from_fixed(*s), q.value(), p.value());
-            let (slope, value) = if told {
+            let (slope, value) = if has_slopes {
                 let slope = with_all(s, p) / var_a;
                 (slope, ((sum - slope * excess) / launched).max(0.0))
             } else {
                 (sum / counted, sum / counted)
             };
-            *o = Estimate {
+            *o = MonteCarloEstimate {
                 value,
                 std: if self.batches > 1 {
                     variance(s, q, p, slope).sqrt() / launched

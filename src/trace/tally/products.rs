@@ -5,8 +5,8 @@
 //! ratio of such sums: errors of single elements do not determine theirs. [`Products`] are recorded
 //! only for some directions, because sixteen numbers have 136 of them.
 
-use super::{Batch, FULL};
-use crate::trace::exact::{Text, Wide, Words};
+use super::{FULL, TallyBatch};
+use crate::trace::fixed_point::{Text, Wide, Words};
 
 /// Numbers of a direction whose products are recorded: a Mueller matrix, row by row.
 pub const NUMBERS: usize = 16;
@@ -20,11 +20,11 @@ const fn place(i: usize, j: usize) -> usize {
 
 /// Sums over batches, direction by direction.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Products(Vec<Direction>);
+pub(super) struct Products(Vec<DirectionProducts>);
 
 /// Bins that are combined into one direction.
 #[derive(Debug, Clone, PartialEq)]
-struct Direction {
+struct DirectionProducts {
     bins: Vec<usize>,
     /// Each product times [`FULL`] over its batch's photons; empty before light arrives.
     sums: Vec<Wide>,
@@ -35,11 +35,11 @@ struct Direction {
 impl Products {
     /// Makes empty products for directions above, given by their bins.
     pub fn new(directions: Vec<Vec<usize>>) -> Self {
-        let mut all: Vec<Direction> = Vec::with_capacity(directions.len());
+        let mut all: Vec<DirectionProducts> = Vec::with_capacity(directions.len());
         for bins in directions {
             // Both sides of a plane may be in one bin.
             if all.iter().all(|d| d.bins != bins) {
-                all.push(Direction {
+                all.push(DirectionProducts {
                     bins,
                     sums: Vec::new(),
                     lit: 0,
@@ -50,7 +50,7 @@ impl Products {
     }
 
     /// Adds the counts of a batch; `per_photon` is [`FULL`] over its photons.
-    pub fn count(&mut self, batch: &Batch, per_photon: f64) {
+    pub fn count(&mut self, batch: &TallyBatch, per_photon: f64) {
         for direction in &mut self.0 {
             let lit = direction.bins.iter().filter(|bin| batch.hits[**bin] > 0);
             let mut numbers = [0.0; NUMBERS];
@@ -100,7 +100,7 @@ impl Products {
         self.0.iter().map(|d| d.bins.clone()).collect()
     }
 
-    fn of(&self, bins: &[usize]) -> Option<&Direction> {
+    fn of(&self, bins: &[usize]) -> Option<&DirectionProducts> {
         self.0.iter().find(|d| d.bins == bins)
     }
 
@@ -141,7 +141,7 @@ pub(super) struct Counted {
 
 /// Covariance of the numbers of a direction, sr⁻².
 #[derive(Debug, Clone, PartialEq)]
-pub struct Covariance {
+pub struct ElementCovariance {
     pairs: Vec<f64>,
     /// Independent replicates with light; `None` if not counted.
     pub replicates: Option<u64>,
@@ -150,7 +150,7 @@ pub struct Covariance {
     floor: f64,
 }
 
-impl Covariance {
+impl ElementCovariance {
     /// Makes it from the sums over batches: `products` over their batches' photons, and sums in
     /// photons; `norm` converts to sr⁻¹.
     pub(super) fn new(
@@ -167,7 +167,7 @@ impl Covariance {
                 pairs.push((products[place(i, j)] - sums[i] * sums[j] / photons) * scale);
             }
         }
-        Covariance {
+        ElementCovariance {
             pairs,
             replicates: Some(counted.lit),
             sizes: sums.map(|s| s.abs() / norm),
@@ -182,7 +182,7 @@ impl Covariance {
         for (i, std) in std.iter().take(NUMBERS).enumerate() {
             pairs[place(i, i)] = std * std;
         }
-        Covariance {
+        ElementCovariance {
             pairs,
             replicates: None,
             sizes: [0.0; NUMBERS],
@@ -244,7 +244,7 @@ mod tests {
             photons: 2,
             lit: 2,
         };
-        let covariance = Covariance::new(&products, &numbers, counted, 1.0);
+        let covariance = ElementCovariance::new(&products, &numbers, counted, 1.0);
         let std = |a, b| {
             let mut weights = [0.0; NUMBERS];
             (weights[0], weights[1]) = (a, b);
@@ -254,7 +254,7 @@ mod tests {
         assert!((std(1.0, 1.0) - 4.0).abs() < 1e-12);
         // Only rounding.
         assert!(std(1.0, -1.0) < 1e-6);
-        let apart = Covariance::independent(&[2.0, 2.0]);
+        let apart = ElementCovariance::independent(&[2.0, 2.0]);
         let mut weights = [0.0; NUMBERS];
         (weights[0], weights[1]) = (1.0, -1.0);
         assert!((apart.std(&weights) - 8f64.sqrt()).abs() < 1e-12);

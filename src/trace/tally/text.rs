@@ -1,7 +1,7 @@
 //! Totals as text and back, exact to the last bit, for the file of a shard.
 
 use super::Totals;
-use crate::trace::exact::{Text, Wide, Words};
+use crate::trace::fixed_point::{Text, Wide, Words};
 use crate::trace::height_field::Side;
 
 impl Totals {

@@ -4,12 +4,12 @@
 //! total reflection, where the ray is certainly reflected; there is no division by a probability
 //! that was not drawn.
 
-use super::super::facet::{Diffuse, Roughness};
+use super::super::facet_scattering::{DiffuseBody, Roughness};
 use super::super::height_field::Side;
-use super::super::light::Light;
-use super::super::rng::Stream;
+use super::super::light::PhotonState;
+use super::super::rng::RandomStream;
 use super::super::surface::Interface;
-use super::super::tally::Batch;
+use super::super::tally::TallyBatch;
 use super::super::vec3::{V3, combine, dot, unit};
 use super::{Event, Method, State, Walk};
 use crate::model::polarisation::Boundary;
@@ -20,17 +20,17 @@ impl Walk<'_> {
     /// It leaves along the path by which light from that direction would enter, so that lamp and
     /// camera are interchangeable: straight through a smooth boundary, and through a rough one by a
     /// walk on its slopes that is drawn backwards.
-    pub(super) fn re_emerge<L: Light>(
+    pub(super) fn re_emerge<L: PhotonState>(
         &self,
         state: &mut State<L>,
         interface: &Interface,
         strength: f64,
-        random: &mut Stream,
-        batch: &mut Batch,
+        random: &mut RandomStream,
+        batch: &mut TallyBatch,
     ) -> Event {
         let [u, v, n] = interface.relief.frame(&state.place);
         let world = |w: &V3| combine(1.0, &combine(w[0], &u, w[1], &v), w[2], &n);
-        let out = Diffuse::direction(random);
+        let out = DiffuseBody::direction(random);
         let before = state.light.power(&self.stokes);
         let mut chance = 1.0;
         let way_in = match &interface.roughness {
@@ -135,7 +135,7 @@ impl WayIn {
         roughness: &Roughness,
         out: &V3,
         boundary: &Boundary,
-        random: &mut Stream,
+        random: &mut RandomStream,
     ) -> Option<Self> {
         let mut way = Self::NONE;
         let (mut k, mut height) = (out.map(|x| -x), 1.0);
@@ -175,7 +175,7 @@ impl WayIn {
 
 #[cfg(test)]
 mod tests {
-    use crate::trace::grid::Grid;
+    use crate::trace::grid::DirectionGrid;
     use crate::trace::height_field::Side;
     use crate::trace::run::{Shard, trace};
     use crate::trace::scene::Scene;
@@ -190,7 +190,7 @@ mod tests {
             );
             let scene = Scene::parse(&text).unwrap();
             let ready = scene.prepare(&|_| Err(String::new())).unwrap();
-            let grid = Grid::polar(18, 36);
+            let grid = DirectionGrid::polar(18, 36);
             let totals = trace(&ready, Shard::WHOLE, &|_| true);
             let (sin, cos) = f64::to_radians(theta_o).sin_cos();
             // All azimuths are equivalent: the sum over them has the least noise.

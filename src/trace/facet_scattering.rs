@@ -12,10 +12,10 @@
 //! any α. Towards the horizon (a → 0) Λ grows without bound, and the next interaction is at the
 //! light's own position.
 //!
-//! [`Diffuse`] is a Lambert body under the Fresnel boundary: light that enters leaves unpolarised
+//! [`DiffuseBody`] is a Lambert body under the Fresnel boundary: light that enters leaves unpolarised
 //! in all directions, weighted by the boundary's transmittance.
 
-use super::rng::Stream;
+use super::rng::RandomStream;
 use super::vec3::V3;
 use crate::model::fresnel;
 use crate::model::rough_boundary::RoughBoundary;
@@ -53,7 +53,7 @@ impl Roughness {
 
     /// Draws a normal (unit, in the facet's frame) from those that a ray along `k` meets: density ∝
     /// D(m) max(0, −k·m). Rays from below are allowed.
-    pub fn visible_normal(&self, k: &V3, random: &mut Stream) -> V3 {
+    pub fn visible_normal(&self, k: &V3, random: &mut RandomStream) -> V3 {
         // In slopes scaled to the Gaussian density exp(−x² − y²)/π, the weight is linear in the
         // slope along the ray: (−k_z + k_h a)⁺ with the slope a along k's horizontal part.
         let (hu, hv) = (self.alpha_u * k[0], self.alpha_v * k[1]);
@@ -94,7 +94,7 @@ impl Roughness {
 
     /// Height (as its cumulative probability, 1 at the top) of the next interaction of light at
     /// `height` that moves along `w`; `None` if it leaves.
-    pub fn next_height(&self, w: &V3, height: f64, random: &mut Stream) -> Option<f64> {
+    pub fn next_height(&self, w: &V3, height: f64, random: &mut RandomStream) -> Option<f64> {
         let u = random.uniform();
         let lambda = self.lambda(w);
         if w[2] > 0.0 {
@@ -123,7 +123,7 @@ fn u_power(u: f64, exponent: f64) -> f64 {
 }
 
 /// Two independent numbers of density exp(−x²)/√π.
-fn gauss(random: &mut Stream) -> (f64, f64) {
+fn gauss(random: &mut RandomStream) -> (f64, f64) {
     let r = (-(1.0 - random.uniform()).ln()).sqrt();
     let (s, c) = (std::f64::consts::TAU * random.uniform()).sin_cos();
     (r * c, r * s)
@@ -131,7 +131,7 @@ fn gauss(random: &mut Stream) -> (f64, f64) {
 
 /// A Lambert body under a Fresnel boundary.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Diffuse {
+pub struct DiffuseBody {
     /// π c_d: the fraction of the light entered that leaves, per unit of the outer transmittance
     /// T(o).
     pub strength: f64,
@@ -142,13 +142,13 @@ pub struct Diffuse {
     pub translucency: f64,
 }
 
-impl Diffuse {
+impl DiffuseBody {
     /// Makes a body whose flat piece matches a Lambertian of reflectance `rho_d` at the angles of
     /// incidence and exit with cosines `cos_i`, `cos_o` (index `n` under the medium above).
     #[must_use]
     pub fn new(rho_d: f64, n: f64, cos_i: f64, cos_o: f64) -> Self {
         let t = |cos| fresnel::transmittance(cos, n, 0.0);
-        Diffuse {
+        DiffuseBody {
             strength: rho_d / (t(cos_i) * t(cos_o)),
             cosines: [cos_i, cos_o],
             translucency: 0.0,
@@ -158,7 +158,7 @@ impl Diffuse {
     /// Returns the body with a fraction of its light that leaves uniformly.
     #[must_use]
     pub fn with_translucency(self, translucency: f64) -> Self {
-        Diffuse {
+        DiffuseBody {
             translucency,
             ..self
         }
@@ -169,14 +169,14 @@ impl Diffuse {
     pub fn under(self, boundary: &RoughBoundary, n: f64) -> Self {
         let ratio = |cos: f64| fresnel::transmittance(cos, n, 0.0) / boundary.transmittance(cos, n);
         let [first, second] = self.cosines.map(ratio);
-        Diffuse {
+        DiffuseBody {
             strength: self.strength * first * second,
             ..self
         }
     }
 
     /// Draws a direction of exit with density cos/π in the facet's frame.
-    pub fn direction(random: &mut Stream) -> V3 {
+    pub fn direction(random: &mut RandomStream) -> V3 {
         let (r2, phi) = (random.uniform(), std::f64::consts::TAU * random.uniform());
         let (s, c) = phi.sin_cos();
         let r = r2.sqrt();
@@ -199,7 +199,7 @@ mod tests {
             alpha_u: 0.5,
             alpha_v: 0.2,
         };
-        let mut random = Stream::new(1, Purpose::Photon, 0);
+        let mut random = RandomStream::new(1, Purpose::Photon, 0);
         for k in [
             [0.3, 0.5, -0.8],
             [0.9, 0.1, -0.2],
@@ -269,7 +269,7 @@ mod tests {
             alpha_v: alpha,
         };
         let table = RoughBoundary::new(alpha, alpha, 0.0, eta);
-        let mut random = Stream::new(5, Purpose::Photon, 0);
+        let mut random = RandomStream::new(5, Purpose::Photon, 0);
         for angle_deg in [0.0, 30.0, 50.0, 70.0] {
             let (sin, cos) = f64::to_radians(angle_deg).sin_cos();
             let n = 100_000;

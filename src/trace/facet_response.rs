@@ -6,9 +6,9 @@
 //! stored per triangle: enough to count light that leaves at once without visiting the triangle
 //! again.
 
-use super::grid::Finder;
+use super::grid::BinFinder;
 use super::height_field::Side;
-use super::light::{Light, Turn};
+use super::light::{PhotonState, Turn};
 use super::vec3::{V3, combine, dot};
 use super::walk::Walk;
 use crate::model::polarisation::{Boundary, Channel, Split};
@@ -42,7 +42,7 @@ pub struct Exit<L> {
 
 /// One branch of light from a facet that leaves at once.
 #[derive(Debug, Clone, Copy)]
-pub struct Passage {
+pub struct FacetBranch {
     /// The boundary's matrix divided by the probability of this branch.
     pub channel: Channel,
     /// Rotation from the frame of the hit to that of the exit.
@@ -55,7 +55,7 @@ pub struct Passage {
 
 /// Both branches of a facet.
 #[derive(Debug, Clone, Copy)]
-pub struct Facet {
+pub struct FacetResponse {
     /// Rotation from the frame of launch to that of the hit.
     pub turn: Turn,
     /// Probability that a photon is reflected: the reflected fraction of unpolarised light.
@@ -63,16 +63,16 @@ pub struct Facet {
     /// Whether light is refracted.
     pub enters: bool,
     /// The reflected branch.
-    pub reflected: Passage,
+    pub reflected: FacetBranch,
     /// The refracted branch.
-    pub refracted: Passage,
+    pub refracted: FacetBranch,
 }
 
 impl<'a> Incidence<'a> {
     /// Light on a facet with the upward normal `m` that faces the lamp.
     #[inline(always)]
     #[must_use]
-    pub fn of<L: Light>(walk: &'a Walk<'a>, m: &V3) -> Self {
+    pub fn of<L: PhotonState>(walk: &'a Walk<'a>, m: &V3) -> Self {
         let boundary = &walk.stack.interfaces[0].from_above;
         let cos = (-dot(&walk.k, m)).max(GRAZING);
         let (turn, s) = if L::HAS_FRAME {
@@ -125,14 +125,14 @@ impl<'a> Incidence<'a> {
     /// Light just after the hit, in a branch.
     #[inline(always)]
     #[must_use]
-    pub fn after<L: Light>(&self, channel: &Channel) -> L {
+    pub fn after<L: PhotonState>(&self, channel: &Channel) -> L {
         L::after_hit(&self.turn, &self.s, channel, 1.0)
     }
 
     /// `factor` of the light to a side that leaves at once.
     #[inline(always)]
     #[must_use]
-    pub fn leaves<L: Light>(&self, side: Side, factor: f64, bins: &Finder) -> Exit<L> {
+    pub fn leaves<L: PhotonState>(&self, side: Side, factor: f64, bins: &BinFinder) -> Exit<L> {
         let (channel, k) = self.way(side);
         let mut light = L::after_hit(&self.turn, &self.s, channel, factor);
         let power = light.power(&self.walk.stokes);
@@ -155,7 +155,7 @@ impl<'a> Incidence<'a> {
 
     /// The branch to a side, with `factor` times its channel's transmission.
     #[inline(always)]
-    fn passage<L: Light>(&self, side: Side, factor: f64, bins: &Finder) -> Passage {
+    fn passage<L: PhotonState>(&self, side: Side, factor: f64, bins: &BinFinder) -> FacetBranch {
         let (channel, k) = self.way(side);
         let channel = Channel {
             s: factor * channel.s,
@@ -168,7 +168,7 @@ impl<'a> Incidence<'a> {
         } else {
             Turn::NONE
         };
-        Passage {
+        FacetBranch {
             leave,
             power: self.after::<L>(&channel).power(&self.walk.stokes),
             bin: bins.bin(side, &k) as u32,
@@ -179,7 +179,7 @@ impl<'a> Incidence<'a> {
     /// The stored response for photons that take one branch each.
     #[inline(always)]
     #[must_use]
-    pub fn facet<L: Light>(&self, bins: &Finder) -> Facet {
+    pub fn facet<L: PhotonState>(&self, bins: &BinFinder) -> FacetResponse {
         let enters = self.enters();
         let share = if enters || self.absorbs() {
             self.split.reflected.unpolarised()
@@ -190,13 +190,13 @@ impl<'a> Incidence<'a> {
         let refracted = if enters {
             self.passage::<L>(Side::Below, 1.0 / (1.0 - share), bins)
         } else {
-            Passage {
+            FacetBranch {
                 channel: Channel::NONE,
                 power: 0.0,
                 ..reflected
             }
         };
-        Facet {
+        FacetResponse {
             turn: self.turn,
             share,
             enters,
@@ -206,11 +206,11 @@ impl<'a> Incidence<'a> {
     }
 }
 
-impl Facet {
+impl FacetResponse {
     /// Light in a branch that leaves at once, in the frame of its exit.
     #[inline(always)]
     #[must_use]
-    pub fn leaving<L: Light>(&self, way: &Passage) -> L {
+    pub fn leaving<L: PhotonState>(&self, way: &FacetBranch) -> L {
         // The frame of the hit is not needed for light that leaves.
         let mut light = L::after_hit(&self.turn, &super::vec3::UP, &way.channel, 1.0);
         light.turn(&way.leave);

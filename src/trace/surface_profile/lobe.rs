@@ -1,19 +1,19 @@
 //! The angle that the lobe of a rough profile follows, relative to the profile's median
 //! inclination.
 
-use super::Profile;
+use super::SurfaceProfile;
 
 /// Roughness α from narrow to broad: the broader a lobe, the more edges shift its centre.
 const ALPHAS: [f64; 2] = [0.06, 0.18];
 /// Iterations to the centre of a lobe: each removes most of the remaining error.
 const STEPS: usize = 40;
 
-impl Profile {
+impl SurfaceProfile {
     /// Sets the standard uncertainty `error` (rad) of the lobe's angle of a measured profile at its
     /// effective ridge angle.
     #[must_use]
     pub fn with_lobe_error(self, lobe_error: f64) -> Self {
-        Profile { lobe_error, ..self }
+        SurfaceProfile { lobe_error, ..self }
     }
 
     /// The value set by [`SurfaceProfile::with_lobe_error`]; 0 for an exactly known profile.
@@ -61,10 +61,10 @@ mod tests {
 
     #[test]
     fn a_lobe_follows_the_facets_and_a_broad_one_also_the_edges() {
-        let sharp = Profile::sawtooth(0.2, 10.0, 0.0).unwrap();
+        let sharp = SurfaceProfile::sawtooth(0.2, 10.0, 0.0).unwrap();
         let [narrow, broad] = sharp.lobe_offsets().unwrap();
         assert!(narrow.abs() < 1e-12 && broad.abs() < 1e-12);
-        let round = Profile::sawtooth(0.2, 10.0, 0.5).unwrap();
+        let round = SurfaceProfile::sawtooth(0.2, 10.0, 0.5).unwrap();
         let [narrow, broad] = round.lobe_offsets().unwrap();
         assert!(
             broad < narrow && narrow < 0.0 && broad > -0.01,

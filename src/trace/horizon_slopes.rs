@@ -30,7 +30,7 @@ use super::vec3::V3;
 /// Horizon slopes of one side, divided by the height below the highest point: for each octant one
 /// per cell. (A ray stays in its octant, so the values that it needs are adjacent in memory.)
 #[derive(Debug, Clone)]
-pub struct EscapeSlopes {
+pub struct HorizonSlopes {
     per_height: Vec<Vec<f32>>,
     cell_size: (f64, f64),
     /// Highest point of each cell and of the whole field, counted away from the surface.
@@ -126,7 +126,7 @@ fn ahead(index: usize, ahead: usize, back: bool, n: usize) -> usize {
     if at < n { at } else { at - n }
 }
 
-impl EscapeSlopes {
+impl HorizonSlopes {
     /// The slopes for a ray along `k`, which moves away from the surface.
     #[inline(always)]
     #[must_use]
@@ -166,7 +166,7 @@ impl EscapeSlopes {
                     highest,
                 })
             };
-            EscapeSlopes {
+            HorizonSlopes {
                 per_height: Octant::all().map(ahead).collect(),
                 cell_size,
                 high: levels.swap_remove(0).high,
@@ -453,7 +453,7 @@ fn steepest_of<'a, const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::super::height_field::{Flight, HeightField, Side};
-    use super::super::rng::{Purpose, Stream};
+    use super::super::rng::{Purpose, RandomStream};
 
     /// Height of the periodic surface at a position in cells.
     fn height(field: &HeightField, x: f64, y: f64) -> f64 {
@@ -497,7 +497,7 @@ mod tests {
     fn a_ray_that_clears_a_cell_is_free() {
         // Hills of all sizes, on tiles that split into blocks and on tiles that do not.
         for (nx, ny, cell_y) in [(64, 56, 0.6), (9, 31, 1.0), (3, 2, 2.0)] {
-            let mut random = Stream::new(5, Purpose::Surface, nx as u64);
+            let mut random = RandomStream::new(5, Purpose::Surface, nx as u64);
             let heights: Vec<f64> = (0..nx * ny)
                 .map(|at| {
                     let (x, y) = ((at / ny) as f64 / nx as f64, (at % ny) as f64 / ny as f64);
@@ -518,7 +518,7 @@ mod tests {
                     let k = [azimuth.cos(), azimuth.sin(), sign * rise];
                     let cell = i as usize * ny + j as usize;
                     let from = height(&field, i, j) + sign * lift;
-                    if !field.escape(side).towards(&k).clears(cell, sign * from) {
+                    if !field.horizon(side).towards(&k).clears(cell, sign * from) {
                         continue;
                     }
                     cleared += 1;

@@ -8,11 +8,12 @@
 
 use rayon::prelude::*;
 
-use super::super::light::Light;
+use super::super::light::PhotonState;
 use super::super::rng::Purpose;
-use super::super::tally::{Batch, Totals};
+use super::super::tally::{TallyBatch, Totals};
 use super::super::walk::Waiting;
-use super::{Asked, BATCH_MAX, Ending, LOOK, SoFar, Task, batches, share};
+use super::division::{BATCH_MAX, PartialRun, StopPolicy, batches, share};
+use super::task::{CHECK_INTERVAL, StopCheck, Task};
 
 /// Number of replicates of a preview.
 const REPLICATES: u64 = 16;
@@ -26,7 +27,7 @@ const GROWTH: u64 = 8;
 const ROUND_MAX: u64 = 1 << 12;
 /// Fraction (one over) of the photons by which their number grows until the next estimate of the
 /// error.
-pub(super) const LOOK_SHARE: u64 = 4;
+pub(super) const ESTIMATE_GROWTH: u64 = 4;
 /// Fraction (one over) of a batch for a preview if a stop is exceptional.
 const SHARE: u64 = 8;
 /// Fraction (one over) of the run for a preview if a stop is likely, and the number of largest
@@ -34,10 +35,10 @@ const SHARE: u64 = 8;
 const SHARE_ANY_TIME: (u64, u64) = (16, 16);
 
 /// Largest number of photons of the preview of a run.
-pub(super) fn most(photons: u64, ending: Ending) -> u64 {
+pub(super) fn most(photons: u64, ending: StopPolicy) -> u64 {
     match ending {
-        Ending::AtLast => share(photons, batches(photons), 0) / SHARE,
-        Ending::AnyTime | Ending::Within(_) => {
+        StopPolicy::AtLast => share(photons, batches(photons), 0) / SHARE,
+        StopPolicy::AnyTime | StopPolicy::Within(_) => {
             let (of_run, largest) = SHARE_ANY_TIME;
             (photons / of_run).min(largest * BATCH_MAX)
         }
@@ -45,27 +46,27 @@ pub(super) fn most(photons: u64, ending: Ending) -> u64 {
 }
 
 /// A preview in progress.
-pub(super) struct Sketch<L: Light> {
+pub(super) struct Preview<L: PhotonState> {
     replicates: Vec<Replicate<L>>,
     /// Photons of each replicate so far.
     each: u64,
     /// Largest number of photons in all.
     most: u64,
     /// Whether the error decides when it ends.
-    looks: bool,
+    estimates_error: bool,
 }
 
 /// One of the equal parts of a preview.
-struct Replicate<L: Light> {
-    batch: Batch,
+struct Replicate<L: PhotonState> {
+    batch: TallyBatch,
     /// The round in progress.
-    round: Batch,
+    round: TallyBatch,
     waiting: Waiting<L>,
 }
 
-impl<L: Light> Sketch<L> {
-    pub(super) fn new(task: &Task<'_>, ending: Ending) -> Self {
-        let most = if task.sketch_only {
+impl<L: PhotonState> Preview<L> {
+    pub(super) fn new(task: &Task<'_>, ending: StopPolicy) -> Self {
+        let most = if task.preview_only {
             task.photons
         } else {
             most(task.photons, ending)
@@ -76,21 +77,21 @@ impl<L: Light> Sketch<L> {
             0
         };
         let empty = |_| Replicate {
-            batch: Batch::new::<L>(task.grid),
-            round: Batch::new::<L>(task.grid),
+            batch: TallyBatch::new::<L>(task.grid),
+            round: TallyBatch::new::<L>(task.grid),
             waiting: Waiting::none(),
         };
-        Sketch {
+        Preview {
             replicates: (0..count).map(empty).collect(),
             each: 0,
             most,
-            looks: !matches!(ending, Ending::AtLast),
+            estimates_error: !matches!(ending, StopPolicy::AtLast),
         }
     }
 
     /// Traces rounds until all photons are traced or the run is stopped.
-    pub(super) fn go_on(&mut self, task: &Task<'_>, asked: &Asked<'_>) {
-        let (mut round, mut next_look) = (0, LOOK);
+    pub(super) fn go_on(&mut self, task: &Task<'_>, check: &StopCheck<'_>) {
+        let (mut round, mut next_estimate) = (0, CHECK_INTERVAL);
         loop {
             let doubled = self.each.clamp(FIRST, DOUBLING);
             let size = (self.each / GROWTH).clamp(doubled, ROUND_MAX);
@@ -99,7 +100,7 @@ impl<L: Light> Sketch<L> {
             }
             let replicates = self.replicates.par_iter_mut().enumerate().with_max_len(1);
             let done = replicates.map(|(n, own)| {
-                let name = (Purpose::Sketch, REPLICATES * round + n as u64);
+                let name = (Purpose::Preview, REPLICATES * round + n as u64);
                 task.batch::<L>(name, size, &|_| true, &mut own.waiting, &mut own.round)
             });
             if !done.reduce(|| true, |a, b| a && b) {
@@ -111,13 +112,13 @@ impl<L: Light> Sketch<L> {
             self.each += size;
             round += 1;
             let photons = self.photons();
-            let relative_error = (self.looks && photons >= next_look).then(|| {
-                next_look = photons + photons / LOOK_SHARE;
+            let relative_error = (self.estimates_error && photons >= next_estimate).then(|| {
+                next_estimate = photons + photons / ESTIMATE_GROWTH;
                 // Only m00 is needed.
                 self.counted(task, 1).relative_error()
             });
-            asked.counted(photons);
-            if asked.is_stopped() || !asked.tell(None, relative_error.flatten()) {
+            check.counted(photons);
+            if check.is_stopped() || !check.report(None, relative_error.flatten()) {
                 return;
             }
         }
@@ -129,7 +130,7 @@ impl<L: Light> Sketch<L> {
     }
 
     /// Whether the run has counted fewer photons, or too few batches to estimate its error.
-    pub(super) fn says_more_than(&self, run: &SoFar) -> bool {
+    pub(super) fn is_more_accurate_than(&self, run: &PartialRun) -> bool {
         self.each > 0 && (run.batches.len() < 2 || run.totals.photons() < self.photons())
     }
 
@@ -143,8 +144,8 @@ impl<L: Light> Sketch<L> {
         for own in &self.replicates {
             totals.count(&own.batch, self.each);
         }
-        if let Some(first_hits) = &task.first_hits {
-            totals.include(&first_hits.known, self.photons());
+        if let Some(primary_hits) = &task.primary_hits {
+            totals.include(&primary_hits.known, self.photons());
         }
         totals
     }
@@ -154,11 +155,11 @@ impl<L: Light> Sketch<L> {
 mod tests {
     use std::sync::atomic::{AtomicU64, Ordering};
 
-    use super::super::super::scene::{Prepared, Scene};
-    use super::super::{Progress, Shard, TimeLimit, resume, trace};
+    use super::super::super::scene::{PreparedScene, Scene};
+    use super::super::{Shard, TimeLimit, TraceProgress, resume, trace};
     use super::*;
 
-    fn scene(interface: &str, photons: u64) -> Prepared {
+    fn scene(interface: &str, photons: u64) -> PreparedScene {
         let text = format!(
             "[light]\ntheta_i_deg = 40.0\n[[interface]]\n{interface}\nbelow = {{ n = 1.5 }}\n[run]\n\
              photons = {photons}\ntheta_bins = 9\nphi_bins = 12\n"
@@ -171,22 +172,25 @@ mod tests {
     }
 
     /// Batches of 2^18 photons for 2^24 photons: far more than a test traces.
-    fn ridges(photons: u64) -> Prepared {
+    fn ridges(photons: u64) -> PreparedScene {
         scene(
             "shape = \"ridges\"\ntheta_r_deg = 20.0\npitch_um = 50.0",
             photons,
         )
     }
 
-    fn rough(photons: u64) -> Prepared {
+    fn rough(photons: u64) -> PreparedScene {
         scene(
             "shape = \"beckmann\"\nalpha_u = 0.3\nalpha_v = 0.3\ncells = 16",
             photons,
         )
     }
 
-    fn trace_anytime(scene: &Prepared, proceed: &(dyn Fn(&Progress) -> bool + Sync)) -> Totals {
-        resume(scene, Shard::WHOLE, None, Ending::AnyTime, proceed).totals
+    fn trace_anytime(
+        scene: &PreparedScene,
+        proceed: &(dyn Fn(&TraceProgress) -> bool + Sync),
+    ) -> Totals {
+        resume(scene, Shard::WHOLE, None, StopPolicy::AnyTime, proceed).totals
     }
 
     #[test]
@@ -200,11 +204,11 @@ mod tests {
                 static NOW_S: AtomicU64 = AtomicU64::new(0);
                 NOW_S.fetch_add(1, Ordering::Relaxed) as f64
             }
-            Ending::Within(TimeLimit { seconds, now_s })
+            StopPolicy::Within(TimeLimit { seconds, now_s })
         };
         // One run abandoned by the time limit, one stopped by the user.
         let hurried = sketched(within(1.0), 1 << 15);
-        let stopped = sketched(Ending::AtLast, 0);
+        let stopped = sketched(StopPolicy::AtLast, 0);
         assert_eq!(hurried.batches.len() + stopped.batches.len(), 0);
         assert_eq!(stopped.totals.photons(), REPLICATES * FIRST);
         let (photons, some) = (hurried.totals.photons(), hurried.totals.energies());
@@ -229,7 +233,7 @@ mod tests {
         let long = ridges(1 << 24);
         let resume = |before| {
             let until = 1 << 13;
-            resume(&long, Shard::WHOLE, before, Ending::AtLast, &|p| {
+            resume(&long, Shard::WHOLE, before, StopPolicy::AtLast, &|p| {
                 p.photons < until
             })
         };
@@ -262,11 +266,11 @@ mod tests {
         assert!((sum - 1.0).abs() < 1e-9, "{sum}");
         // A preview is not continued, neither from memory nor from a file.
         assert_eq!(resume(Some(stopped.clone())), stopped);
-        let kept = SoFar::kept(stopped.totals, Vec::new(), 1 << 24, Shard::WHOLE).unwrap();
+        let kept = PartialRun::kept(stopped.totals, Vec::new(), 1 << 24, Shard::WHOLE).unwrap();
         assert_eq!(kept.totals.photons(), 0);
         // A shard is not a result by itself, so it has no preview.
         let shard = Shard { number: 1, of: 2 };
-        let part = super::super::resume(&long, shard, None, Ending::AtLast, &|_| false);
+        let part = super::super::resume(&long, shard, None, StopPolicy::AtLast, &|_| false);
         assert_eq!(part.totals.photons(), 0);
     }
 
@@ -275,7 +279,7 @@ mod tests {
         let long = rough(1 << 24);
         let last = AtomicU64::new(0);
         let most = (1 << 24) / 64 / SHARE;
-        let run = resume(&long, Shard::WHOLE, None, Ending::AtLast, &|p| {
+        let run = resume(&long, Shard::WHOLE, None, StopPolicy::AtLast, &|p| {
             let before = last.swap(p.photons, Ordering::Relaxed);
             // In the first batch the number does not change, nor within a round; no round begins
             // that would exceed the limit.
@@ -289,11 +293,11 @@ mod tests {
     fn a_run_that_may_stop_ends_soon_after_its_error_is_small_enough() {
         let long = rough(1 << 26);
         let until = |goal: f64| {
-            let large = |p: &Progress| p.relative_error.is_none_or(|e| e > goal);
+            let large = |p: &TraceProgress| p.relative_error.is_none_or(|e| e > goal);
             trace_anytime(&long, &large)
         };
         let first = until(f64::INFINITY);
-        assert_eq!(first.photons(), LOOK);
+        assert_eq!(first.photons(), CHECK_INTERVAL);
         let goal = 0.5 * first.relative_error().unwrap();
         let totals = until(goal);
         let reached = totals.relative_error().unwrap();
@@ -311,7 +315,7 @@ mod tests {
         assert_eq!(trace_anytime(&run, &|_| true), whole);
         let sketch_most = (1 << 16) / SHARE_ANY_TIME.0;
         for until in [sketch_most / 2, 3 * sketch_most] {
-            let part = resume(&run, Shard::WHOLE, None, Ending::AnyTime, &|p| {
+            let part = resume(&run, Shard::WHOLE, None, StopPolicy::AnyTime, &|p| {
                 p.photons < until
             });
             assert!(part.totals.photons() >= until);

@@ -7,13 +7,13 @@
 //! and riser. If it is large, they merge and the ridge loses height and inclination (morphological
 //! closing and opening, as in the morphological filters of ISO 16610-41).
 
-use super::profile::{ARC, Corner, Profile, ProfileError};
-use super::rng::{Purpose, Stream};
+use super::rng::{Purpose, RandomStream};
+use super::surface_profile::{ARC, Corner, ProfileError, SurfaceProfile};
 
 /// A sawtooth surface with the effects of manufacture and wear. Lengths in one unit, angles in
 /// radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ridges {
+pub struct WornRidges {
     /// Ridge angle of the facets before rounding, rad, 0 < θr < π/2.
     pub theta_r: f64,
     /// Length of a facet before rounding, in the unit of all lengths here.
@@ -44,11 +44,11 @@ const BURR_SHARE_MAX: f64 = 0.4;
 /// Relative loss of the burrs' mean height by truncation that is not reported.
 const CUT_TOLD: f64 = 1e-3;
 
-impl Ridges {
+impl WornRidges {
     /// The ideal sawtooth.
     #[must_use]
     pub fn ideal(theta_r: f64, pitch: f64) -> Self {
-        Ridges {
+        WornRidges {
             theta_r,
             pitch,
             round: 0.0,
@@ -63,7 +63,7 @@ impl Ridges {
     /// # Errors
     /// The draft makes the riser flatter than 1° above the horizontal, or there are burrs on edges
     /// whose roundings meet.
-    pub fn profile(&self) -> Result<Profile, ProfileError> {
+    pub fn profile(&self) -> Result<SurfaceProfile, ProfileError> {
         let riser_lean = self.theta_r + self.draft;
         if riser_lean >= 89f64.to_radians() {
             return Err(ProfileError::TooFlat {
@@ -86,7 +86,7 @@ impl Ridges {
             let mut corners = Vec::new();
             edges.edge(&mut corners, (0.0, 0.0), edges.up, edges.down, self.round);
             edges.edge(&mut corners, edges.foot(), edges.down, edges.up, self.round);
-            Ok(Profile::with_bows(&corners, edges.period))
+            Ok(SurfaceProfile::with_bows(&corners, edges.period))
         } else {
             Ok(self.rolled(&edges))
         }
@@ -104,9 +104,9 @@ impl Ridges {
 
     /// Many ridges, each crest with its own burr: the riser continues beyond the crest, and the
     /// burr returns to the facet at 45°.
-    fn burred(&self, edges: &Edges) -> Profile {
+    fn burred(&self, edges: &Edges) -> SurfaceProfile {
         let mut corners = Vec::new();
-        let mut random = Stream::new(self.seed, Purpose::Surface, 0);
+        let mut random = RandomStream::new(self.seed, Purpose::Surface, 0);
         let slant = edges.slant();
         for ridge in 0..BURRED_RIDGES {
             let from = (ridge as f64 * edges.period, 0.0);
@@ -118,11 +118,11 @@ impl Ridges {
             let foot = plus(from, 1.0, edges.foot());
             edges.edge(&mut corners, foot, edges.down, edges.up, self.round);
         }
-        Profile::with_bows(&corners, BURRED_RIDGES as f64 * edges.period)
+        SurfaceProfile::with_bows(&corners, BURRED_RIDGES as f64 * edges.period)
     }
 
     /// The sharp profile closed and then opened by a disc, numerically.
-    fn rolled(&self, edges: &Edges) -> Profile {
+    fn rolled(&self, edges: &Edges) -> SurfaceProfile {
         let samples = (SAMPLES_TO_RADIUS * edges.period / self.round) as usize;
         let samples = samples.clamp(SAMPLES, SAMPLES_MAX);
         let step = edges.period / samples as f64;
@@ -146,7 +146,7 @@ impl Ridges {
             bowed: moved[i] && moved[(i + 1) % samples],
         });
         let corners: Vec<Corner> = corners.collect();
-        Profile::with_bows(&without_needless(&corners, step), edges.period)
+        SurfaceProfile::with_bows(&without_needless(&corners, step), edges.period)
     }
 }
 
@@ -218,7 +218,7 @@ struct Edges {
 }
 
 impl Edges {
-    fn of(ridges: &Ridges) -> Self {
+    fn of(ridges: &WornRidges) -> Self {
         let (sin, cos) = ridges.theta_r.sin_cos();
         let (lean, height) = (ridges.theta_r + ridges.draft).sin_cos();
         let riser = ridges.pitch * sin / height;
@@ -279,25 +279,25 @@ impl Edges {
 mod tests {
     use super::*;
 
-    fn ridges() -> Ridges {
-        Ridges::ideal(15f64.to_radians(), 10.0)
+    fn ridges() -> WornRidges {
+        WornRidges::ideal(15f64.to_radians(), 10.0)
     }
 
     #[test]
     fn without_wear_the_profile_is_the_sawtooth() {
         let plain = ridges().profile().unwrap();
-        let sawtooth = Profile::sawtooth(15f64.to_radians(), 10.0, 0.0).unwrap();
+        let sawtooth = SurfaceProfile::sawtooth(15f64.to_radians(), 10.0, 0.0).unwrap();
         assert!((plain.period() - sawtooth.period()).abs() < 1e-12);
         for (a, b) in plain.pieces().iter().zip(sawtooth.pieces()) {
             assert!((a.to - b.to).abs() < 1e-12 && (a.z_to - b.z_to).abs() < 1e-12);
         }
-        let round = Ridges {
+        let round = WornRidges {
             round: 0.4,
             ..ridges()
         }
         .profile()
         .unwrap();
-        let other = Profile::sawtooth(15f64.to_radians(), 10.0, 0.4).unwrap();
+        let other = SurfaceProfile::sawtooth(15f64.to_radians(), 10.0, 0.4).unwrap();
         assert_eq!(round.pieces().len(), other.pieces().len());
         for (a, b) in round.pieces().iter().zip(other.pieces()) {
             assert!((a.from - b.from).abs() < 1e-12 && (a.z_from - b.z_from).abs() < 1e-12);
@@ -307,7 +307,7 @@ mod tests {
     #[test]
     fn a_draft_only_tilts_the_riser() {
         let draft = 6f64.to_radians();
-        let profile = Ridges { draft, ..ridges() }.profile().unwrap();
+        let profile = WornRidges { draft, ..ridges() }.profile().unwrap();
         let [facet, riser] = profile.pieces() else {
             panic!("two pieces")
         };
@@ -318,7 +318,7 @@ mod tests {
         assert!((lean - (75f64 - 6.0).to_radians()).abs() < 1e-12);
         let too_much = 80f64.to_radians();
         assert!(
-            Ridges {
+            WornRidges {
                 draft: too_much,
                 ..ridges()
             }
@@ -329,29 +329,30 @@ mod tests {
 
     #[test]
     fn a_large_disc_flattens_the_ridge_and_a_small_one_gives_the_arcs() {
-        let area = |p: &Profile| -> f64 {
-            let under =
-                |q: &super::super::profile::Piece| 0.5 * (q.z_from + q.z_to) * (q.to - q.from);
+        let area = |p: &SurfaceProfile| -> f64 {
+            let under = |q: &super::super::surface_profile::Piece| {
+                0.5 * (q.z_from + q.z_to) * (q.to - q.from)
+            };
             p.pieces().iter().map(under).sum::<f64>() / p.period()
         };
         // Just below and above the radius at which the arcs meet, both methods agree.
         let limit = 0.5 * 10.0 * 15f64.to_radians().tan();
-        let arcs = Ridges {
+        let arcs = WornRidges {
             round: 0.999 * limit,
             ..ridges()
         }
         .profile()
         .unwrap();
-        let rolled = Ridges {
+        let rolled = WornRidges {
             round: 1.001 * limit,
             ..ridges()
         }
         .profile()
         .unwrap();
         assert!((area(&arcs) - area(&rolled)).abs() < 0.01);
-        let height = |p: &Profile| p.range().1 - p.range().0;
+        let height = |p: &SurfaceProfile| p.range().1 - p.range().0;
         assert!((height(&arcs) - height(&rolled)).abs() < 0.01 * height(&arcs));
-        let worn = Ridges {
+        let worn = WornRidges {
             round: 4.0 * limit,
             ..ridges()
         }
@@ -366,24 +367,24 @@ mod tests {
     fn points_below_the_resolution_are_left_out() {
         for tiny in [1e-300, 1e-18, 1e-14, 1e-11, 1e-8] {
             let all = [
-                Ridges {
+                WornRidges {
                     theta_r: tiny,
                     ..ridges()
                 },
-                Ridges {
+                WornRidges {
                     theta_r: tiny,
                     round: 0.1,
                     ..ridges()
                 },
-                Ridges {
+                WornRidges {
                     round: tiny,
                     ..ridges()
                 },
-                Ridges {
+                WornRidges {
                     burr: tiny,
                     ..ridges()
                 },
-                Ridges {
+                WornRidges {
                     draft: tiny,
                     ..ridges()
                 },
@@ -401,7 +402,7 @@ mod tests {
     #[test]
     fn burrs_are_on_the_crests_and_depend_on_their_seed() {
         let with = |seed| {
-            Ridges {
+            WornRidges {
                 burr: 0.2,
                 seed,
                 ..ridges()

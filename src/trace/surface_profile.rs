@@ -15,7 +15,7 @@
 //! differences of its corners, so a profile far from v = 0 loses the digits of its offset (at v =
 //! 1e6 steps ten digits are left); `measured` refuses rows whose steps vanish in rounding.
 
-mod bow;
+mod curved_pieces;
 mod error;
 mod lobe;
 mod rays;
@@ -23,7 +23,7 @@ mod rays;
 use std::sync::Arc;
 
 use super::vec3::V3;
-use bow::bows;
+use curved_pieces::bows;
 pub use error::ProfileError;
 use rays::free_slopes;
 pub use rays::{ProfileFlight, ProfileSpot};
@@ -61,7 +61,7 @@ pub struct Corner {
 
 /// A periodic profile of consecutive pieces along v.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Profile {
+pub struct SurfaceProfile {
     pieces: Vec<Piece>,
     /// Per piece: slopes towards −v and +v above which an upward ray that leaves it is free.
     free_above: Vec<[f64; 2]>,
@@ -72,7 +72,7 @@ pub struct Profile {
     /// Standard uncertainty of the angle of the lobe, rad.
     lobe_error: f64,
     /// Another profile that agrees with the measurement.
-    alternative: Option<Arc<Profile>>,
+    alternative: Option<Arc<SurfaceProfile>>,
 }
 
 /// Corners closer than this fraction of the period are one.
@@ -80,14 +80,14 @@ const SAME_PLACE: f64 = 1e-13;
 /// Pieces per rounded corner.
 pub(super) const ARC: usize = 24;
 
-impl Profile {
+impl SurfaceProfile {
     /// Makes the sawtooth: ridge angle `theta_r` (rad, 0 < θr < π/2), facet length `pitch`, radius
     /// `round` of crests and valleys (0: sharp), in one unit of length.
     ///
     /// # Errors
     /// The radius is so large that the roundings of one facet meet.
     pub fn sawtooth(theta_r: f64, pitch: f64, round: f64) -> Result<Self, ProfileError> {
-        Profile::rounded(theta_r, pitch, [round, round])
+        SurfaceProfile::rounded(theta_r, pitch, [round, round])
     }
 
     /// Makes the sawtooth with separate radii of crests and valleys (0: sharp), in the unit of
@@ -129,7 +129,7 @@ impl Profile {
                 });
             }
         }
-        Ok(Profile::with_bows(&corners, period))
+        Ok(SurfaceProfile::with_bows(&corners, period))
     }
 
     /// Makes straight pieces through (v, z) corners of increasing v, closed by the first corner one
@@ -184,7 +184,7 @@ impl Profile {
             pieces[n].tangents = Some(tangents);
         }
         let heights = pieces.iter().map(|p| p.z_from);
-        Profile {
+        SurfaceProfile {
             free_above: free_slopes(&pieces, period),
             period,
             lowest: heights.clone().fold(f64::INFINITY, f64::min),
@@ -238,7 +238,7 @@ impl Profile {
         // of rays.
         let middle = 0.5 * (low + high);
         let corners = rows[..rows.len() - 1].iter().map(|(v, z)| (*v, z - middle));
-        let profile = Profile::of_corners(&corners.collect::<Vec<_>>(), period);
+        let profile = SurfaceProfile::of_corners(&corners.collect::<Vec<_>>(), period);
         match profile.effective_ridge_angle() {
             Some(_) => Ok(profile),
             None => Err(ProfileError::LeansNowhere),
@@ -262,11 +262,11 @@ impl Profile {
             z: self.pieces[i].z_from,
             bowed: self.pieces[(i + n - 1) % n].tangents.is_some(),
         });
-        Profile {
+        SurfaceProfile {
             turned: !self.turned,
             lobe_error: self.lobe_error,
             alternative: self.alternative.clone(),
-            ..Profile::with_bows(&corners.collect::<Vec<_>>(), self.period)
+            ..SurfaceProfile::with_bows(&corners.collect::<Vec<_>>(), self.period)
         }
     }
 
@@ -321,8 +321,8 @@ impl Profile {
 
     /// Adds another shape that also agrees with the measurement, as the limit of the possible ones.
     #[must_use]
-    pub fn with_alternative(self, alternative: Profile) -> Self {
-        Profile {
+    pub fn with_alternative(self, alternative: SurfaceProfile) -> Self {
+        SurfaceProfile {
             alternative: Some(Arc::new(alternative)),
             ..self
         }
@@ -330,7 +330,7 @@ impl Profile {
 
     /// The shape added by [`SurfaceProfile::with_alternative`].
     #[must_use]
-    pub fn alternative(&self) -> Option<&Profile> {
+    pub fn alternative(&self) -> Option<&SurfaceProfile> {
         self.alternative.as_deref()
     }
 
@@ -367,7 +367,7 @@ impl Profile {
                 z: factor * p.z_from,
                 bowed: p.tangents.is_some(),
             });
-            scaled = Profile::with_bows(&corners.collect::<Vec<_>>(), self.period);
+            scaled = SurfaceProfile::with_bows(&corners.collect::<Vec<_>>(), self.period);
             scaled.turned = self.turned;
             scaled.lobe_error = self.lobe_error;
             scaled.alternative.clone_from(&self.alternative);
@@ -407,7 +407,7 @@ mod tests {
     #[test]
     fn the_sawtooth_has_the_facets_of_the_drawing() {
         let theta = 0.3f64;
-        let profile = Profile::sawtooth(theta, 2.0, 0.0).unwrap();
+        let profile = SurfaceProfile::sawtooth(theta, 2.0, 0.0).unwrap();
         assert!((profile.period() - 2.0 / theta.cos()).abs() < 1e-15);
         let [facet, riser] = profile.pieces() else {
             panic!("two pieces")
@@ -423,18 +423,18 @@ mod tests {
     #[test]
     fn rounded_ridges_keep_their_period_and_their_median_angle() {
         let theta = 15f64.to_radians();
-        let profile = Profile::sawtooth(theta, 10.0, 0.4).unwrap();
+        let profile = SurfaceProfile::sawtooth(theta, 10.0, 0.4).unwrap();
         let last = profile.pieces().last().unwrap();
         assert!((last.to - profile.pieces()[0].from - profile.period()).abs() < 1e-12);
         let angle = profile.effective_ridge_angle().unwrap();
         assert!((angle - theta).abs() < 1e-12, "{}", angle.to_degrees());
         assert!(profile.range().1 < 0.0);
-        assert!(Profile::sawtooth(theta, 10.0, 2.0).is_err());
+        assert!(SurfaceProfile::sawtooth(theta, 10.0, 2.0).is_err());
     }
 
     #[test]
     fn a_profile_keeps_its_shape_at_another_ridge_angle() {
-        let profile = Profile::sawtooth(0.2, 10.0, 0.4).unwrap();
+        let profile = SurfaceProfile::sawtooth(0.2, 10.0, 0.4).unwrap();
         let steeper = profile.with_ridge_angle(0.21).unwrap();
         assert!((steeper.effective_ridge_angle().unwrap() - 0.21).abs() < 1e-12);
         assert_eq!(steeper.pieces().len(), profile.pieces().len());
@@ -445,21 +445,22 @@ mod tests {
 
     #[test]
     fn a_profile_measured_in_reverse_is_oriented_by_its_facets_lean() {
-        let mirrored = Profile::measured(&[(0.0, 0.0), (3.06, -17.36), (101.54, 0.0)]).unwrap();
+        let mirrored =
+            SurfaceProfile::measured(&[(0.0, 0.0), (3.06, -17.36), (101.54, 0.0)]).unwrap();
         assert!(mirrored.effective_ridge_angle().unwrap() > 1.0);
         let turned = mirrored.facets_to_v();
         let angle = turned.effective_ridge_angle().unwrap().to_degrees();
         assert!((angle - 10.0).abs() < 0.01, "{angle}");
         assert!(turned.is_turned() && (turned.period() - 101.54).abs() < 1e-12);
         assert!(turned.with_ridge_angle(0.2).unwrap().is_turned());
-        let sawtooth = Profile::sawtooth(0.2, 10.0, 0.4).unwrap();
+        let sawtooth = SurfaceProfile::sawtooth(0.2, 10.0, 0.4).unwrap();
         assert_eq!(sawtooth.clone().facets_to_v(), sawtooth);
         assert!(!sawtooth.is_turned());
     }
 
     #[test]
     fn a_measured_profile_is_accepted_or_refused_with_its_row() {
-        let good = Profile::measured(&[(0.0, 0.0), (9.7, -1.7), (10.0, 0.0)]).unwrap();
+        let good = SurfaceProfile::measured(&[(0.0, 0.0), (9.7, -1.7), (10.0, 0.0)]).unwrap();
         let angle = good.effective_ridge_angle().unwrap();
         assert!((angle.tan() - 1.7 / 9.7).abs() < 1e-12);
         let bad: [(&[(f64, f64)], &str); 6] = [
@@ -471,7 +472,7 @@ mod tests {
             (&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)], "leans"),
         ];
         for (rows, part) in bad {
-            let why = Profile::measured(rows).unwrap_err().to_string();
+            let why = SurfaceProfile::measured(rows).unwrap_err().to_string();
             assert!(why.contains(part), "{rows:?}: {why}");
         }
     }

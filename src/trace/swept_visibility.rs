@@ -140,7 +140,7 @@ fn wrapped(index: usize, shift: i64, n: usize) -> usize {
 #[must_use]
 pub fn is_free(field: &HeightField, i: usize, j: usize, upper: bool, side: Side, k: &V3) -> bool {
     // Compiled for each vector instruction set; the bits are the same with all of them.
-    field.arch().dispatch(Look {
+    field.arch().dispatch(VisibilityTest {
         field,
         i,
         j,
@@ -152,7 +152,7 @@ pub fn is_free(field: &HeightField, i: usize, j: usize, upper: bool, side: Side,
 
 /// The arguments of one test. A type instead of a closure, because a closure of this size is not
 /// inlined and would not be compiled for the wider instructions.
-struct Look<'a> {
+struct VisibilityTest<'a> {
     field: &'a HeightField,
     i: usize,
     j: usize,
@@ -161,25 +161,25 @@ struct Look<'a> {
     k: &'a V3,
 }
 
-impl pulp::WithSimd for Look<'_> {
+impl pulp::WithSimd for VisibilityTest<'_> {
     type Output = bool;
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) -> bool {
-        looked_at(self)
+        all_is_free(self)
     }
 }
 
 #[inline(always)]
-fn looked_at(look: Look<'_>) -> bool {
-    let Look {
+fn all_is_free(test: VisibilityTest<'_>) -> bool {
+    let VisibilityTest {
         field,
         i,
         j,
         upper,
         side,
         k,
-    } = look;
+    } = test;
     let sign = side.sign();
     let (cell_x, cell_y) = field.cell_size();
     let (nx, ny) = field.cells();
@@ -262,7 +262,7 @@ fn looked_at(look: Look<'_>) -> bool {
             (row, column)
         }
     };
-    let escape = field.escape(side).towards(k);
+    let horizon = field.horizon(side).towards(k);
     let mut step = 0;
     while step < COLUMNS_MAX {
         let column = step * forward;
@@ -287,7 +287,7 @@ fn looked_at(look: Look<'_>) -> bool {
                     for row in from..=to {
                         let (cx, cy) = place(column, row);
                         let cell = wrapped(i, cx, nx) * ny + wrapped(j, cy, ny);
-                        clear &= escape.clears(cell, lowest_here);
+                        clear &= horizon.clears(cell, lowest_here);
                     }
                     if clear {
                         return true;
@@ -303,14 +303,14 @@ fn looked_at(look: Look<'_>) -> bool {
         for row in from..=to {
             let (cx, cy) = place(column, row);
             let cell = wrapped(i, cx, nx) * ny + wrapped(j, cy, ny);
-            under &= escape.outermost(cell) <= lowest_here;
-            clear &= escape.clears(cell, lowest_here);
+            under &= horizon.outermost(cell) <= lowest_here;
+            clear &= horizon.clears(cell, lowest_here);
         }
         if !under {
             for row in from..=to {
                 let (cx, cy) = place(column, row);
                 let (wi, wj) = (wrapped(i, cx, nx), wrapped(j, cy, ny));
-                if step > 0 && escape.outermost(wi * ny + wj) <= lowest_here {
+                if step > 0 && horizon.outermost(wi * ny + wj) <= lowest_here {
                     continue;
                 }
                 let h = field.corner_heights(wi, wj).map(|h| sign * h);
@@ -399,7 +399,7 @@ fn floor(x: f64) -> i64 {
 mod tests {
     use super::super::beckmann::beckmann;
     use super::super::height_field::Flight;
-    use super::super::rng::{Purpose, Stream};
+    use super::super::rng::{Purpose, RandomStream};
     use super::super::vec3::{dot, unit};
     use super::*;
 
@@ -425,7 +425,7 @@ mod tests {
     #[test]
     fn every_ray_of_free_light_is_free_and_free_light_is_rarely_missed() {
         let field = beckmann(64, 0.5, 0.35, 3);
-        let mut random = Stream::new(5, Purpose::Photon, 0);
+        let mut random = RandomStream::new(5, Purpose::Photon, 0);
         let (mut found, mut missed, mut blocked) = (0, 0, 0);
         for _ in 0..4000 {
             let (i, j, upper) = (random.below(64), random.below(64), random.bits() & 1 == 0);

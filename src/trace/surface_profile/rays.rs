@@ -2,7 +2,7 @@
 
 use super::super::height_field::Side;
 use super::super::vec3::V3;
-use super::{Piece, Profile};
+use super::{Piece, SurfaceProfile};
 
 /// A point of the profile.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,7 +29,7 @@ pub enum ProfileFlight {
 /// Number of pieces that a ray crosses before it is given up.
 const PIECES_MAX: usize = 100_000;
 
-impl Profile {
+impl SurfaceProfile {
     /// A ray from far away on one side that crosses the outermost level at the fraction `at` of the
     /// period. The number of pieces that it crosses is added to `crossed`.
     #[must_use]
@@ -211,7 +211,7 @@ mod tests {
         // The exact visibility g(a) = 1 − tan θr max(0, tan(a − θr)): the fraction of the facet
         // from which a ray at the projected angle a is free.
         let theta = 15f64.to_radians();
-        let profile = Profile::sawtooth(theta, 1.0, 0.0).unwrap();
+        let profile = SurfaceProfile::sawtooth(theta, 1.0, 0.0).unwrap();
         let facet = profile.pieces()[0];
         let steps = 20_000;
         for degrees in [-80.0f64, -40.0, 10.0, 40.0, 70.0, 85.0] {
@@ -244,7 +244,7 @@ mod tests {
     #[test]
     fn rays_hit_a_rounded_edge_at_the_point_of_its_circle_with_the_same_normal() {
         let (theta, round) = (15f64.to_radians(), 0.8);
-        let profile = Profile::sawtooth(theta, 10.0, round).unwrap();
+        let profile = SurfaceProfile::sawtooth(theta, 10.0, round).unwrap();
         let (sin, cos) = theta.sin_cos();
         let (down, up, foot) = ((cos, -sin), (sin, cos), (10.0 * cos, -10.0 * sin));
         // Crest and valley: both centres are on the side of the piece between their edges.
@@ -291,7 +291,7 @@ mod tests {
 
     #[test]
     fn every_ray_from_outside_hits_and_none_passes_through_a_crest() {
-        let profile = Profile::sawtooth(0.2, 1.0, 0.0).unwrap();
+        let profile = SurfaceProfile::sawtooth(0.2, 1.0, 0.0).unwrap();
         for n in 0..=1000 {
             let at = f64::from(n) / 1000.0;
             for v in [-1.0, -0.1, 0.0, 0.1, 1.0] {

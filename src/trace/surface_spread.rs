@@ -6,9 +6,9 @@
 
 use serde::Serialize;
 
-use super::run::{self, Follow, Progress, Shard};
-use super::scene::{Prepared, Scene};
-use super::tally::{Estimate, Totals};
+use super::run::{self, Follow, Shard, TraceProgress};
+use super::scene::{PreparedScene, Scene};
+use super::tally::{MonteCarloEstimate, Totals};
 
 /// A fraction of the light over several surfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -25,7 +25,7 @@ pub struct Between {
 
 impl Between {
     /// From one estimate per surface; at least two.
-    fn of(each: &[Estimate]) -> Self {
+    fn of(each: &[MonteCarloEstimate]) -> Self {
         let n = each.len() as f64;
         let value = each.iter().map(|x| x.value).sum::<f64>() / n;
         let square: f64 = each.iter().map(|x| (x.value - value).powi(2)).sum();
@@ -68,7 +68,7 @@ pub fn over_surfaces<E>(
     scene: &Scene,
     own: &Totals,
     count: usize,
-    prepare: &dyn Fn(&Scene) -> Result<Prepared, E>,
+    prepare: &dyn Fn(&Scene) -> Result<PreparedScene, E>,
     go_on: &(dyn Fn(usize) -> bool + Sync),
 ) -> Result<Option<Surfaces>, E> {
     let mut each = vec![own.energies()];
@@ -77,7 +77,7 @@ pub fn over_surfaces<E>(
             break;
         }
         let prepared = prepare(&scene.redrawn(n as u64))?;
-        let proceed = |_: &Progress| go_on(n);
+        let proceed = |_: &TraceProgress| go_on(n);
         let (photons, all) = (own.photons(), Shard::WHOLE);
         let totals = run::trace_photons(&prepared, Follow::Scene, photons, all, &proceed);
         // A surface with few photons would count as much as one with many.
@@ -89,8 +89,8 @@ pub fn over_surfaces<E>(
     if each.len() < 2 {
         return Ok(None);
     }
-    let of = |part: &dyn Fn(usize) -> Estimate| {
-        let all: Vec<Estimate> = (0..each.len()).map(part).collect();
+    let of = |part: &dyn Fn(usize) -> MonteCarloEstimate| {
+        let all: Vec<MonteCarloEstimate> = (0..each.len()).map(part).collect();
         Between::of(&all)
     };
     Ok(Some(Surfaces {
@@ -109,10 +109,10 @@ mod tests {
 
     #[test]
     fn the_errors_of_photons_and_surfaces_are_separated() {
-        let alike = |value: f64| Estimate { value, std: 0.1 };
+        let alike = |value: f64| MonteCarloEstimate { value, std: 0.1 };
         let b = Between::of(&[alike(1.0), alike(1.0), alike(1.0), alike(1.0)]);
         assert_eq!((b.std_between_surfaces, b.std), (0.0, 0.05));
-        let sure = |value: f64| Estimate { value, std: 0.0 };
+        let sure = |value: f64| MonteCarloEstimate { value, std: 0.0 };
         let b = Between::of(&[sure(1.0), sure(3.0)]);
         assert_eq!((b.value, b.std_by_sampling), (2.0, 0.0));
         assert!(

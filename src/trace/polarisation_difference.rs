@@ -10,12 +10,12 @@
 
 use serde::Serialize;
 
-use super::grid::Grid;
+use super::grid::DirectionGrid;
 use super::height_field::Side;
 use super::paired::{DIFFERENCE, SCALAR};
 use super::plane;
-use super::rng::{Purpose, Stream};
-use super::tally::{Estimate, Totals};
+use super::rng::{Purpose, RandomStream};
+use super::tally::{MonteCarloEstimate, Totals};
 
 /// The wavelengths of Wang et al. 2017, nm.
 pub const WAVELENGTHS_NM: [f64; 8] = [380.0, 420.0, 460.0, 500.0, 540.0, 580.0, 620.0, 660.0];
@@ -27,13 +27,13 @@ pub const WAVELENGTHS_NM: [f64; 8] = [380.0, 420.0, 460.0, 500.0, 540.0, 580.0, 
 pub fn seed_at(run_seed: u64, wavelength: usize) -> u64 {
     match wavelength {
         0 => run_seed,
-        _ => Stream::new(run_seed, Purpose::Batch, wavelength as u64).bits(),
+        _ => RandomStream::new(run_seed, Purpose::Batch, wavelength as u64).bits(),
     }
 }
 
 /// The directions that count.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Mask {
+pub struct DirectionMask {
     /// Directions darker than the mean of the lit ones divided by this are left out.
     pub divisor: f64,
     /// Directions whose relative difference has a larger standard error are left out.
@@ -44,10 +44,10 @@ pub struct Mask {
 /// has none, and d = 0 ± 0 before any other light arrived is not a result.
 const DIFFERING_MIN: u32 = 5;
 
-impl Default for Mask {
+impl Default for DirectionMask {
     /// The mean divided by 10, as Wang et al. 2017 use it for dielectrics, and 2 %.
     fn default() -> Self {
-        Mask {
+        DirectionMask {
             divisor: 10.0,
             error_max: 0.02,
         }
@@ -56,7 +56,7 @@ impl Default for Mask {
 
 /// The relative difference in one direction.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Direction {
+pub struct DirectionDifference {
     /// Bin of the upper side.
     #[serde(skip)]
     pub bin: usize,
@@ -78,11 +78,11 @@ pub struct Direction {
 
 /// All directions that count.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Difference {
+pub struct PolarisationDifference {
     /// The bins.
-    pub grid: Grid,
+    pub grid: DirectionGrid,
     /// Directions that count, in the order of the bins.
-    pub directions: Vec<Direction>,
+    pub directions: Vec<DirectionDifference>,
     /// Number of lit directions left out as too dark.
     pub too_dark: usize,
     /// Number of directions left out as unresolved.
@@ -91,7 +91,7 @@ pub struct Difference {
 
 /// Statistics of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Summary {
+pub struct DifferenceSummary {
     /// Largest value.
     pub greatest: f64,
     /// 99th percentile over the directions.
@@ -100,11 +100,11 @@ pub struct Summary {
     pub mean: f64,
 }
 
-impl Difference {
+impl PolarisationDifference {
     /// Computes the difference from runs of one scene at one or more wavelengths, independent of
     /// each other ([`seed_at`]); `None` if the runs do not match or were not paired.
     #[must_use]
-    pub fn of(runs: &[Totals], mask: &Mask) -> Option<Difference> {
+    pub fn of(runs: &[Totals], mask: &DirectionMask) -> Option<PolarisationDifference> {
         let grid = runs.first()?.grid();
         if runs
             .iter()
@@ -139,13 +139,13 @@ impl Difference {
                 too_dark += 1;
                 continue;
             }
-            let of: Vec<Estimate> = runs.iter().map(|r| relative(r, bin)).collect();
+            let of: Vec<MonteCarloEstimate> = runs.iter().map(|r| relative(r, bin)).collect();
             let n = of.len() as f64;
             let std = of.iter().map(|d| d.std * d.std).sum::<f64>().sqrt() / n;
             // A bin reached by a single photon has no usable error.
             if met(bin) && of.iter().all(|d| d.std <= mask.error_max) {
                 let [t0, t1, p0, p1] = grid.limits_deg(bin);
-                directions.push(Direction {
+                directions.push(DirectionDifference {
                     bin,
                     theta_deg: 0.5 * (t0 + t1),
                     phi_deg: 0.5 * (p0 + p1),
@@ -159,7 +159,7 @@ impl Difference {
                 not_settled += 1;
             }
         }
-        Some(Difference {
+        Some(PolarisationDifference {
             grid,
             directions,
             too_dark,
@@ -169,19 +169,19 @@ impl Difference {
 
     /// Statistics of the ADM map; `None` if no direction counts.
     #[must_use]
-    pub fn adm(&self) -> Option<Summary> {
+    pub fn adm(&self) -> Option<DifferenceSummary> {
         summary(self.directions.iter().map(|d| d.adm).collect())
     }
 
     /// Statistics of the MDM map; `None` if no direction counts.
     #[must_use]
-    pub fn mdm(&self) -> Option<Summary> {
+    pub fn mdm(&self) -> Option<DifferenceSummary> {
         summary(self.directions.iter().map(|d| d.mdm).collect())
     }
 
     /// The direction with the largest scalar error.
     #[must_use]
-    pub fn worst(&self) -> Option<&Direction> {
+    pub fn worst(&self) -> Option<&DirectionDifference> {
         self.directions
             .iter()
             .max_by(|a, b| a.adm.total_cmp(&b.adm))
@@ -194,11 +194,11 @@ pub struct LobePoint {
     /// Angle of reflection, degrees; positive on the side of the mirror direction.
     pub theta_s_deg: f64,
     /// BRDF for unpolarised light, sr⁻¹.
-    pub polarised: Estimate,
+    pub polarised: MonteCarloEstimate,
     /// The same computed without polarisation, sr⁻¹.
-    pub scalar: Estimate,
+    pub scalar: MonteCarloEstimate,
     /// The first minus the second, sr⁻¹; more accurate than either.
-    pub difference: Estimate,
+    pub difference: MonteCarloEstimate,
 }
 
 /// The plane of incidence of a paired run with the lamp at the azimuth `phi_i_deg`. `None` for
@@ -208,7 +208,7 @@ pub fn lobe(totals: &Totals, phi_i_deg: f64) -> Option<Vec<LobePoint>> {
     if totals.elements() <= DIFFERENCE {
         return None;
     }
-    let point = |at: plane::Direction| LobePoint {
+    let point = |at: plane::PlaneDirection| LobePoint {
         theta_s_deg: at.theta_s_deg,
         polarised: at.numbers[0],
         scalar: at.numbers[SCALAR],
@@ -219,20 +219,20 @@ pub fn lobe(totals: &Totals, phi_i_deg: f64) -> Option<Vec<LobePoint>> {
 }
 
 /// d of a bin.
-fn relative(run: &Totals, bin: usize) -> Estimate {
+fn relative(run: &Totals, bin: usize) -> MonteCarloEstimate {
     let scalar = run.element(Side::Above, bin, SCALAR).value;
     let difference = run.element(Side::Above, bin, DIFFERENCE);
-    Estimate {
+    MonteCarloEstimate {
         value: difference.value / scalar,
         std: difference.std / scalar,
     }
 }
 
-fn summary(mut values: Vec<f64>) -> Option<Summary> {
+fn summary(mut values: Vec<f64>) -> Option<DifferenceSummary> {
     values.sort_by(f64::total_cmp);
     let greatest = *values.last()?;
     let at = (values.len() * 99).div_ceil(100) - 1;
-    Some(Summary {
+    Some(DifferenceSummary {
         greatest,
         percentile_99: values[at],
         mean: values.iter().sum::<f64>() / values.len() as f64,
@@ -241,8 +241,8 @@ fn summary(mut values: Vec<f64>) -> Option<Summary> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::run::{self, Ending, Follow, Shard};
-    use super::super::scene::Prepared;
+    use super::super::run::{self, Follow, Shard, StopPolicy};
+    use super::super::scene::PreparedScene;
     use super::super::scene::Scene;
     use super::*;
     use crate::model::flat_stack::FlatStack;
@@ -253,18 +253,20 @@ mod tests {
         );
         let scene = Scene::parse(&text).unwrap();
         let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
-        both_ways(&prepared.with_grid(Grid::disc(16)))
+        both_ways(&prepared.with_grid(DirectionGrid::disc(16)))
     }
 
-    fn both_ways(prepared: &Prepared) -> Totals {
-        run::trace_following(prepared, Follow::Both, Ending::AtLast, &|_| true)
+    fn both_ways(prepared: &PreparedScene) -> Totals {
+        run::trace_following(prepared, Follow::Both, StopPolicy::AtLast, &|_| true)
     }
 
     #[test]
     fn flat_layers_differ_as_in_the_exact_recursion() {
         let layers = "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n\
                       [[interface]]\nshape = \"flat\"\nbelow = { n = 2.4 }";
-        let difference = Difference::of(&[traced(65.0, layers, 60_000)], &Mask::default()).unwrap();
+        let difference =
+            PolarisationDifference::of(&[traced(65.0, layers, 60_000)], &DirectionMask::default())
+                .unwrap();
         let [only] = difference.directions[..] else {
             panic!("a mirror reflects in one direction")
         };
@@ -287,12 +289,12 @@ mod tests {
         // receive light only from the glass.
         let layers = "[[interface]]\nshape = \"smith\"\nalpha_u = 0.3\nalpha_v = 0.3\nbelow = { n = 1.5 }\n\
                       [[interface]]\nshape = \"smith\"\nalpha_u = 0.3\nalpha_v = 0.3\nbelow = { n = 1.49 }";
-        let wide = Mask {
+        let wide = DirectionMask {
             divisor: 1e3,
             error_max: 0.02,
         };
         let run = traced(65.0, layers, 2_000);
-        let difference = Difference::of(std::slice::from_ref(&run), &wide).unwrap();
+        let difference = PolarisationDifference::of(std::slice::from_ref(&run), &wide).unwrap();
         let unmet = |bin: usize| run.differing(bin).unwrap() < DIFFERING_MIN;
         let lit = (0..256).filter(|bin| !run.is_empty(Side::Above, *bin));
         assert!(lit.filter(|bin| unmet(*bin)).count() > 10);
@@ -302,7 +304,9 @@ mod tests {
         let facet = layers.split_once("\n[[").unwrap().0;
         let alone = traced(65.0, facet, 2_000);
         assert_eq!(alone.differing(0), None);
-        let settled = Difference::of(&[alone], &wide).unwrap().directions;
+        let settled = PolarisationDifference::of(&[alone], &wide)
+            .unwrap()
+            .directions;
         assert!(!settled.is_empty());
     }
 
@@ -313,21 +317,21 @@ mod tests {
                     below = { n = 1.5 }\n[[interface]]\nshape = \"smith\"\nalpha_u = 0.3\nalpha_v = 0.3\n\
                     below = { n = 2.4 }\n[run]\nphotons = 30000\n";
         let prepared = Scene::parse(text).unwrap().prepare(&|_| Err(String::new()));
-        let prepared = prepared.unwrap().with_grid(Grid::disc(8));
-        let mask = Mask {
+        let prepared = prepared.unwrap().with_grid(DirectionGrid::disc(8));
+        let mask = DirectionMask {
             divisor: 100.0,
             error_max: 0.3,
         };
-        let maps: Vec<Difference> = (1..=SEEDS)
+        let maps: Vec<PolarisationDifference> = (1..=SEEDS)
             .map(|seed| {
                 let at = |n| both_ways(&prepared.clone().with_seed(seed_at(seed, n)));
-                Difference::of(&[0, 1, 2, 3].map(at), &mask).unwrap()
+                PolarisationDifference::of(&[0, 1, 2, 3].map(at), &mask).unwrap()
             })
             .collect();
         let (mut sum, mut count) = (0.0, 0);
         for bin in 0..64 {
             let of = maps.iter().flat_map(|m| &m.directions);
-            let of: Vec<&Direction> = of.filter(|d| d.bin == bin).collect();
+            let of: Vec<&DirectionDifference> = of.filter(|d| d.bin == bin).collect();
             if of.len() < maps.len() {
                 continue;
             }
@@ -365,7 +369,9 @@ mod tests {
     fn one_reflection_of_unpolarised_light_needs_no_polarisation() {
         let facet = "[[interface]]\nshape = \"beckmann\"\nalpha_u = 0.05\nalpha_v = 0.05\n\
                      cells = 64\nbelow = \"Au\"";
-        let difference = Difference::of(&[traced(20.0, facet, 20_000)], &Mask::default()).unwrap();
+        let difference =
+            PolarisationDifference::of(&[traced(20.0, facet, 20_000)], &DirectionMask::default())
+                .unwrap();
         assert!(difference.adm().unwrap().greatest < 1e-12);
         assert!(!difference.directions.is_empty());
     }

@@ -13,24 +13,25 @@
 //! With [`Method::Split`] such light needs no photons: it is counted once, and photons start only
 //! where the result depends on sampling.
 
+mod analysis;
+
 use std::marker::PhantomData;
-use std::ops::Range;
+
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
-use super::beam;
-use super::facets::{self, Facets, Question};
-use super::first_hit::{Facet, Incidence};
-use super::grid::{Finder, Grid};
-use super::height_field::{Flight, HeightField, Side, Spot};
-use super::light::Light;
-use super::rng::Stream;
-use super::surface::{Place, Relief};
-use super::tally::{Batch, Known};
+use super::facet_response::{FacetResponse, Incidence};
+use super::grid::{BinFinder, DirectionGrid};
+use super::height_field::{FieldSpot, Flight, HeightField, Side};
+use super::light::PhotonState;
+use super::rng::RandomStream;
+use super::surface::{Relief, ReliefPoint};
+use super::tally::{AnalyticPart, TallyBatch};
 use super::vec3::{V3, scaled, unit};
 use super::walk::{Method, Waiting, Walk};
+use analysis::{Cells, TriangleAnalysis};
 
 /// A triangle on which photons start.
 #[derive(Debug, Clone, Copy)]
@@ -56,19 +57,19 @@ enum Fate {
 
 /// The starts of photons on a field for one direction of light.
 #[derive(Debug)]
-pub struct FirstHits<'a> {
+pub struct PrimaryHits<'a> {
     field: &'a HeightField,
-    bins: Finder,
+    bins: BinFinder,
     to_lamp: V3,
     /// Whether facets are mirrors: a triangle then sends all light in the same directions.
     smooth: bool,
     starts: Vec<Start>,
     /// Responses of the starts, if photons take one branch each and are numerous enough.
-    facets: Vec<Facet>,
+    facets: Vec<FacetResponse>,
     /// Cumulative projected areas of the starts, in cells.
     until: Vec<f64>,
     /// The part of the result that needs no photons, per photon of the whole run.
-    pub known: Known,
+    pub known: AnalyticPart,
 }
 
 /// The analysis of the triangles was stopped.
@@ -87,16 +88,16 @@ const WORTH_KEEPING: u64 = 2;
 /// Largest number of stored responses (200 bytes each).
 const KEPT_MAX: usize = 1 << 20;
 
-impl<'a> FirstHits<'a> {
+impl<'a> PrimaryHits<'a> {
     /// Analyses all triangles of the first interface for a run with this number of photons; `None`
     /// if it is not a height field, or if the light is so grazing that most starts would be in the
     /// shadow. `go_on` is called from time to time, from any thread, with the finished fraction.
     ///
     /// # Errors
     /// [`Stopped`] if `go_on` returned false.
-    pub fn new<L: Light>(
+    pub fn new<L: PhotonState>(
         walk: &'a Walk<'a>,
-        grid: Grid,
+        grid: DirectionGrid,
         photons: u64,
         go_on: &(dyn Fn(f64) -> bool + Sync),
     ) -> Result<Option<Self>, Stopped> {
@@ -106,7 +107,7 @@ impl<'a> FirstHits<'a> {
         };
         let (nx, ny) = field.cells();
         let cells = nx * ny;
-        let look = Look {
+        let analysis = TriangleAnalysis {
             walk,
             field,
             bins: grid.finder(),
@@ -116,12 +117,12 @@ impl<'a> FirstHits<'a> {
             absorbs: interface.from_above.is_metal(),
             thorough: walk.method == Method::Split || photons / WORTH_A_LOOK >= 2 * cells as u64,
         };
-        let known = Mutex::new(Known::new(grid, L::ELEMENTS));
+        let known = Mutex::new(AnalyticPart::new(grid, L::ELEMENTS));
         let done = AtomicUsize::new(0);
         let chunks: Result<Vec<Vec<(Start, f64)>>, Stopped> = (0..cells.div_ceil(CHUNK))
             .into_par_iter()
             .map_init(
-                || Batch::new::<L>(grid),
+                || TallyBatch::new::<L>(grid),
                 |batch, chunk| {
                     let mut starts = Vec::with_capacity(2 * CHUNK);
                     for first in (chunk * CHUNK..((chunk + 1) * CHUNK).min(cells)).step_by(ASKED) {
@@ -132,7 +133,7 @@ impl<'a> FirstHits<'a> {
                         // Compiled for each vector instruction set; the bits are the same with all
                         // of them.
                         field.arch().dispatch(Cells {
-                            look: &look,
+                            analysis: &analysis,
                             cells: first..(first + ASKED).min(cells),
                             batch,
                             starts: &mut starts,
@@ -161,30 +162,30 @@ impl<'a> FirstHits<'a> {
         if area > 4.0 * cells as f64 {
             return Ok(None);
         }
-        let mut first_hits = FirstHits {
+        let mut primary_hits = PrimaryHits {
             field,
-            bins: look.bins,
-            to_lamp: look.to_lamp,
-            smooth: look.smooth,
+            bins: analysis.bins,
+            to_lamp: analysis.to_lamp,
+            smooth: analysis.smooth,
             starts,
             facets: Vec::new(),
             until,
             known: known.into_inner().expect("no thread panics while it adds"),
         };
-        let expected = (photons as f64 * first_hits.share()) as u64;
+        let expected = (photons as f64 * primary_hits.share()) as u64;
         let worth_it = count <= KEPT_MAX && expected / WORTH_KEEPING >= count as u64;
-        if look.smooth && walk.method == Method::Analog && worth_it {
-            first_hits.facets = first_hits
+        if analysis.smooth && walk.method == Method::Analog && worth_it {
+            primary_hits.facets = primary_hits
                 .starts
                 .par_iter()
                 .map(|start| {
-                    first_hits
+                    primary_hits
                         .incidence::<L>(walk, start)
-                        .facet::<L>(&first_hits.bins)
+                        .facet::<L>(&primary_hits.bins)
                 })
                 .collect();
         }
-        Ok(Some(first_hits))
+        Ok(Some(primary_hits))
     }
 
     /// Fraction of the light that is sampled (slightly more if starts are in the shadow).
@@ -199,14 +200,14 @@ impl<'a> FirstHits<'a> {
     /// better, but a batch would then have two degrees of freedom, and batches that coincide by
     /// chance spoil the errors of all bins at once.) `stream` gives each start its random numbers;
     /// `go_on` is called before each. Returns `false` if it was stopped.
-    pub fn batch<L: Light>(
+    pub fn batch<L: PhotonState>(
         &self,
         walk: &Walk<'_>,
         photons: u64,
-        stream: impl Fn(u64) -> Stream,
+        stream: impl Fn(u64) -> RandomStream,
         go_on: impl Fn(u64) -> bool,
         waiting: &mut Waiting<L>,
-        batch: &mut Batch,
+        batch: &mut TallyBatch,
     ) -> bool {
         let Some(&end) = self.until.last() else {
             return true;
@@ -225,7 +226,7 @@ impl<'a> FirstHits<'a> {
             }
             at = first_beyond(&self.until, at, position);
             let start = &self.starts[at];
-            let place = |random: &mut Stream| {
+            let place = |random: &mut RandomStream| {
                 let before = if at == 0 { 0.0 } else { self.until[at - 1] };
                 let along = ((position - before) / (self.until[at] - before)).clamp(0.0, 1.0);
                 self.spot(start, along, random.uniform())
@@ -242,7 +243,7 @@ impl<'a> FirstHits<'a> {
                 continue;
             }
             if !self.smooth {
-                walk.photon_at(Place::Field(spot), &mut random, waiting, batch);
+                walk.photon_at(ReliefPoint::Field(spot), &mut random, waiting, batch);
             } else if walk.method == Method::Analog {
                 self.one_way(walk, at, |_| spot, &mut random, waiting, batch);
             } else {
@@ -254,12 +255,12 @@ impl<'a> FirstHits<'a> {
 
     /// The response of a triangle: from the table, or computed into `room`.
     #[inline(always)]
-    fn facet_at<'r, L: Light>(
+    fn facet_at<'r, L: PhotonState>(
         &'r self,
         walk: &Walk<'_>,
         at: usize,
-        room: &'r mut Option<Facet>,
-    ) -> &'r Facet {
+        room: &'r mut Option<FacetResponse>,
+    ) -> &'r FacetResponse {
         match self.facets.get(at) {
             Some(facet) => facet,
             None => room.insert(
@@ -272,14 +273,14 @@ impl<'a> FirstHits<'a> {
     /// A photon that is reflected, refracted or absorbed; its position on the triangle is computed
     /// only if needed.
     #[inline(always)]
-    fn one_way<L: Light>(
+    fn one_way<L: PhotonState>(
         &self,
         walk: &Walk<'_>,
         at: usize,
-        place: impl FnOnce(&mut Stream) -> Spot,
-        random: &mut Stream,
+        place: impl FnOnce(&mut RandomStream) -> FieldSpot,
+        random: &mut RandomStream,
         waiting: &mut Waiting<L>,
-        batch: &mut Batch,
+        batch: &mut TallyBatch,
     ) {
         let start = &self.starts[at];
         let mut computed = None;
@@ -306,14 +307,14 @@ impl<'a> FirstHits<'a> {
     }
 
     /// A photon whose two branches are both followed if they are open.
-    fn both_ways<L: Light>(
+    fn both_ways<L: PhotonState>(
         &self,
         walk: &Walk<'_>,
         at: usize,
-        spot: &Spot,
-        random: &mut Stream,
+        spot: &FieldSpot,
+        random: &mut RandomStream,
         waiting: &mut Waiting<L>,
-        batch: &mut Batch,
+        batch: &mut TallyBatch,
     ) {
         let start = &self.starts[at];
         let incidence = self.incidence::<L>(walk, start);
@@ -343,24 +344,32 @@ impl<'a> FirstHits<'a> {
 
     /// Follows light from its start.
     #[expect(clippy::too_many_arguments, reason = "a photon's state and its tools")]
-    fn follow<L: Light>(
+    fn follow<L: PhotonState>(
         &self,
         walk: &Walk<'_>,
         light: L,
         k: V3,
         side: Side,
-        spot: Spot,
-        random: &mut Stream,
+        spot: FieldSpot,
+        random: &mut RandomStream,
         waiting: &mut Waiting<L>,
-        batch: &mut Batch,
+        batch: &mut TallyBatch,
     ) {
         // The reflection is negligible (index 1, or exactly Brewster's angle).
         if light.weight() > f64::MIN_POSITIVE {
-            walk.go_on(light, k, side, Place::Field(spot), random, waiting, batch);
+            walk.go_on(
+                light,
+                k,
+                side,
+                ReliefPoint::Field(spot),
+                random,
+                waiting,
+                batch,
+            );
         }
     }
 
-    fn incidence<'b, L: Light>(&self, walk: &'b Walk<'b>, start: &Start) -> Incidence<'b> {
+    fn incidence<'b, L: PhotonState>(&self, walk: &'b Walk<'b>, start: &Start) -> Incidence<'b> {
         let (_, ny) = self.field.cells();
         let cell = start.cell as usize;
         let (sx, sy) = self.field.slopes(cell / ny, cell % ny, start.upper);
@@ -368,7 +377,7 @@ impl<'a> FirstHits<'a> {
     }
 
     /// A uniformly distributed point of a triangle from two numbers in [0, 1].
-    fn spot(&self, start: &Start, a: f64, b: f64) -> Spot {
+    fn spot(&self, start: &Start, a: f64, b: f64) -> FieldSpot {
         let (_, ny) = self.field.cells();
         let r = a.sqrt();
         // Barycentric (1 − r, r(1 − b), r b) on the corners (0,0), (1,1), and (1,0) or (0,1).
@@ -399,137 +408,5 @@ fn first_beyond(sums: &[f64], at: usize, position: f64) -> usize {
             return below + 1 + sums[below + 1..next].partition_point(|s| *s <= position);
         }
         (below, step) = (next, 2 * step);
-    }
-}
-
-/// The analysis of every triangle.
-struct Look<'a> {
-    walk: &'a Walk<'a>,
-    field: &'a HeightField,
-    bins: Finder,
-    to_lamp: V3,
-    single: bool,
-    smooth: bool,
-    /// Whether the light that is not reflected is absorbed.
-    absorbs: bool,
-    /// Whether it is worth finding more free light than the horizon slopes do.
-    thorough: bool,
-}
-
-/// Some cells to analyse. A type instead of a closure, because a closure of this size is not
-/// inlined and would not be compiled for the wider instructions.
-struct Cells<'a, L> {
-    look: &'a Look<'a>,
-    cells: Range<usize>,
-    batch: &'a mut Batch,
-    starts: &'a mut Vec<(Start, f64)>,
-    light: PhantomData<L>,
-}
-
-impl<L: Light> pulp::WithSimd for Cells<'_, L> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, simd: S) {
-        let question = Question {
-            walk: self.look.walk,
-            field: self.look.field,
-            smooth: self.look.smooth,
-            counts: self.look.walk.method == Method::Split,
-        };
-        let mut both = [Facets::ROOM; 2];
-        for first in self.cells.clone().step_by(facets::CELLS) {
-            Facets::of::<L, S>(simd, &mut both, question, first);
-            for lane in 0..facets::CELLS.min(self.cells.end - first) {
-                for (upper, facets) in [(false, &both[0]), (true, &both[1])] {
-                    let start = self
-                        .look
-                        .at::<L>(first + lane, upper, facets, lane, self.batch);
-                    if let Some(start) = start {
-                        self.starts.push(start);
-                    }
-                }
-            }
-        }
-    }
-}
-
-impl Look<'_> {
-    /// A triangle as a start, and its area projected along the light divided by its horizontal
-    /// cell's area; `None` if it faces away or nothing of it is sampled. The known part of its
-    /// light is counted.
-    #[inline(always)]
-    fn at<L: Light>(
-        &self,
-        cell: usize,
-        upper: bool,
-        facets: &Facets,
-        lane: usize,
-        batch: &mut Batch,
-    ) -> Option<(Start, f64)> {
-        let (nx, ny) = self.field.cells();
-        let facing = facets.facing(lane);
-        if facing <= 0.0 {
-            return None;
-        }
-        let (i, j) = (cell / ny, cell % ny);
-        let lit = self.is_free(i, j, upper, Side::Above, &self.to_lamp, self.thorough);
-        // A triangle that is not completely lit needs photons in any case; split photons then
-        // follow both branches.
-        let thorough = self.thorough && (lit || self.walk.method == Method::Analog);
-        let free = |side: Side, k: &V3| self.is_free(i, j, upper, side, k, thorough);
-        let mut start = Start {
-            cell: cell as u32,
-            upper,
-            lit,
-            reflected: Fate::Open,
-            refracted: Fate::Open,
-        };
-        if !self.smooth {
-            return Some((start, facing));
-        }
-        let away = facets.direction(Side::Above, lane);
-        if away[2] > 0.0 && free(Side::Above, &away) {
-            start.reflected = Fate::Free;
-        }
-        // No light is refracted into a metal or under total reflection.
-        let into = facets.direction(Side::Below, lane);
-        if !facets.enters(lane) {
-            start.refracted = Fate::Done;
-        } else if self.single && into[2] < 0.0 && free(Side::Below, &into) {
-            start.refracted = Fate::Free;
-        }
-        if start.lit && self.walk.method == Method::Split {
-            let weight = facing / (nx * ny) as f64;
-            for (side, fate) in [
-                (Side::Above, &mut start.reflected),
-                (Side::Below, &mut start.refracted),
-            ] {
-                if *fate == Fate::Free {
-                    let power = facets.power(side, lane);
-                    let bin = facets.bin(side, lane, &self.bins);
-                    batch.count_numbers::<L>(facets.numbers(side, lane), power, bin, side);
-                    *fate = Fate::Done;
-                    if self.absorbs {
-                        batch.absorb(weight - power);
-                    }
-                }
-            }
-            if start.reflected == Fate::Done && start.refracted == Fate::Done {
-                return None;
-            }
-        }
-        Some((start, facing))
-    }
-
-    /// By the cell's horizon slope, or if worthwhile by a test of everything in the light's way.
-    #[inline(always)]
-    fn is_free(&self, i: usize, j: usize, upper: bool, side: Side, k: &V3, thorough: bool) -> bool {
-        let (_, ny) = self.field.cells();
-        self.field
-            .escape(side)
-            .towards(k)
-            .clears(i * ny + j, f64::NEG_INFINITY)
-            || (thorough && beam::is_free(self.field, i, j, upper, side, k))
     }
 }

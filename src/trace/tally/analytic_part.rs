@@ -1,13 +1,13 @@
 //! The analytic part of a result: light whose path is known without sampling.
 
-use super::Batch;
+use super::TallyBatch;
 use super::energies::Energies;
-use crate::trace::exact::to_fixed;
-use crate::trace::grid::Grid;
+use crate::trace::fixed_point::to_fixed;
+use crate::trace::grid::DirectionGrid;
 
 /// Light whose path is known without sampling, per launched photon.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Known {
+pub struct AnalyticPart {
     pub(super) stride: usize,
     pub(super) bins: Vec<i128>,
     /// The bins that have any.
@@ -15,11 +15,11 @@ pub struct Known {
     pub(super) energies: Energies<i128>,
 }
 
-impl Known {
+impl AnalyticPart {
     /// Makes an empty part.
     #[must_use]
-    pub fn new(grid: Grid, elements: usize) -> Self {
-        Known {
+    pub fn new(grid: DirectionGrid, elements: usize) -> Self {
+        AnalyticPart {
             stride: elements,
             bins: vec![0; 2 * grid.per_side() * elements],
             lit: vec![false; 2 * grid.per_side()],
@@ -28,7 +28,7 @@ impl Known {
     }
 
     /// Adds the counts of a batch and clears it. The order does not matter.
-    pub fn take(&mut self, batch: &mut Batch) {
+    pub fn take(&mut self, batch: &mut TallyBatch) {
         for &bin in &batch.touched {
             let bin = bin as usize;
             self.lit[bin] = true;

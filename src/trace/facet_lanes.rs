@@ -9,10 +9,10 @@
 
 use pulp::Simd;
 
-use super::first_hit::GRAZING;
-use super::grid::{Bearing, Finder};
+use super::facet_response::GRAZING;
+use super::grid::{Bearing, BinFinder};
 use super::height_field::{HeightField, Side};
-use super::light::{ELEMENTS_MAX, Leaving, Light, STRAIGHT, Turn};
+use super::light::{ELEMENTS_MAX, Leaving, PhotonState, STRAIGHT, Turn};
 use super::vec3::{V3, cross, dot};
 use super::walk::Walk;
 use crate::model::lanes::Lane;
@@ -29,7 +29,7 @@ const NOTHING: Row = Row([0.0; CELLS]);
 
 /// Light that leaves some triangles towards one side.
 #[derive(Debug)]
-struct Way {
+struct LaneBranch {
     k: [Row; 3],
     tilt: Row,
     turn: Row,
@@ -37,8 +37,8 @@ struct Way {
     numbers: [Row; ELEMENTS_MAX],
 }
 
-impl Way {
-    const NONE: Way = Way {
+impl LaneBranch {
+    const NONE: LaneBranch = LaneBranch {
         k: [NOTHING; 3],
         tilt: NOTHING,
         turn: NOTHING,
@@ -53,11 +53,11 @@ impl Way {
 
 /// The lamp's light on one of the two triangles of some cells.
 #[derive(Debug)]
-pub(super) struct Facets {
+pub(super) struct FacetLanes {
     facing: Row,
     cos_refracted: Row,
-    above: Way,
-    below: Way,
+    above: LaneBranch,
+    below: LaneBranch,
 }
 
 /// The options of the computation.
@@ -71,21 +71,21 @@ pub(super) struct Question<'a> {
     pub(super) counts: bool,
 }
 
-impl Facets {
+impl FacetLanes {
     /// Uninitialised storage.
-    pub(super) const ROOM: Facets = Facets {
+    pub(super) const ROOM: FacetLanes = FacetLanes {
         facing: NOTHING,
         cos_refracted: NOTHING,
-        above: Way::NONE,
-        below: Way::NONE,
+        above: LaneBranch::NONE,
+        below: LaneBranch::NONE,
     };
 
     /// Processes the lower and the upper triangles of the cells from `first` on; beyond the last
     /// cell, the last one is repeated.
     #[inline(always)]
-    pub(super) fn of<L: Light, S: Simd>(
+    pub(super) fn of<L: PhotonState, S: Simd>(
         simd: S,
-        both: &mut [Facets; 2],
+        both: &mut [FacetLanes; 2],
         question: Question<'_>,
         first: usize,
     ) {
@@ -126,7 +126,7 @@ impl Facets {
 
     /// Processes one register of facets with these slopes, whose `facing` is known.
     #[inline(always)]
-    fn divide<L: Light, S: Simd>(
+    fn divide<L: PhotonState, S: Simd>(
         &mut self,
         simd: S,
         question: Question<'_>,
@@ -204,7 +204,7 @@ impl Facets {
         self.cos_refracted.0[lane] > 0.0
     }
 
-    fn way(&self, side: Side) -> &Way {
+    fn way(&self, side: Side) -> &LaneBranch {
         match side {
             Side::Above => &self.above,
             Side::Below => &self.below,
@@ -227,7 +227,7 @@ impl Facets {
     }
 
     /// The bin of the direction towards a side.
-    pub(super) fn bin(&self, side: Side, lane: usize, bins: &Finder) -> usize {
+    pub(super) fn bin(&self, side: Side, lane: usize, bins: &BinFinder) -> usize {
         let way = self.way(side);
         let bearing = Bearing {
             tilt: way.tilt.0[lane],
@@ -314,9 +314,9 @@ mod tests {
     use pulp::{Arch, WithSimd};
 
     use super::*;
-    use crate::trace::first_hit::Incidence;
-    use crate::trace::grid::Grid;
-    use crate::trace::light::{Polarised, Scalar};
+    use crate::trace::facet_response::Incidence;
+    use crate::trace::grid::DirectionGrid;
+    use crate::trace::light::{Polarised, ScalarState};
     use crate::trace::paired::Paired;
     use crate::trace::run::walk_of;
     use crate::trace::scene::Scene;
@@ -324,9 +324,9 @@ mod tests {
     use crate::trace::surface::Relief;
     use crate::trace::vec3::unit;
 
-    struct All<'a, L>(Question<'a>, &'a Finder, std::marker::PhantomData<L>);
+    struct All<'a, L>(Question<'a>, &'a BinFinder, std::marker::PhantomData<L>);
 
-    impl<L: Light> WithSimd for All<'_, L> {
+    impl<L: PhotonState> WithSimd for All<'_, L> {
         /// Number of facets that face the lamp.
         type Output = usize;
 
@@ -335,10 +335,10 @@ mod tests {
             let All(question, bins, _) = self;
             let Question { walk, field, .. } = question;
             let (nx, ny) = field.cells();
-            let mut both = [Facets::ROOM; 2];
+            let mut both = [FacetLanes::ROOM; 2];
             let mut seen = 0;
             for first in (0..nx * ny).step_by(CELLS) {
-                Facets::of::<L, S>(simd, &mut both, question, first);
+                FacetLanes::of::<L, S>(simd, &mut both, question, first);
                 for lane in 0..CELLS.min(nx * ny - first) {
                     let (i, j) = ((first + lane) / ny, (first + lane) % ny);
                     for (upper, facets) in [(false, &both[0]), (true, &both[1])] {
@@ -375,7 +375,7 @@ mod tests {
         }
     }
 
-    fn same_as_alone<L: Light>(below: &str, azimuth_deg: f64) {
+    fn same_as_alone<L: PhotonState>(below: &str, azimuth_deg: f64) {
         let scene = format!(
             "[light]\ntheta_i_deg = 50\nphi_i_deg = {azimuth_deg}\nstokes = [1, 0.3, -0.2, 0.4]\n\
              [[interface]]\nshape = \"beckmann\"\nalpha_u = 0.5\nalpha_v = 0.3\nseed = 3\ncells = 33\n\
@@ -395,14 +395,14 @@ mod tests {
             smooth: true,
             counts: true,
         };
-        for grid in [Grid::polar(45, 180), Grid::disc(64)] {
+        for grid in [DirectionGrid::polar(45, 180), DirectionGrid::disc(64)] {
             let bins = grid.finder();
             let all = All::<L>(question, &bins, std::marker::PhantomData);
             let seen = Arch::new().dispatch(all);
             assert!(seen > 1000, "{seen}");
             // Also with the narrowest register.
             let all = All::<L>(question, &bins, std::marker::PhantomData);
-            all.with_simd(pulp::Scalar::new());
+            all.with_simd(pulp::ScalarState::new());
         }
     }
 
@@ -413,7 +413,7 @@ mod tests {
             for azimuth_deg in [0.0, 205.0] {
                 same_as_alone::<Polarised>(below, azimuth_deg);
                 same_as_alone::<Stokes>(below, azimuth_deg);
-                same_as_alone::<Scalar>(below, azimuth_deg);
+                same_as_alone::<ScalarState>(below, azimuth_deg);
                 same_as_alone::<Paired>(below, azimuth_deg);
             }
         }
