@@ -94,7 +94,7 @@ mod tests {
     }
 
     /// Ten ridges with facets of 100 µm and `times` the heights of 10° ridges.
-    fn ridges(times: f64) -> Profile {
+    fn ridges(times: f64) -> SurfaceProfile {
         let (sin, cos) = 10f64.to_radians().sin_cos();
         let period = 100.0 / cos;
         let corners = (0..10).flat_map(|n| {

@@ -65,12 +65,12 @@ fn a_watcher_may_stop_the_tracing_and_the_results_until_then_count() {
     assert!(one.sigma.iter().all(|s| s.is_finite()) && one.error > 0.0);
     // Rounded edges reflect light elsewhere: the shape of the sample changes the result.
     let sharp = traced(&|_| true, None, &go).unwrap();
-    let round = Profile::sawtooth(0.25, 1.0, 0.05).unwrap();
+    let round = SurfaceProfile::sawtooth(0.25, 1.0, 0.05).unwrap();
     let rounded = traced(&|_| true, Some(&round), &go).unwrap();
     assert!((sharp.values.alpha_v - rounded.values.alpha_v).abs() > 1e-4);
     assert!((rounded.values.theta_r.abs() - 0.2).abs() < 0.02);
     // A height map of that sample, rotated and noisy, gives the same result as its profile.
-    let large = Profile::sawtooth(0.25, 40.0, 2.0).unwrap();
+    let large = SurfaceProfile::sawtooth(0.25, 40.0, 2.0).unwrap();
     let map = height_map_of(&large, 67.0, [300, 260], [1.0, 1.0], 0.05);
     let units = MapUnits {
         pitch_um: [1.0, 1.0],

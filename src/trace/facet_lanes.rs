@@ -320,7 +320,7 @@ mod tests {
     use crate::trace::paired::Paired;
     use crate::trace::run::walk_of;
     use crate::trace::scene::Scene;
-    use crate::trace::stokes::Stokes;
+    use crate::trace::stokes::StokesState;
     use crate::trace::surface::Relief;
     use crate::trace::vec3::unit;
 
@@ -402,7 +402,7 @@ mod tests {
             assert!(seen > 1000, "{seen}");
             // Also with the narrowest register.
             let all = All::<L>(question, &bins, std::marker::PhantomData);
-            all.with_simd(pulp::ScalarState::new());
+            all.with_simd(pulp::Scalar::new());
         }
     }
 
@@ -412,7 +412,7 @@ mod tests {
         for below in ["{ n = 1.5 }", "{ n = 0.7 }", "{ n = 0.35, k = 2.7 }", stain] {
             for azimuth_deg in [0.0, 205.0] {
                 same_as_alone::<Polarised>(below, azimuth_deg);
-                same_as_alone::<Stokes>(below, azimuth_deg);
+                same_as_alone::<StokesState>(below, azimuth_deg);
                 same_as_alone::<ScalarState>(below, azimuth_deg);
                 same_as_alone::<Paired>(below, azimuth_deg);
             }

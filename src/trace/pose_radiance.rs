@@ -286,12 +286,12 @@ mod tests {
     fn translucent_bodies_tails_and_crests_agree_with_the_closed_form() {
         use crate::model::extended::{Real, Terms, Walls, partials};
         use crate::model::prepared::OpticsTable;
-        use crate::model::{SceneOptics, Surface};
+        use crate::model::{Optics, Surface};
         let rig = RigGeometry {
             cones: Cones::of_lamp(crate::units::Angle::from_deg(1.0)),
             ..RigGeometry::IN_PLANE
         };
-        let optics = SceneOptics {
+        let optics = Optics {
             eta: 1.54,
             k: 0.0,
             theta_l: rig.theta_l.rad(),

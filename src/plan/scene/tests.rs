@@ -106,11 +106,11 @@ fn an_interface_between_equal_media_is_omitted_without_effect() {
     let whole = prepared.clone();
     apply(&plan, &scene, &mut prepared);
     let numbers =
-        |p: &Prepared| -> Vec<usize> { p.ridge_angles.iter().map(|a| a.interface).collect() };
+        |p: &PreparedScene| -> Vec<usize> { p.ridge_angles.iter().map(|a| a.interface).collect() };
     assert_eq!((numbers(&prepared), numbers(&whole)), (vec![2], vec![1, 2]));
-    let layers = |p: &Prepared| p.left_out.iter().any(|l| l.what.contains("registration"));
+    let layers = |p: &PreparedScene| p.left_out.iter().any(|l| l.what.contains("registration"));
     assert!(layers(&whole) && !layers(&prepared));
-    let traced = |p: &Prepared| trace(p, Shard::WHOLE, &|_| true).energies().reflected_all;
+    let traced = |p: &PreparedScene| trace(p, Shard::WHOLE, &|_| true).energies().reflected_all;
     let (with, without) = (traced(&whole), traced(&prepared));
     let std = with.std.hypot(without.std);
     assert!(
