@@ -152,7 +152,11 @@ fn few(
 /// Where the time ends during the preparation of the surface, the forecast is an upper bound: the beginning of a
 /// preparation, and photons without one, are the costliest.
 #[must_use]
-pub fn of_run(prepared: &PreparedScene, asked: TraceExtent, patience: Patience<'_>) -> Option<Forecast> {
+pub fn of_run(
+    prepared: &PreparedScene,
+    asked: TraceExtent,
+    patience: Patience<'_>,
+) -> Option<Forecast> {
     if patience.cancel.load(Ordering::Relaxed) || patience.seconds <= 0.0 {
         return None;
     }

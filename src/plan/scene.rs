@@ -43,7 +43,11 @@ const BOUNCES_SHARE: f64 = 0.5;
 /// Plans a scene. Closed forms decide where they are exact, otherwise pilots, the shortest that is clear. The plan
 /// depends only on the scene and its seed, so all shards of a run have the same plan.
 #[must_use]
-pub fn plan(scene: &Scene, prepared: &PreparedScene, request: &TracePlanRequest) -> ComputationPlan {
+pub fn plan(
+    scene: &Scene,
+    prepared: &PreparedScene,
+    request: &TracePlanRequest,
+) -> ComputationPlan {
     let known = SceneFacts {
         needs_polarisation: asks_for_polarisation(scene, request),
         stated_polarised: scene.run.polarised.as_bool(),
