@@ -240,7 +240,7 @@ mod tests {
             assert_eq!(read("a.csv", content).unwrap().heights, [1500.0, 2.0]);
         }
         for (content, word) in [
-            (&b"\x01\x02\0\0\n"[..], "zeros"),
+            (&b"\x01\x02\0\0\n"[..], "zero bytes"),
             (&little[..little.len() - 1], "UTF-16"),
             (&b"\x01\x02\xff\n"[..], "not text"),
         ] {
