@@ -3,7 +3,7 @@
 //! each other in one direction: [`circles`] says what counts as an import.
 
 mod circles;
-mod code;
+pub mod code;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

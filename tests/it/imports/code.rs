@@ -121,7 +121,8 @@ fn blanked(text: &str) -> String {
         .collect()
 }
 
-fn without_comments_and_texts(text: &str) -> String {
+/// The file with its comments and texts as blanks, byte by byte; line ends stay.
+pub fn without_comments_and_texts(text: &str) -> String {
     let mut code = String::with_capacity(text.len());
     let mut rest = text;
     while let Some(c) = rest.chars().next() {

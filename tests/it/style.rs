@@ -1,0 +1,168 @@
+//! The style sheet, executed: `docs/style.md` lists phrases and names to avoid; no comment, string, document or
+//! part of the page has one.
+
+use std::path::{Path, PathBuf};
+
+use crate::imports::code::without_comments_and_texts;
+
+/// What is read beside Rust sources: documents, settings and the page.
+const TEXTS: &[&str] = &[
+    "README.md",
+    "ARCHITECTURE.md",
+    "CHANGELOG.md",
+    "docs",
+    "ridged.example.toml",
+    "scenes",
+    "tests/data/README.md",
+    "web/src",
+    "web/tests",
+];
+
+/// Rust sources; identifiers are checked there too.
+const SOURCES: &[&str] = &["src", "tests/it", "benches"];
+
+/// Folders whose inner names the redesign of the numerical core will replace.
+const NAMES_LEFT: &[&str] = &["src/model", "src/fit", "src/map"];
+
+/// The lines of the block of `docs/style.md` that begins with "```kind".
+fn listed(sheet: &str, kind: &str) -> Vec<String> {
+    let fence = format!("```{kind}\n");
+    let (_, block) = sheet.split_once(&fence).expect("the sheet has the block");
+    let (block, _) = block.split_once("```").expect("the block ends");
+    block.lines().map(str::to_owned).collect()
+}
+
+/// The files of `place` (a file or a folder, relative to the repository) with one of these extensions.
+fn files(place: &str, extensions: &[&str]) -> Vec<PathBuf> {
+    fn collect(path: &Path, extensions: &[&str], found: &mut Vec<PathBuf>) {
+        if path.is_dir() {
+            for entry in std::fs::read_dir(path).expect("the folder is readable") {
+                collect(&entry.expect("an entry is readable").path(), extensions, found);
+            }
+        } else if path
+            .extension()
+            .is_some_and(|e| extensions.iter().any(|x| e == *x))
+        {
+            found.push(path.to_owned());
+        }
+    }
+    let mut found = Vec::new();
+    collect(
+        &Path::new(env!("CARGO_MANIFEST_DIR")).join(place),
+        extensions,
+        &mut found,
+    );
+    assert!(!found.is_empty(), "{place} has files to read");
+    found.sort();
+    found
+}
+
+/// Comments and strings of Rust source; everything else is blanks.
+fn prose(source: &str) -> String {
+    let code = without_comments_and_texts(source);
+    source
+        .char_indices()
+        .map(|(at, c)| match code.as_bytes()[at] {
+            b' ' | b'\n' => c,
+            _ => ' ',
+        })
+        .collect()
+}
+
+/// The lines of `text`, from 1, in which `phrase` begins, as whole words. Line ends, comment marks and punctuation
+/// between two words count as one blank.
+fn lines_with(text: &str, phrase: &str) -> Vec<usize> {
+    let mut words: Vec<(usize, String)> = Vec::new();
+    for (i, line) in text.lines().enumerate() {
+        let cut = |c: char| !(c.is_alphanumeric() || c == '\'' || c == '’');
+        words.extend(
+            line.split(cut)
+                .filter(|w| !w.is_empty())
+                .map(|w| (i + 1, w.to_lowercase())),
+        );
+    }
+    let phrase: Vec<&str> = phrase.split(' ').collect();
+    words
+        .windows(phrase.len())
+        .filter(|window| window.iter().map(|(_, w)| w).eq(phrase.iter()))
+        .map(|window| window[0].0)
+        .collect()
+}
+
+/// Parts of the identifiers of `code`, in lower case, with their lines: `fooBar_baz` gives foo, bar, baz.
+fn parts_of_names(code: &str) -> Vec<(usize, String)> {
+    let mut parts = Vec::new();
+    for (i, line) in code.lines().enumerate() {
+        let mut part = String::new();
+        for c in line.chars().chain([' ']) {
+            let begins = c.is_uppercase() && part.ends_with(|p: char| p.is_lowercase());
+            if (begins || !c.is_alphabetic()) && !part.is_empty() {
+                parts.push((i + 1, std::mem::take(&mut part).to_lowercase()));
+            }
+            if c.is_alphabetic() {
+                part.push(c);
+            }
+        }
+    }
+    parts
+}
+
+#[test]
+fn no_text_or_name_has_what_the_style_sheet_avoids() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let sheet_path = root.join("docs/style.md");
+    let sheet = std::fs::read_to_string(&sheet_path).expect("the style sheet is readable");
+    let (phrases, names) = (listed(&sheet, "text"), listed(&sheet, "names"));
+    let mut found = Vec::new();
+    let mut report = |path: &Path, line: usize, what: &str| {
+        let path = path.strip_prefix(root).unwrap_or(path).display();
+        found.push(format!("{path}:{line}: {what}"));
+    };
+    for place in TEXTS {
+        for path in files(place, &["md", "toml", "svelte", "ts", "css", "html"]) {
+            if path == sheet_path {
+                continue;
+            }
+            let text = std::fs::read_to_string(&path).expect("a text is UTF-8");
+            for phrase in &phrases {
+                for line in lines_with(&text, phrase) {
+                    report(&path, line, phrase);
+                }
+            }
+        }
+    }
+    for path in SOURCES.iter().flat_map(|place| files(place, &["rs"])) {
+        let text = std::fs::read_to_string(&path).expect("a source file is UTF-8");
+        let prose = prose(&text);
+        for phrase in &phrases {
+            for line in lines_with(&prose, phrase) {
+                report(&path, line, phrase);
+            }
+        }
+        if NAMES_LEFT.iter().any(|left| path.starts_with(root.join(left))) {
+            continue;
+        }
+        for (line, part) in parts_of_names(&without_comments_and_texts(&text)) {
+            if names.contains(&part) {
+                report(&path, line, &format!("the name {part}"));
+            }
+        }
+    }
+    assert!(
+        found.is_empty(),
+        "{} phrases or names that docs/style.md avoids:\n{}",
+        found.len(),
+        found.join("\n")
+    );
+}
+
+#[test]
+fn the_reader_of_texts_sees_phrases_over_lines_and_parts_of_names() {
+    let source = "/// It stands\n/// where x is.\nlet stands_where = \"Stands  where\"; // done\n";
+    assert_eq!(lines_with(&prose(source), "stands where"), [1, 3]);
+    let parts: Vec<String> = parts_of_names("fn fooBar_baz(x1: Told)")
+        .into_iter()
+        .map(|(_, part)| part)
+        .collect();
+    assert_eq!(parts, ["fn", "foo", "bar", "baz", "x", "told"]);
+}
