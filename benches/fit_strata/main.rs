@@ -134,11 +134,11 @@ fn run(stratum: Stratum, args: &Args) -> bool {
             let case = draw::case(stratum, *seed);
             let (free, _) = free_quantities(&case.set, case.variant);
             let linear = judge::linear(&case, &free);
-            let tells = |q: Quantity| {
+            let is_significant = |q: Quantity| {
                 let std = free.iter().zip(&linear.std).find(|(f, _)| **f == q);
                 std.is_some_and(|(_, std)| enough(q, *std))
             };
-            linear.identifiable && (!args.tells_rho_d || tells(Quantity::RhoD))
+            linear.identifiable && (!args.tells_rho_d || is_significant(Quantity::RhoD))
         };
         seeds.into_par_iter().filter(identifiable).collect()
     } else {

@@ -241,10 +241,10 @@ mod tests {
     #[test]
     fn a_series_is_forecast_in_its_parts() {
         let series = Series::open("tests/data/series/paper-rig-full".as_ref()).unwrap();
-        let told = of_series(&series, &AtomicBool::new(false)).unwrap();
-        assert!(told.part(READ) > 0.0 && told.part(FIT) > 0.0);
-        assert!((told.seconds - told.part(READ) - told.part(FIT)).abs() < 1e-12);
-        assert_eq!(told.part(TRACE), 0.0);
+        let reported = of_series(&series, &AtomicBool::new(false)).unwrap();
+        assert!(reported.part(READ) > 0.0 && reported.part(FIT) > 0.0);
+        assert!((reported.seconds - reported.part(READ) - reported.part(FIT)).abs() < 1e-12);
+        assert_eq!(reported.part(TRACE), 0.0);
         let alone = of_reduction(&series, None, &AtomicBool::new(false)).unwrap();
         assert!(alone.seconds > 0.0 && alone.parts.len() == 1);
     }

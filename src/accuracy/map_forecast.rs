@@ -164,14 +164,14 @@ mod tests {
         let series = Series::open("tests/data/series/checker".as_ref()).unwrap();
         let options = MapOptions::default();
         assert_eq!(of_map(&series, &options, &AtomicBool::new(true)), None);
-        let told = of_map(&series, &options, &AtomicBool::new(false)).unwrap();
+        let reported = of_map(&series, &options, &AtomicBool::new(false)).unwrap();
         let camera = &series.manifest().camera;
         assert_eq!(
-            told.amount.as_ref().unwrap().count,
+            reported.amount.as_ref().unwrap().count,
             u64::from(camera.width_px) * u64::from(camera.height_px)
         );
-        let parts = [READ, SETTLE, FIT, MEAN, WRITE].map(|part| told.part(part));
-        assert!(parts.iter().all(|s| *s > 0.0), "{told:?}");
-        assert!((told.seconds - parts.iter().sum::<f64>()).abs() < 1e-9 * told.seconds);
+        let parts = [READ, SETTLE, FIT, MEAN, WRITE].map(|part| reported.part(part));
+        assert!(parts.iter().all(|s| *s > 0.0), "{reported:?}");
+        assert!((reported.seconds - parts.iter().sum::<f64>()).abs() < 1e-9 * reported.seconds);
     }
 }

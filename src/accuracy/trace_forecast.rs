@@ -378,13 +378,13 @@ mod tests {
             "[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n[run]\nphotons = 40_000\n";
         let scene = crate::trace::scene::Scene::parse(text).unwrap();
         let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
-        let told = |seconds, cancelled| {
+        let reported = |seconds, cancelled| {
             let cancel = &AtomicBool::new(cancelled);
             of_run(&prepared, TraceExtent::ALL, Patience { seconds, cancel })
         };
-        assert_eq!(told(f64::INFINITY, true), None);
-        assert_eq!(told(0.0, false), None);
-        let forecast = told(f64::INFINITY, false).unwrap();
+        assert_eq!(reported(f64::INFINITY, true), None);
+        assert_eq!(reported(0.0, false), None);
+        let forecast = reported(f64::INFINITY, false).unwrap();
         assert_eq!(forecast.amount.as_ref().unwrap().count, 40_000);
         assert!(!forecast.at_most && forecast.seconds > 0.0, "{forecast:?}");
     }
@@ -397,13 +397,13 @@ mod tests {
         let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
         let cancel = &AtomicBool::new(false);
         // A look at 320,000 triangles takes many times this; the first photons do not.
-        let told = |seconds| of_run(&prepared, TraceExtent::ALL, Patience { seconds, cancel });
-        let told: Vec<Forecast> = [0.001, 0.003].into_iter().filter_map(told).collect();
-        assert!(!told.is_empty());
-        for told in told {
+        let reported = |seconds| of_run(&prepared, TraceExtent::ALL, Patience { seconds, cancel });
+        let constraints: Vec<Forecast> = [0.001, 0.003].into_iter().filter_map(reported).collect();
+        assert!(!reported.is_empty());
+        for reported in reported {
             assert!(
-                told.at_most && told.to_string().starts_with("at most"),
-                "{told}"
+                reported.at_most && reported.to_string().starts_with("at most"),
+                "{reported}"
             );
         }
     }
@@ -424,9 +424,9 @@ mod tests {
             follow: Follow::Both,
             target_error: None,
         };
-        let told = of_runs(9, &make, asked, Patience { seconds, cancel }).unwrap();
+        let reported = of_runs(9, &make, asked, Patience { seconds, cancel }).unwrap();
         assert_eq!(*made.borrow(), [0, 4, 8]);
-        assert!(told.seconds > 0.0 && !told.at_most, "{told:?}");
-        assert_eq!(told.amount.as_ref().unwrap().count, 9 * 40_000);
+        assert!(reported.seconds > 0.0 && !reported.at_most, "{reported:?}");
+        assert_eq!(reported.amount.as_ref().unwrap().count, 9 * 40_000);
     }
 }

@@ -1,8 +1,8 @@
 //! Constraints of a fit from the command line: `rho_d=0.3` fixes a parameter, `theta_r_deg=10±0.5` (or `10+-0.5`) states
 //! a prior with a standard uncertainty. The `fit` module checks names and ranges.
 
-use crate::fit::Told;
-use crate::fit::told::{StatementError, held, known};
+use crate::fit::Constraint;
+use crate::fit::constraints::{StatementError, held, known};
 
 /// Why a text is not a constraint.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -32,7 +32,7 @@ pub enum ConstraintArgError {
 ///
 /// # Errors
 /// See [`ConstraintArgError`].
-pub fn fixed(text: &str) -> Result<Told, ConstraintArgError> {
+pub fn fixed(text: &str) -> Result<Constraint, ConstraintArgError> {
     let (name, stated) = parted(text)?;
     held(name, number(stated)?).map_err(|problem| refused(text, problem))
 }
@@ -41,7 +41,7 @@ pub fn fixed(text: &str) -> Result<Told, ConstraintArgError> {
 ///
 /// # Errors
 /// See [`ConstraintArgError`].
-pub fn prior(text: &str) -> Result<Told, ConstraintArgError> {
+pub fn prior(text: &str) -> Result<Constraint, ConstraintArgError> {
     let (name, stated) = parted(text)?;
     let (mean, std) = stated
         .split_once('±')

@@ -19,9 +19,9 @@ use super::values::whole;
 use super::{CliError, constraint_args, interrupt, output, runtime};
 use crate::accuracy::forecast::{READ, of_analysis};
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, DRAWS, Progress, STARTS, analyse};
-use crate::fit::told::agree;
+use crate::fit::constraints::agree;
 use crate::fit::traced::TracingOptions;
-use crate::fit::{FitOptions, Loss, Told, VariantChoice, text};
+use crate::fit::{Constraint, FitOptions, Loss, VariantChoice, text};
 use crate::heights;
 use crate::heights::ridges::{self, MeasuredShape, Units};
 use crate::material::Material;
@@ -65,10 +65,10 @@ pub struct Args {
     pub loss: LossName,
     /// Fix a parameter at a value, for example rho_d=0.3 (names as in the JSON form, and eta, k).
     #[arg(long, value_name = "NAME=VALUE", value_parser = constraint_args::fixed)]
-    pub fix: Vec<Told>,
+    pub fix: Vec<Constraint>,
     /// Prior knowledge of a parameter: value ± standard uncertainty, for example theta_r_deg=10±0.5.
     #[arg(long, value_name = "NAME=VALUE±STD", value_parser = constraint_args::prior)]
-    pub prior: Vec<Told>,
+    pub prior: Vec<Constraint>,
     /// Largest number of starting points of a search, per variant; with a prior or a robust loss the search is repeated.
     /// Default: 8, and more where these leave the minimum in doubt.
     #[arg(long, value_name = "N", value_parser = whole::<u16>(STARTS))]
@@ -209,7 +209,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
                 LossName::Huber => Loss::Huber,
                 LossName::Tukey => Loss::Tukey,
             },
-            told: args.fix.iter().chain(&args.prior).copied().collect(),
+            constraints: args.fix.iter().chain(&args.prior).copied().collect(),
             profile: args.profile,
             bootstrap: args.bootstrap.unwrap_or(0),
             judge: args.judge,
@@ -240,7 +240,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         }
         (dirs, _) => return joint::run(dirs, &options, args.json, &cancel),
     };
-    suits(&options.fit.told, &source.manifest().material())?;
+    suits(&options.fit.constraints, &source.manifest().material())?;
     let expected_s = print_forecast(source.as_ref(), &mut options, &cancel);
     let analysis = watched(source.as_ref(), &options, expected_s, &cancel)?;
     print(&analysis, args.json)
@@ -261,7 +261,7 @@ fn shape_in(path: &Path, units: &Units) -> Result<MeasuredShape, CliError> {
 }
 
 /// Refuses constraints that contradict each other, or the sample.
-fn suits(constraints: &[Told], material: &Material) -> Result<(), CliError> {
+fn suits(constraints: &[Constraint], material: &Material) -> Result<(), CliError> {
     agree(constraints, material).map_err(CliError::bad_input)
 }
 

@@ -22,7 +22,7 @@ use super::solver::{Ending, Minimum, Settings};
 use super::start::distance;
 use super::thin::{self, Thinned};
 use super::traced::Tracing;
-use super::{FitOptions, Loss, Told};
+use super::{Constraint, FitOptions, Loss};
 use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::{ObservationSet, Prior};
@@ -185,7 +185,7 @@ pub fn estimate_until<'a>(
         None => whole(set, variant, options, tier, late, cancel),
     };
     let found = fitted(options)?;
-    let stated = options.told.iter().any(|one| one.std > 0.0);
+    let stated = options.constraints.iter().any(|one| one.std > 0.0);
     let may = options.misfit && options.misfit_most.is_none() && found.discrepancy > 0.0;
     if !(stated && may) || late() {
         return Some(found);
@@ -193,9 +193,9 @@ pub fn estimate_until<'a>(
     // A statement that contradicts the data must not be taken for a model error, which would reduce the weight of the
     // data and hide the contradiction. The model error is therefore determined from the data only, if they determine a
     // surface.
-    let held = |stated: &&Told| stated.std == 0.0;
+    let held = |stated: &&Constraint| stated.std == 0.0;
     let alone = fitted(&FitOptions {
-        told: options.told.iter().filter(held).copied().collect(),
+        constraints: options.constraints.iter().filter(held).copied().collect(),
         ..options.clone()
     });
     let bounded = alone
@@ -574,7 +574,7 @@ pub(super) fn conclude<'a>(
         loss_weights,
         explained,
         held: options
-            .told
+            .constraints
             .iter()
             .filter(|t| t.std == 0.0)
             .map(|t| t.quantity)

@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use super::*;
-use crate::fit::Told;
+use crate::fit::Constraint;
 use crate::fit::budget::uncertainty;
 use crate::fit::estimate::estimate;
 use crate::fit::painted::{TRUTH, painted};
@@ -153,7 +153,7 @@ fn held_values_apply_to_all_scans_and_invalid_requests_are_refused_by_name() {
     let turns = [0.0, 90.0, 180.0, 270.0];
     let sets = [scan(41, &turns, [0.0, 0.0]), scan(42, &turns, [4.0, 0.0])];
     let held = FitOptions {
-        told: vec![Told {
+        constraints: vec![Constraint {
             quantity: Quantity::AlphaU,
             value: 0.12,
             std: 0.0,

@@ -36,6 +36,7 @@ use crate::trace::surface_profile::SurfaceProfile;
 pub mod blunders;
 pub mod budget;
 mod candidates;
+pub mod constraints;
 pub mod covariance;
 mod crew;
 mod descent;
@@ -69,7 +70,6 @@ mod suspects;
 pub mod text;
 pub mod thin;
 pub mod tier;
-pub mod told;
 pub mod traced;
 pub mod trail;
 mod trust_region;
@@ -128,7 +128,7 @@ pub struct FitOptions {
     /// How residuals count.
     pub loss: Loss,
     /// Values that the user states, in addition to the certificates of the series.
-    pub told: Vec<Told>,
+    pub constraints: Vec<Constraint>,
     /// Whether to compute profile-likelihood intervals.
     pub profile: bool,
     /// Number of resampled series for bootstrap intervals; 0 for none.
@@ -145,7 +145,7 @@ pub struct FitOptions {
 
 /// A value that the user states before the fit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Told {
+pub struct Constraint {
     /// The quantity.
     pub quantity: Quantity,
     /// Its value in natural units: angles in radians, θr ≥ 0.
@@ -164,7 +164,7 @@ impl Default for FitOptions {
             misfit: true,
             misfit_most: None,
             loss: Loss::Linear,
-            told: Vec::new(),
+            constraints: Vec::new(),
             profile: false,
             bootstrap: 0,
             tolerance: None,

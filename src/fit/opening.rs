@@ -12,7 +12,7 @@ use super::problem::{Problem, Quantity, Values};
 use super::search::{Effort, Late, Search};
 use super::settle::{Settled, Weighing, sigma_at};
 use super::solver::Minimum;
-use super::{FitOptions, Told};
+use super::{Constraint, FitOptions};
 use crate::model::Variant;
 use crate::observation::{ObservationSet, Prior};
 
@@ -42,9 +42,9 @@ pub(super) struct Opening<'a> {
 
 impl<'a> Opening<'a> {
     pub(super) fn new(set: &'a ObservationSet, variant: Variant, options: &FitOptions) -> Self {
-        let (free, fixed) = without_held(free_quantities(set, variant), &options.told);
+        let (free, fixed) = without_held(free_quantities(set, variant), &options.constraints);
         let priors: Vec<(Quantity, Prior)> = options
-            .told
+            .constraints
             .iter()
             .filter(|t| t.std > 0.0)
             .map(|t| {
@@ -69,7 +69,7 @@ impl<'a> Opening<'a> {
         let mut free = first.free().to_vec();
         let held = |q: &Quantity| {
             options
-                .told
+                .constraints
                 .iter()
                 .any(|t| t.quantity == *q && t.std == 0.0)
         };
@@ -201,7 +201,7 @@ impl<'a> Opening<'a> {
 /// Removes the quantities that the user holds from the free ones.
 fn without_held(
     (mut free, mut fixed): (Vec<Quantity>, Values),
-    stated: &[Told],
+    stated: &[Constraint],
 ) -> (Vec<Quantity>, Values) {
     for t in stated.iter().filter(|t| t.std == 0.0) {
         free.retain(|q| *q != t.quantity);

@@ -15,7 +15,7 @@ use super::reporting::report_of;
 use super::solver::{Settings, minimise};
 use super::trail::Time;
 use super::variants::{Tracer, fit_with_tier, fit_with_tracer};
-use super::{FitOptions, Loss, Told, VariantChoice};
+use super::{Constraint, FitOptions, Loss, VariantChoice};
 use crate::geometry::Pose;
 use crate::model::Variant;
 use crate::observation::{ObservationSet, SharedErrors};
@@ -169,7 +169,7 @@ fn without_outliers_a_robust_loss_finds_the_surface_of_least_squares() {
 fn a_held_value_stays_and_has_no_uncertainty() {
     let set = series(3);
     let held = FitOptions {
-        told: vec![Told {
+        constraints: vec![Constraint {
             quantity: Quantity::AlphaU,
             value: 0.12,
             std: 0.0,
@@ -191,7 +191,7 @@ fn a_held_gain_is_reported_as_it_was_used() {
         reflectance_std: 0.005,
     });
     let held = FitOptions {
-        told: vec![Told {
+        constraints: vec![Constraint {
             quantity: Quantity::Scale,
             value: 1.1,
             std: 0.0,
@@ -216,7 +216,7 @@ fn a_prior_pulls_by_its_weight_and_is_in_the_budget() {
     let std = uncertainty(&free).covariance.matrix[(j, j)].sqrt();
     let (value, mean) = (free.values.rho_d, free.values.rho_d + 3.0 * std);
     let with_prior = FitOptions {
-        told: vec![Told {
+        constraints: vec![Constraint {
             quantity: Quantity::RhoD,
             value: mean,
             std,
@@ -239,7 +239,7 @@ fn a_prior_on_an_offset_applies_to_the_zero_of_its_stage() {
         o.shared.phi_s_zero = Angle::from_deg(0.02);
     }
     let stated = |std: f64| FitOptions {
-        told: vec![Told {
+        constraints: vec![Constraint {
             quantity: Quantity::TiltOffset,
             value: TRUTH.tilt_offset,
             std,
@@ -502,7 +502,7 @@ fn only_a_prior_that_the_data_contradict_is_reported() {
     let set = series(5);
     let warned = |mean: f64, std: f64| {
         let options = FitOptions {
-            told: vec![super::told::known("theta_r_deg", mean, std).unwrap()],
+            constraints: vec![super::constraints::known("theta_r_deg", mean, std).unwrap()],
             ..options()
         };
         let report = fit_with_tier(&set, &options, None, &AtomicBool::new(false));
@@ -520,9 +520,10 @@ fn only_a_prior_that_the_data_contradict_is_reported() {
 fn a_contradicted_prior_does_not_count_as_model_error() {
     let set = series(5);
     let value = |misfit: bool| {
-        let prior = super::told::known("theta_r_deg", TRUTH.theta_r.to_degrees() + 2.0, 0.05);
+        let prior =
+            super::constraints::known("theta_r_deg", TRUTH.theta_r.to_degrees() + 2.0, 0.05);
         let options = FitOptions {
-            told: vec![prior.unwrap()],
+            constraints: vec![prior.unwrap()],
             misfit,
             ..options()
         };

@@ -168,7 +168,7 @@ fn can_be_asked(e: &Estimate<'_>) -> bool {
 /// Lists the real terms for which values are stated.
 fn stated(e: &Estimate<'_>, options: &FitOptions) -> Vec<Quantity> {
     let body = has_body(e);
-    let by_user = options.told.iter().map(|t| t.quantity);
+    let by_user = options.constraints.iter().map(|t| t.quantity);
     let of_set = e.problem.set().translucency.map(|_| Quantity::Translucency);
     let real = |q: &Quantity| Quantity::REAL.contains(q) && (body || *q != Quantity::Translucency);
     let mut stated: Vec<Quantity> = by_user.chain(of_set).filter(real).collect();
@@ -249,7 +249,12 @@ impl<'a> Inquiry<'_, 'a> {
         let mut values = e.values;
         let mut free = e.problem.free().to_vec();
         for q in stated {
-            let user = self.options.told.iter().rev().find(|t| t.quantity == *q);
+            let user = self
+                .options
+                .constraints
+                .iter()
+                .rev()
+                .find(|t| t.quantity == *q);
             let (mean, std) = match (user, e.problem.set().translucency) {
                 (Some(user), _) => (user.value, user.std),
                 (None, Some(prior)) if *q == Quantity::Translucency => (prior.mean, prior.std),

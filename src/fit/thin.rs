@@ -226,7 +226,7 @@ pub(super) fn estimate<'a>(
         options,
         cancel,
     };
-    let stated = options.told.iter().filter(|t| t.std > 0.0).map(|t| {
+    let stated = options.constraints.iter().filter(|t| t.std > 0.0).map(|t| {
         let (mean, std) = (t.value, t.std);
         (t.quantity, Prior { mean, std })
     });

@@ -20,9 +20,9 @@ use super::uploads::ShapeFile;
 use super::{Lab, LabError, StoredSeries};
 use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{self, AnalysisError, AnalysisOptions, DRAWS, STARTS};
-use crate::fit::told::{agree, held, known};
+use crate::fit::constraints::{agree, held, known};
 use crate::fit::traced::TracingOptions;
-use crate::fit::{FitOptions, FitReport, Loss, Told, VariantChoice};
+use crate::fit::{Constraint, FitOptions, FitReport, Loss, VariantChoice};
 use crate::forecast::Forecast;
 use crate::heights::ridges::MeasuredShape;
 use crate::job::{JobId, JobKind};
@@ -135,7 +135,7 @@ impl FitRequest {
     }
 
     /// The fixed values and priors, checked against each other and the sample's material.
-    fn constraints(&self, material: &Material) -> Result<Vec<Told>, LabError> {
+    fn constraints(&self, material: &Material) -> Result<Vec<Constraint>, LabError> {
         let mut all = Vec::new();
         for (name, value) in &self.fix {
             let fixed = held(name, *value);
@@ -172,7 +172,7 @@ impl FitRequest {
                 starts: self.starts.map_or(standard.starts, |n| n as usize),
                 starts_alone: self.starts.is_some(),
                 loss: self.loss,
-                told: self.constraints(material)?,
+                constraints: self.constraints(material)?,
                 profile: self.profile,
                 bootstrap: self.bootstrap.unwrap_or(0),
                 judge: self.judge,

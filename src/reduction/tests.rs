@@ -381,7 +381,7 @@ fn the_order_of_the_list_does_not_matter() {
 }
 
 #[test]
-fn times_that_cannot_be_read_are_told_and_missing_ones_are_not() {
+fn times_that_cannot_be_read_are_reported_and_missing_ones_are_not() {
     let warned = |timestamp: &str| {
         let mut series = polymer().clone();
         series.rows[3].timestamp = timestamp.to_owned();
@@ -391,10 +391,12 @@ fn times_that_cannot_be_read_are_told_and_missing_ones_are_not() {
         let of_times = all.into_iter().filter(move |w| w.contains(&file));
         of_times.collect::<Vec<String>>()
     };
-    let told = warned("yesterday");
+    let reported = warned("yesterday");
     assert!(
-        told.len() == 1 && told[0].contains("2 frames") && told[0].contains("yesterday"),
-        "{told:?}"
+        reported.len() == 1
+            && reported[0].contains("2 frames")
+            && reported[0].contains("yesterday"),
+        "{reported:?}"
     );
     assert!(warned("").is_empty());
 }
@@ -441,8 +443,8 @@ fn a_raised_flag_ends_the_reduction() {
 }
 
 #[test]
-fn what_is_assumed_of_stages_and_lamp_is_told_and_can_be_stated() {
-    let told = |set: &ObservationSet| -> Vec<String> {
+fn what_is_assumed_of_stages_and_lamp_is_reported_and_can_be_stated() {
+    let reported = |set: &ObservationSet| -> Vec<String> {
         let warnings = set.warnings.iter();
         warnings
             .filter(|w| w.contains("assumed"))
@@ -464,7 +466,7 @@ fn what_is_assumed_of_stages_and_lamp_is_told_and_can_be_stated() {
         assert!(off.iter().all(|x| x.abs() < 1e-12), "{found:?}");
     };
     near(shared(&silent), (0.02, 0.02, 1e-3));
-    let words = told(&silent).concat();
+    let words = reported(&silent).concat();
     for word in [
         "theta_c_std_deg",
         "phi_s_std_deg",
@@ -474,7 +476,7 @@ fn what_is_assumed_of_stages_and_lamp_is_told_and_can_be_stated() {
     ] {
         assert!(words.contains(word), "{word}: {words}");
     }
-    assert_eq!(told(&silent).len(), 1);
+    assert_eq!(reported(&silent).len(), 1);
 
     let mut stated = polymer_part().clone();
     let rig = &mut stated.manifest.rig;
@@ -483,10 +485,10 @@ fn what_is_assumed_of_stages_and_lamp_is_told_and_can_be_stated() {
     rig.lamp_drift_std = Some(0.004);
     let set = reduced(&stated, None);
     near(shared(&set), (0.1, 0.05, 0.004));
-    assert_eq!(told(&set), Vec::<String>::new());
+    assert_eq!(reported(&set), Vec::<String>::new());
 
     stated.manifest.rig.phi_s_std_deg = None;
-    let words = told(&reduced(&stated, None)).concat();
+    let words = reported(&reduced(&stated, None)).concat();
     assert!(
         words.contains("[rig] phi_s_std_deg: ") && !words.contains("lamp"),
         "{words}"

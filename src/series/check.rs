@@ -301,7 +301,7 @@ mod tests {
     fn a_lean_direction_that_cannot_be_read_is_refused() {
         let words = "\"(i+j) even: lean direction v at phi_s (ridges run along u = v x n)\"";
         let with = |value: &str| CHECKER.replacen(words, &format!("\"{value}\""), 1);
-        for told in [
+        for reported in [
             "leans left",
             "v at phi_s + ninety deg",
             "v at phi_s plus 90 deg",
@@ -313,14 +313,18 @@ mod tests {
             "v at phi_s + 1.5708 rad",
             "v at phi_s_recorded",
         ] {
-            let said = refusal_from_outside(&with(told));
-            for word in ["sample.layout.even_patches", told, "phi_s + 90 deg"] {
+            let said = refusal_from_outside(&with(reported));
+            for word in ["sample.layout.even_patches", reported, "phi_s + 90 deg"] {
                 assert!(said.contains(word), "`{word}` is not in: {said}");
             }
-            let line = with(told).lines().position(|l| l.contains(told)).unwrap() + 1;
+            let line = with(reported)
+                .lines()
+                .position(|l| l.contains(reported))
+                .unwrap()
+                + 1;
             assert!(said.contains(&format!("line {line}:")), "{said}");
         }
-        for told in [
+        for reported in [
             "v at phi_s",
             "v at phi_s, as on the drawing of 2024",
             "v at phi_s as recorded",
@@ -329,13 +333,16 @@ mod tests {
             "v at phi_s − 45.5 deg (ridges along u)",
             "v at phi_s + 90, measured",
         ] {
-            assert!(Manifest::from_outside(&with(told), "").is_ok(), "{told}");
+            assert!(
+                Manifest::from_outside(&with(reported), "").is_ok(),
+                "{reported}"
+            );
         }
     }
 
     #[test]
     fn how_well_the_stages_and_the_lamp_are_known_is_a_number_in_its_range() {
-        let with = |told: &str| CHECKER.replacen("[rig]\n", &format!("[rig]\n{told}\n"), 1);
+        let with = |reported: &str| CHECKER.replacen("[rig]\n", &format!("[rig]\n{reported}\n"), 1);
         let stated = with("theta_c_std_deg = 0.05\nphi_s_std_deg = 1\nlamp_drift_std = 0.0");
         let manifest = Manifest::from_outside(&stated, "").unwrap();
         let of = |m: &Manifest| {
@@ -347,7 +354,7 @@ mod tests {
         assert_eq!(of(&again), of(&manifest));
         let silent = Manifest::from_outside(CHECKER, "").unwrap();
         assert_eq!(of(&silent), (None, None, None));
-        for (told, words) in [
+        for (reported, words) in [
             (
                 "theta_c_std_deg = -0.1",
                 ["line 9: rig.theta_c_std_deg", "out of range"],
@@ -369,7 +376,7 @@ mod tests {
                 ["line 9: rig.lamp_drift_std", "number"],
             ),
         ] {
-            let said = refusal(&with(told));
+            let said = refusal(&with(reported));
             for word in words {
                 assert!(said.contains(word), "`{word}` is not in: {said}");
             }

@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn a_misspelt_column_is_told_its_right_name() {
+    fn a_misspelt_column_is_reported_its_right_name() {
         let said = FrameRow::read_all("file,kind,theta_deg,phi_s_deg,exposure_s\n", "frames.csv")
             .unwrap_err()
             .to_string();

@@ -224,7 +224,7 @@ async fn a_rig_without_a_link_is_not_said_to_be_idle() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_series_of_the_same_frames_and_other_facts_is_kept_and_what_differs_is_told() {
+async fn a_series_of_the_same_frames_and_other_facts_is_kept_and_what_differs_is_reported() {
     let recorded = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/checker");
     let copy = tempfile::tempdir().unwrap();
     std::fs::create_dir(copy.path().join("frames")).unwrap();

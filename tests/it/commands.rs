@@ -664,15 +664,15 @@ fn interrupted(
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let mut told = BufReader::new(child.stderr.take().unwrap());
-    while !begun(&mut told) {
+    let mut reported = BufReader::new(child.stderr.take().unwrap());
+    while !begun(&mut reported) {
         assert!(matches!(child.try_wait(), Ok(None)), "{args:?} has ended");
         std::thread::yield_now();
     }
     let process = rustix::process::Pid::from_child(&child);
     rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
     // Both ends are read, so that the command is not held up by what it says.
-    std::io::copy(&mut told, &mut std::io::sink()).unwrap();
+    std::io::copy(&mut reported, &mut std::io::sink()).unwrap();
     let output = child.wait_with_output().unwrap();
     (
         output.status.code(),
@@ -713,9 +713,9 @@ fn ctrl_c_ends_an_import_and_an_export_with_130_and_nothing_half_done() {
 fn a_demo_that_is_ended_before_its_answer_exits_with_130() {
     let folder = tempfile::tempdir().unwrap();
     let demo = ["demo", "--once", "--json", "--data", "data"];
-    let (code, out) = interrupted(folder.path(), &demo, |told| {
+    let (code, out) = interrupted(folder.path(), &demo, |reported| {
         let mut line = String::new();
-        told.read_line(&mut line).unwrap();
+        reported.read_line(&mut line).unwrap();
         line.contains("is running")
     });
     assert_eq!((code, out.as_str()), (Some(130), ""));

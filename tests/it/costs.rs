@@ -148,8 +148,8 @@ fn every_answer_says_how_wrong_what_it_cost_and_what_was_left_out() {
         let left_out = answer["left_out"].as_array();
         let left_out = left_out.unwrap_or_else(|| panic!("{args:?} has no left_out"));
         for entry in left_out {
-            let told = |key: &str| entry[key].as_str().is_some_and(|text| !text.is_empty());
-            assert!(told("what") && told("why"), "{args:?}: {entry}");
+            let reported = |key: &str| entry[key].as_str().is_some_and(|text| !text.is_empty());
+            assert!(reported("what") && reported("why"), "{args:?}: {entry}");
             assert!(entry.get("cost").is_some(), "{args:?}: {entry}");
         }
         let seconds = match answer["seconds"].as_f64() {
@@ -185,6 +185,6 @@ fn what_takes_longer_than_allowed_says_what_it_has_not() {
     let optimum = json(folder.path(), &["optimize", "--max-seconds", "1e-9"]);
     assert_eq!(optimum["complete"], false);
     assert!(optimum["within_1_percent_deg"].is_null());
-    let told = optimum["left_out"].to_string();
-    assert!(told.contains("the rest of the search"), "{told}");
+    let reported = optimum["left_out"].to_string();
+    assert!(reported.contains("the rest of the search"), "{reported}");
 }

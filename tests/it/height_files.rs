@@ -54,7 +54,7 @@ fn all_forms_of_a_height_file_give_the_same_light_and_missing_points_are_reporte
         })
         .collect();
     let mut reflected = Vec::new();
-    for (name, text, told) in [
+    for (name, text, reported) in [
         ("whole.csv", map(200, 16, ""), ""),
         ("bad.csv", map(200, 16, "Bad"), "heights are missing"),
         (
@@ -69,7 +69,7 @@ fn all_forms_of_a_height_file_give_the_same_light_and_missing_points_are_reporte
         let report = json(at, &["trace", "scene.toml", "--json"]);
         reflected.push(report["energy"]["reflected"]["value"].as_f64().unwrap());
         let left_out = report["left_out"].to_string();
-        assert!(left_out.contains(told), "{name}: {left_out}");
+        assert!(left_out.contains(reported), "{name}: {left_out}");
     }
     for other in &reflected[1..] {
         assert!((other - reflected[0]).abs() < 0.01, "{reflected:?}");

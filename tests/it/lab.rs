@@ -25,7 +25,7 @@ use ridged::units::Angle;
 use crate::bench_in_a_box::{BenchInABox, small};
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_scan_is_planned_run_kept_told_and_fitted() {
+async fn a_scan_is_planned_run_kept_reported_and_fitted() {
     // A rig on a pseudo-terminal, a store in an empty folder, and hands that do what is asked.
     let bench = BenchInABox::new().await;
     let lab = &bench.lab;
@@ -199,7 +199,7 @@ async fn the_second_scan_uses_the_first_ones_darks_and_white_reference() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn calibrations_from_the_future_are_taken_anew() {
+async fn calibrations_from_the_future_are_taken_again() {
     let folder = tempfile::tempdir().unwrap();
     let disk = Arc::new(RealDisk);
     let bench = BenchInABox::open(folder.path(), disk.clone(), true).await;
@@ -396,8 +396,8 @@ async fn a_daemon_that_ends_leaves_the_scan_to_be_resumed() {
     bench.lab.order(scan.id, ScanCommand::Resume).await.unwrap();
     assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
     // Its time goes on from where it was.
-    let told = bench.lab.store().events_after(0, 1000).await.unwrap();
-    let elapsed = told.iter().filter_map(|e| match &e.event {
+    let reported = bench.lab.store().events_after(0, 1000).await.unwrap();
+    let elapsed = reported.iter().filter_map(|e| match &e.event {
         Event::Frame { progress, .. } | Event::Scan { progress, .. } => Some(progress.elapsed_s),
         _ => None,
     });

@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use ridged::fit::report::{FitReport, Parameter, Status, VariantName};
 use ridged::fit::traced::TracingOptions;
-use ridged::fit::{FitOptions, VariantChoice, fit, told};
+use ridged::fit::{FitOptions, VariantChoice, fit, reported};
 use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;
 use ridged::model::prepared::OpticsTable;
@@ -282,7 +282,7 @@ fn what_a_single_azimuth_says_is_within_its_uncertainty_and_what_it_cannot_say_i
 /// Two azimuths half a turn apart with the lamp in the tilt plane: turned to the left and to the right by as much, the
 /// ridges look the same to the last bit.
 #[test]
-fn a_mirror_image_that_costs_as_much_is_told_and_covered() {
+fn a_mirror_image_that_costs_as_much_is_reported_and_covered() {
     let bench = Bench {
         stray_light: 0.0,
         white_reference: true,
@@ -312,11 +312,11 @@ fn a_mirror_image_that_costs_as_much_is_told_and_covered() {
         o.signal = signal + o.sigma * noise;
     }
     let report = fit(&set, &FitOptions::default(), &AtomicBool::new(false));
-    let told = report
+    let reported = report
         .warnings
         .iter()
         .any(|w| w.contains("another surface"));
-    assert!(told, "{:?}", report.warnings);
+    assert!(reported, "{:?}", report.warnings);
     let offset = parameter(&report, "azimuth_offset_deg");
     if let (Some(value), Some(expanded)) = (offset.value, offset.expanded) {
         assert!((value - 12.0).abs() <= expanded, "{value} ± {expanded}");
@@ -425,7 +425,7 @@ fn a_gain_that_is_stated_stands_for_the_white_reference() {
     // The radiances are in units of the lamp's irradiance: their gain is 1.
     let options = FitOptions {
         variant: VariantChoice::Sawtooth,
-        told: vec![told::held("scale", 1.0).unwrap()],
+        constraints: vec![constraints::held("scale", 1.0).unwrap()],
         ..FitOptions::default()
     };
     let set = observations("polymer-10", bench);

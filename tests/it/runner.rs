@@ -229,19 +229,19 @@ async fn run(
 #[tokio::test(flavor = "multi_thread")]
 async fn who_resumes_after_another_trouble_has_not_looked_at_a_black_sample() {
     let cues = [(1, Cue::Fail), (5, Cue::Black)];
-    let (end, told) = run(samples(), &[], cues, |_| u64::MAX).await;
+    let (end, reported) = run(samples(), &[], cues, |_| u64::MAX).await;
     assert_eq!(end.state, ScanState::Completed);
     // The second time somebody has, and the third point is as black.
-    assert_eq!(told.alarms, ["camera-failed", "frames-rejected"]);
-    assert_eq!(told.accepted, [0, 1, 2]);
+    assert_eq!(reported.alarms, ["camera-failed", "frames-rejected"]);
+    assert_eq!(reported.accepted, [0, 1, 2]);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_blinded_camera_pauses_the_scan_until_somebody_has_looked() {
-    let (end, told) = run(samples(), &[], [(1, Cue::Full)], |_| u64::MAX).await;
+    let (end, reported) = run(samples(), &[], [(1, Cue::Full)], |_| u64::MAX).await;
     assert_eq!(end.state, ScanState::Completed);
-    assert_eq!(told.alarms, ["frames-rejected"]);
-    assert_eq!(told.accepted, [0, 1, 2]);
+    assert_eq!(reported.alarms, ["frames-rejected"]);
+    assert_eq!(reported.accepted, [0, 1, 2]);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -265,27 +265,27 @@ async fn a_scan_that_is_too_bright_is_found_out_at_the_poses_furthest_apart() {
         steps
     };
     for backwards in [false, true] {
-        let (end, told) = run(grid(backwards), &[], [(1, Cue::Full)], |_| u64::MAX).await;
+        let (end, reported) = run(grid(backwards), &[], [(1, Cue::Full)], |_| u64::MAX).await;
         assert_eq!(end.state, ScanState::Completed);
         // Told long before all are taken, and each is taken once.
-        assert_eq!(told.alarms, ["frames-rejected"]);
-        let mut all = told.accepted.clone();
+        assert_eq!(reported.alarms, ["frames-rejected"]);
+        let mut all = reported.accepted.clone();
         all.sort_unstable();
         assert_eq!(all, (0..64).collect::<Vec<u32>>());
-        let ends = [0, 56].map(|i| told.accepted.iter().position(|a| *a == i).unwrap());
+        let ends = [0, 56].map(|i| reported.accepted.iter().position(|a| *a == i).unwrap());
         assert!(ends.iter().all(|at| *at < 20), "{ends:?}");
         // All points are alike: the way to one that is out of turn is no more of the plan.
         assert!(
-            told.ahead.iter().all(|ahead| ahead.abs() < 0.1),
+            reported.ahead.iter().all(|ahead| ahead.abs() < 0.1),
             "{:?}",
-            told.ahead
+            reported.ahead
         );
         // A lamp that is too bright from the middle on has left others as they should be.
-        let (_, told) = run(grid(backwards), &[], [(32, Cue::Full)], |_| u64::MAX).await;
+        let (_, reported) = run(grid(backwards), &[], [(32, Cue::Full)], |_| u64::MAX).await;
         assert!(
-            told.accepted.is_sorted() || backwards,
+            reported.accepted.is_sorted() || backwards,
             "{:?}",
-            told.accepted
+            reported.accepted
         );
     }
 }
@@ -294,24 +294,24 @@ async fn a_scan_that_is_too_bright_is_found_out_at_the_poses_furthest_apart() {
 async fn a_camera_that_hangs_pauses_the_scan_until_it_no_longer_does() {
     // Three frames a visit, three visits before each pause.
     let cues = [(4, Cue::Hang), (4 + 2 * 9, Cue::Wake)];
-    let (end, told) = run(samples(), &[], cues, |_| u64::MAX).await;
+    let (end, reported) = run(samples(), &[], cues, |_| u64::MAX).await;
     assert_eq!(end.state, ScanState::Completed);
     // Who resumes has not mended it by that.
-    assert_eq!(told.alarms, ["frames-rejected"; 2]);
-    assert_eq!(told.accepted, [0, 1, 2]);
+    assert_eq!(reported.alarms, ["frames-rejected"; 2]);
+    assert_eq!(reported.accepted, [0, 1, 2]);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_hour_between_stop_and_resume_is_nobodys_motion() {
-    let (end, told) = run(samples(), &[], [(4, Cue::Stop)], |_| u64::MAX).await;
+    let (end, reported) = run(samples(), &[], [(4, Cue::Stop)], |_| u64::MAX).await;
     assert_eq!(end.state, ScanState::Completed);
-    assert!(told.states.contains(&ScanState::Paused));
-    assert_eq!(told.accepted, [0, 1, 2]);
+    assert!(reported.states.contains(&ScanState::Paused));
+    assert_eq!(reported.accepted, [0, 1, 2]);
     assert!(end.elapsed_s > 0.0 && end.elapsed_s < 600.0, "{end:?}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_phase_is_told_done_whichever_run_took_its_last_point() {
+async fn a_phase_is_reported_done_whichever_run_took_its_last_point() {
     let steps = || {
         vec![
             shot(0, FrameKind::Dark, 0.0),
@@ -322,9 +322,9 @@ async fn a_phase_is_told_done_whichever_run_took_its_last_point() {
     };
     // Taken in another order before; taken as a whole by a run that was killed before it could say so.
     for done in [&[0, 2][..], &[0, 1, 2]] {
-        let (_, told) = run(steps(), done, [], |_| u64::MAX).await;
+        let (_, reported) = run(steps(), done, [], |_| u64::MAX).await;
         let phases = [FrameKind::Dark, FrameKind::Flat, FrameKind::Sample];
-        assert_eq!(told.phases, phases, "{done:?}");
+        assert_eq!(reported.phases, phases, "{done:?}");
     }
 }
 
@@ -332,9 +332,9 @@ async fn a_phase_is_told_done_whichever_run_took_its_last_point() {
 async fn a_point_is_begun_where_all_of_its_frames_have_room() {
     let room_for =
         |frames: u64| move |s: &RunnerSettings| s.disk_reserve_bytes + frames * s.frame_bytes_max;
-    let (_, told) = run(samples(), &[], [], room_for(3)).await;
-    assert_eq!(told.alarms, Vec::<String>::new());
-    let (end, told) = run(samples(), &[], [], room_for(2)).await;
-    assert_eq!(told.alarms, ["disk-full"]);
+    let (_, reported) = run(samples(), &[], [], room_for(3)).await;
+    assert_eq!(reported.alarms, Vec::<String>::new());
+    let (end, reported) = run(samples(), &[], [], room_for(2)).await;
+    assert_eq!(reported.alarms, ["disk-full"]);
     assert_eq!(end.state, ScanState::Completed);
 }

@@ -97,10 +97,10 @@ async fn a_stop_reaches_what_moves_on_after_its_link_was_lost() {
             .contains("use the hardware emergency switch"),
         "{refused}"
     );
-    let told = lab.store().events_after(0, 1000).await.unwrap();
+    let reported = lab.store().events_after(0, 1000).await.unwrap();
     assert!(
-        matches!(&told.last().unwrap().event, Event::Alarm { message, .. } if message.contains("did not reach")),
-        "{told:?}"
+        matches!(&reported.last().unwrap().event, Event::Alarm { message, .. } if message.contains("did not reach")),
+        "{reported:?}"
     );
     faults.plug_in();
     lab.stop().await.unwrap();
@@ -193,7 +193,7 @@ async fn a_silent_controller_is_asked_once_for_all_who_wait() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_motion_that_nobody_waits_for_any_more_does_not_begin() {
+async fn a_motion_that_no_client_waits_for_any_more_does_not_begin() {
     let (lab, rig, _folder) = disturbed(|_| {}).await;
     for axis in [ThetaC, PhiS] {
         rig.world.set_powered(axis, false);
@@ -237,16 +237,19 @@ async fn an_abort_that_does_not_reach_the_stages_says_so() {
     for axis in [ThetaC, PhiS] {
         bench.rig.world.set_powered(axis, false);
     }
-    let told = bench
+    let reported = bench
         .lab
         .order(scan.id, ScanCommand::Abort)
         .await
         .unwrap_err();
-    assert!(matches!(told, LabError::AbortedInMotion { .. }), "{told}");
-    let told = told.to_string();
     assert!(
-        told.contains("is aborted") && told.contains("emergency switch"),
-        "{told}"
+        matches!(reported, LabError::AbortedInMotion { .. }),
+        "{reported}"
+    );
+    let reported = reported.to_string();
+    assert!(
+        reported.contains("is aborted") && reported.contains("emergency switch"),
+        "{reported}"
     );
     let scan = bench.lab.store().scan(scan.id).await.unwrap();
     assert_eq!(scan.state, ScanState::Aborted);
@@ -304,9 +307,9 @@ async fn no_key_and_no_body_keeps_a_stop_from_stopping() {
         let answer = send(&router, stop).await;
         assert_eq!(answer.status, 200, "{}", answer.body);
     }
-    let told = bench.lab.store().events_after(0, 100).await.unwrap();
+    let reported = bench.lab.store().events_after(0, 100).await.unwrap();
     let stopped = |event: &Event| matches!(event, Event::Rig { activity, .. } if *activity == RigActivity::Stopped);
-    assert_eq!(told.iter().filter(|e| stopped(&e.event)).count(), 3);
+    assert_eq!(reported.iter().filter(|e| stopped(&e.event)).count(), 3);
     bench.end().await;
 }
 
@@ -320,8 +323,8 @@ async fn who_hangs_up_right_after_a_stop_has_said_it() {
     drop(call);
     let stopped = async {
         loop {
-            let told = bench.lab.store().events_after(0, 100).await.unwrap();
-            if told.iter().any(|e| matches!(&e.event, Event::Rig { activity, .. } if *activity == RigActivity::Stopped)) {
+            let reported = bench.lab.store().events_after(0, 100).await.unwrap();
+            if reported.iter().any(|e| matches!(&e.event, Event::Rig { activity, .. } if *activity == RigActivity::Stopped)) {
                 break;
             }
             tokio::time::sleep(Duration::from_millis(5)).await;

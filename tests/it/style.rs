@@ -37,7 +37,11 @@ fn files(place: &str, extensions: &[&str]) -> Vec<PathBuf> {
     fn collect(path: &Path, extensions: &[&str], found: &mut Vec<PathBuf>) {
         if path.is_dir() {
             for entry in std::fs::read_dir(path).expect("the folder is readable") {
-                collect(&entry.expect("an entry is readable").path(), extensions, found);
+                collect(
+                    &entry.expect("an entry is readable").path(),
+                    extensions,
+                    found,
+                );
             }
         } else if path
             .extension()
@@ -139,7 +143,10 @@ fn no_text_or_name_has_what_the_style_sheet_avoids() {
                 report(&path, line, phrase);
             }
         }
-        if NAMES_LEFT.iter().any(|left| path.starts_with(root.join(left))) {
+        if NAMES_LEFT
+            .iter()
+            .any(|left| path.starts_with(root.join(left)))
+        {
             continue;
         }
         for (line, part) in parts_of_names(&without_comments_and_texts(&text)) {

@@ -260,7 +260,7 @@ fn expanded_uncertainties_cover_random_samples_and_stay_small() {
 }
 
 #[test]
-fn lobes_narrower_than_the_cones_of_lamp_and_lens_are_told_apart_from_them() {
+fn lobes_narrower_than_the_cones_of_lamp_and_lens_are_reported_apart_from_them() {
     let cones = Cones {
         lamp: Angle::from_deg(2.0),
         lens: Angle::from_deg(5.0),
@@ -337,7 +337,7 @@ fn a_cancelled_fit_says_so() {
 }
 
 #[test]
-fn one_tilt_leaves_nothing_finite_that_it_cannot_tell() {
+fn one_tilt_leaves_nothing_finite_that_it_cannot_determine() {
     // At the single tilt where the half vector is the normal, single reflection does not depend on
     // the azimuth: whatever comes out, no parameter may have a small uncertainty and be wrong.
     let poses: Vec<(f64, f64)> = (0..24).map(|p| (-5.0, 15.0 * f64::from(p))).collect();

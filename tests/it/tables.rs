@@ -11,7 +11,7 @@ use serde_json::{Value as Json, json};
 use tempfile::TempDir;
 
 use ridged::analysis::{AnalysisOptions, analyse_observations};
-use ridged::fit::{FitOptions, FitReport, Quantity, Told, VariantChoice};
+use ridged::fit::{Constraint, FitOptions, FitReport, Quantity, VariantChoice};
 use ridged::geometry::{Cones, Directions};
 use ridged::model::prepared::OpticsTable;
 use ridged::model::quadrature::Quadrature;
@@ -155,7 +155,7 @@ fn fitted(observations: ObservationSet) -> FitReport {
     let options = AnalysisOptions {
         fit: FitOptions {
             variant: VariantChoice::Sawtooth,
-            told: vec![Told {
+            constraints: vec![Constraint {
                 quantity: Quantity::TiltOffset,
                 value: 0.0,
                 std: 0.0,

@@ -38,7 +38,7 @@ pub(super) fn run(
     let opened = opened.map_err(CliError::bad_input)?;
     no_twins(dirs, &opened)?;
     for series in &opened {
-        super::suits(&options.fit.told, &series.manifest().material())?;
+        super::suits(&options.fit.constraints, &series.manifest().material())?;
     }
     let names: Vec<String> = dirs.iter().map(|d| d.display().to_string()).collect();
     let sources: Vec<(&str, &dyn FrameSource)> = names

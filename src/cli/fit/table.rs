@@ -8,7 +8,7 @@ use anyhow::anyhow;
 use super::{print, refusal, suits, with_bar};
 use crate::analysis::{AnalysisOptions, analyse_observations};
 use crate::cli::CliError;
-use crate::fit::{Quantity, Told};
+use crate::fit::{Constraint, Quantity};
 use crate::tables::BrdfTable;
 
 /// Reads the table, fits it and prints the result.
@@ -27,7 +27,7 @@ pub(super) fn run(
             "--region: a table of BRDF has one surface and no regions"
         )));
     }
-    let constraints = &mut options.fit.told;
+    let constraints = &mut options.fit.constraints;
     if constraints
         .iter()
         .any(|constraint| constraint.quantity == Quantity::TiltOffset)
@@ -37,7 +37,7 @@ pub(super) fn run(
             the sample as theta_std_deg and sample_tilt_std_deg in the manifest"
         )));
     }
-    constraints.push(Told {
+    constraints.push(Constraint {
         quantity: Quantity::TiltOffset,
         value: 0.0,
         std: 0.0,

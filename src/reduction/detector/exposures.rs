@@ -214,8 +214,8 @@ pub(in crate::reduction) fn read_exposures(
             let current = (dark.mean_dn - sensor.black_dn).max(0.0);
             let noise = n * (sensor.variance_dn2(sum / n + current) + dark.variance_dn2);
             let variance = noise / (sum * sum);
-            let tells = sum > 0.0 && variance < NOISE_MAX * NOISE_MAX;
-            tells.then_some(Exposure {
+            let is_significant = sum > 0.0 && variance < NOISE_MAX * NOISE_MAX;
+            is_significant.then_some(Exposure {
                 exposure_s: *exposure_s,
                 bins,
                 variance,

@@ -75,15 +75,18 @@ fn detector(visits: &[Visit], known: &CurvePrior, stated: Option<f64>) -> Detect
 }
 
 #[test]
-fn a_curve_is_told_within_its_uncertainty_and_a_straight_one_is_not() {
+fn a_curve_is_reported_within_its_uncertainty_and_a_straight_one_is_not() {
     let mut squares = 0.0;
     let curves = [-0.1, -0.02, 0.02, 0.06, 0.1];
     for (seed, c) in curves.into_iter().enumerate() {
         let (visits, known) = visits(&spread(40, 4e3, 6e4), c, 0.0, 3e-4, seed as u64);
-        let told = detector(&visits, &known, None).bent.expect("a curve");
-        assert!((told.c - c).abs() < 0.002, "{c}: {told:?}");
-        assert!(told.explains > 0.9 && told.pairs == 40, "{told:?}");
-        squares += ((told.c - c) / told.std).powi(2);
+        let reported = detector(&visits, &known, None).bent.expect("a curve");
+        assert!((reported.c - c).abs() < 0.002, "{c}: {reported:?}");
+        assert!(
+            reported.explains > 0.9 && reported.pairs == 40,
+            "{reported:?}"
+        );
+        squares += ((reported.c - c) / reported.std).powi(2);
     }
     assert!(squares < 15.0, "{squares} for 5");
     for seed in 0..40 {
@@ -117,12 +120,12 @@ fn a_late_shutter_is_no_curve_and_is_put_right_by_itself() {
     }
     // With both, the one is not taken for the other.
     let (visits, known) = visits(&spread(40, 3e3, 6e4), 0.06, 0.004, 3e-4, 6);
-    let told = detector(&visits, &known, Some(0.005))
+    let reported = detector(&visits, &known, Some(0.005))
         .bent
         .expect("a curve");
     assert!(
-        (told.c - 0.06).abs() < 3.0 * told.std && told.std < 1.5e-3,
-        "{told:?}"
+        (reported.c - 0.06).abs() < 3.0 * reported.std && reported.std < 1.5e-3,
+        "{reported:?}"
     );
 }
 
@@ -149,10 +152,13 @@ fn bad_frames_neither_make_nor_hide_a_curve() {
                 bin[1] *= factor;
             }
         }
-        let told = detector(&visits, &known, None).bent;
+        let reported = detector(&visits, &known, None).bent;
         match c {
-            0.0 => assert!(told.is_none(), "{told:?}"),
-            _ => assert!((told.expect("a curve").c - c).abs() < 0.002, "{told:?}"),
+            0.0 => assert!(reported.is_none(), "{reported:?}"),
+            _ => assert!(
+                (reported.expect("a curve").c - c).abs() < 0.002,
+                "{reported:?}"
+            ),
         }
     }
 }
@@ -160,12 +166,12 @@ fn bad_frames_neither_make_nor_hide_a_curve() {
 #[test]
 fn three_pairs_tell_a_large_curve_and_two_tell_nothing() {
     let (three, known) = visits(&[1e4, 3e4, 6e4], 0.06, 0.0, 3e-4, 9);
-    let told = detector(&three, &known, None)
+    let reported = detector(&three, &known, None)
         .bent
         .expect("three are enough");
     assert!(
-        (told.c - 0.06).abs() < 3.0 * told.std && told.std < 0.01,
-        "{told:?}"
+        (reported.c - 0.06).abs() < 3.0 * reported.std && reported.std < 0.01,
+        "{reported:?}"
     );
     let two = detector(&three[1..], &known, None);
     assert!(two.bent.is_none() && two.correction(0.2).is_none());

@@ -51,8 +51,8 @@ fn counts_of_a_bent_camera_become_those_of_a_straight_one_and_no_pose_is_lost() 
         };
         let series = made.series(&TILTS, &AZIMUTHS, exposures, lobe);
         let set = reduced(&series, None);
-        let told = set.detector.expect("a curve");
-        assert!((told.c - bend).abs() < 0.002, "{bend}: {told:?}");
+        let reported = set.detector.expect("a curve");
+        assert!((reported.c - bend).abs() < 0.002, "{bend}: {reported:?}");
         assert_eq!(set.observations.len(), 20, "{bend}: {:?}", set.warnings);
         assert!(worst(&set) < 2.5e-3, "{bend}: {}", worst(&set));
         let about: Vec<&String> = set
@@ -73,7 +73,7 @@ fn counts_of_a_bent_camera_become_those_of_a_straight_one_and_no_pose_is_lost() 
 }
 
 #[test]
-fn a_straight_camera_is_never_told_to_be_bent_whatever_its_shutter_does() {
+fn a_straight_camera_is_never_reported_as_bent_whatever_its_shutter_does() {
     for (shutter, stated) in [
         (0.0, None),
         (0.005, None),
@@ -100,7 +100,7 @@ fn a_straight_camera_is_never_told_to_be_bent_whatever_its_shutter_does() {
 }
 
 #[test]
-fn a_curve_is_told_from_a_series_with_bad_frames() {
+fn a_curve_is_reported_from_a_series_with_bad_frames() {
     let made = Made {
         bend: 0.06,
         ..small()
@@ -119,8 +119,8 @@ fn a_curve_is_told_from_a_series_with_bad_frames() {
     let copy = series.index_of("sample_20_290_0.08");
     series.frames[copy] = copied;
     let set = reduced(&series, None);
-    let told = set.detector.expect("a curve");
-    assert!((told.c - 0.06).abs() < 0.002, "{told:?}");
+    let reported = set.detector.expect("a curve");
+    assert!((reported.c - 0.06).abs() < 0.002, "{reported:?}");
     assert!(
         worst(&set) < 2.5e-3,
         "{} {:?}",
@@ -130,7 +130,7 @@ fn a_curve_is_told_from_a_series_with_bad_frames() {
 }
 
 #[test]
-fn poses_whose_exposures_nothing_reconciles_are_told_in_one_sentence() {
+fn poses_whose_exposures_nothing_reconciles_are_reported_in_one_sentence() {
     let made = small();
     let mut series = made.series(&TILTS, &AZIMUTHS, &[0.02, 0.08], lobe);
     // Every long frame by another factor: no curve and no shutter does that.
@@ -158,11 +158,11 @@ fn poses_whose_exposures_nothing_reconciles_are_told_in_one_sentence() {
 
 /// Path-traced plastic seen by a camera that is 6 % short at full scale.
 #[test]
-fn the_recorded_bent_camera_is_told_and_its_signals_are_right() {
+fn the_recorded_bent_camera_is_reported_and_its_signals_are_right() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series2/not-linear-9");
     let set = reduced(&Series::open(&path).unwrap(), None);
-    let told = set.detector.expect("a curve");
-    assert!((told.c - 0.06).abs() < 0.002, "{told:?}");
+    let reported = set.detector.expect("a curve");
+    assert!((reported.c - 0.06).abs() < 0.002, "{reported:?}");
     assert_eq!(set.observations.len(), 24, "{:?}", set.warnings);
     assert!(set.warnings.len() <= 3, "{:?}", set.warnings);
     let mut reader = csv::Reader::from_path(path.join("radiance.csv")).unwrap();

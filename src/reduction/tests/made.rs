@@ -118,8 +118,8 @@ fn shot_noise_of_dark_current_is_no_wrong_read_noise() {
     };
     let series = made.series(&TILTS[..3], &AZIMUTHS, &[0.02, 0.06], lobe);
     let set = reduced(&series, None);
-    let told = |w: &String| w.contains("scatter");
-    assert!(!set.warnings.iter().any(told), "{:?}", set.warnings);
+    let reported = |w: &String| w.contains("scatter");
+    assert!(!set.warnings.iter().any(reported), "{:?}", set.warnings);
     // What is wrong beside it is told, with its share.
     let made = Made {
         read_electrons: 12.0,
@@ -128,7 +128,11 @@ fn shot_noise_of_dark_current_is_no_wrong_read_noise() {
     let mut series = made.series(&TILTS[..3], &AZIMUTHS, &[0.02, 0.06], lobe);
     series.manifest.camera.read_noise_electrons_rms = Some(2.0);
     let set = reduced(&series, None);
-    let warning = set.warnings.iter().find(|w| told(w)).expect("it is told");
+    let warning = set
+        .warnings
+        .iter()
+        .find(|w| reported(w))
+        .expect("it is told");
     assert!(
         warning.contains("of 0.02 s") && warning.contains("grows with the exposure"),
         "{warning}"

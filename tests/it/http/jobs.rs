@@ -60,10 +60,10 @@ async fn a_scan_has_a_contrast_and_is_judged_against_a_specification() {
     // Each kind has its own numbers.
     is_problem(&get(&router, "/api/v1/contrasts/2").await, 404, "not-found");
     // An event has the forecast of each before it starts.
-    let told = forecasts(&bench).await;
-    let told: Vec<(&str, i64)> = told.iter().map(|(of, n)| (of.as_str(), *n)).collect();
+    let reported = forecasts(&bench).await;
+    let constraints: Vec<(&str, i64)> = reported.iter().map(|(of, n)| (of.as_str(), *n)).collect();
     assert_eq!(
-        told,
+        reported,
         [
             ("contrast", 1),
             ("verdict", 1),

@@ -149,10 +149,10 @@ fn costs(result: &Value, of: &str) {
 
 /// Which forecasts were told to everybody, and durably: of what, and its number.
 async fn forecasts(bench: &BenchInABox) -> Vec<(String, i64)> {
-    let told = bench.lab.store().events_after(0, 1000).await.unwrap();
+    let reported = bench.lab.store().events_after(0, 1000).await.unwrap();
     let forecast = |event: &Event| match event {
         Event::Forecast { of, number, .. } => Some((of.clone(), *number)),
         _ => None,
     };
-    told.iter().filter_map(|e| forecast(&e.event)).collect()
+    reported.iter().filter_map(|e| forecast(&e.event)).collect()
 }

@@ -111,7 +111,7 @@ async fn a_step_that_is_done_counts_for_that_step_alone() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_finds_the_rig_taken_is_told_what_frees_it() {
+async fn who_finds_the_rig_taken_is_reported_what_frees_it() {
     let (bench, router) = opened().await;
     let body = r#"{"sample_id": 2, "plan": {"preset": "paper"}}"#;
     assert_eq!(post(&router, "/api/v1/scans", body).await.status, 202);
@@ -151,10 +151,10 @@ async fn a_client_that_is_gone_shows_within_seconds() {
     let (bench, router) = opened().await;
     let events = request("GET", "/api/v1/events").body(Body::empty());
     let response = router.clone().oneshot(events.unwrap()).await.unwrap();
-    let mut told = response.into_body().into_data_stream();
+    let mut reported = response.into_body().into_data_stream();
     // A comment, which is nothing to who listens, and fails where nobody does.
     let comment = async {
-        while let Some(some) = told.next().await {
+        while let Some(some) = reported.next().await {
             if some.unwrap().starts_with(b":") {
                 return;
             }
@@ -163,7 +163,7 @@ async fn a_client_that_is_gone_shows_within_seconds() {
     };
     let in_time = tokio::time::timeout(std::time::Duration::from_secs(10), comment).await;
     in_time.expect("nothing was written");
-    drop(told);
+    drop(reported);
     bench.end().await;
 }
 

@@ -4,7 +4,7 @@
 //! Command line and HTTP both call these functions, so both refuse the same input with the same message. [`agree`]
 //! checks all statements together. The callers define the syntax.
 
-use super::{Quantity, Told};
+use super::{Constraint, Quantity};
 use crate::material::Material;
 
 /// Names as in the report, the quantity, whether the value is in degrees, and the valid range. Surfaces are limited to
@@ -89,7 +89,7 @@ fn names() -> String {
 ///
 /// # Errors
 /// [`StatementError`].
-pub fn held(name: &str, value: f64) -> Result<Told, StatementError> {
+pub fn held(name: &str, value: f64) -> Result<Constraint, StatementError> {
     Named::of(name)?.stated(value, 0.0)
 }
 
@@ -97,7 +97,7 @@ pub fn held(name: &str, value: f64) -> Result<Told, StatementError> {
 ///
 /// # Errors
 /// [`StatementError`].
-pub fn known(name: &str, value: f64, std: f64) -> Result<Told, StatementError> {
+pub fn known(name: &str, value: f64, std: f64) -> Result<Constraint, StatementError> {
     let named = Named::of(name)?;
     let stated = named.stated(value, std)?;
     if !(std > 0.0 && std.is_finite()) {
@@ -116,7 +116,7 @@ pub fn known(name: &str, value: f64, std: f64) -> Result<Told, StatementError> {
 /// # Errors
 /// [`StatementError::Twice`], [`StatementError::NoExtinction`], [`StatementError::NoDiffuse`], and
 /// [`StatementError::OutOfRange`] for an index that a dielectric cannot have.
-pub fn agree(stated: &[Told], material: &Material) -> Result<(), StatementError> {
+pub fn agree(stated: &[Constraint], material: &Material) -> Result<(), StatementError> {
     for (k, one) in stated.iter().enumerate() {
         if stated[..k]
             .iter()
@@ -174,7 +174,7 @@ impl Named {
     }
 
     /// Converts a value within its range to natural units.
-    fn stated(&self, value: f64, std: f64) -> Result<Told, StatementError> {
+    fn stated(&self, value: f64, std: f64) -> Result<Constraint, StatementError> {
         let (low, high) = self.range;
         if !(low..=high).contains(&value) {
             return Err(StatementError::OutOfRange {
@@ -183,7 +183,7 @@ impl Named {
                 high,
             });
         }
-        Ok(Told {
+        Ok(Constraint {
             quantity: self.quantity,
             value: value * self.unit,
             std: std * self.unit,
