@@ -238,7 +238,7 @@ pub fn chi2(case: &Case, v: &Values) -> f64 {
 }
 
 /// Whether a quantity has part in a direction along which nothing at all changes at `v`, judged by
-/// singular values of the fit's own problem built anew.
+/// singular values of the fit's own problem, built again.
 pub fn null_parts(case: &Case, v: &Values) -> Vec<Quantity> {
     let (free, mut fixed) = free_quantities(&case.set, case.variant);
     fixed.rho_d = v.rho_d;

@@ -1,8 +1,8 @@
-//! The fit against random synthetic series: does it find the minimum, does its status tell the
-//! truth, do its intervals cover (in the stiff stratum: the profiles)?
+//! The fit against random synthetic series: does it find the minimum, is its status
+//! true, do its intervals cover (in the stiff stratum: the profiles)?
 //!
 //! `cargo bench --bench fit_strata -- --stratum ordinary|stiff|paper|both --cases N --seed S`; the whole
-//! proof is `--stratum both --cases 5000`, some hours on two cores, most of them stiff (it tells the time left); runs of fewer
+//! proof is `--stratum both --cases 5000`, some hours on two cores, most of them stiff (it prints the time left); runs of fewer
 //! cases with other seeds add up to it. `--identifiable --crowd 1` looks at coverage alone. It ends with one line per requirement
 //! and fails (exit 1) where one is not met.
 //!
@@ -63,14 +63,14 @@ struct Args {
     identifiable: bool,
     /// Of those only the series that tell ρd too, as a third of the stiff ones do.
     #[arg(long, requires = "identifiable")]
-    tells_rho_d: bool,
+    determines_rho_d: bool,
     /// Only these cases, by their own seeds as `--verbose` tells them.
     #[arg(long, value_delimiter = ',')]
     only: Vec<u64>,
     /// Begins no case later than this and reports on those begun.
     #[arg(long)]
     max_seconds: Option<f64>,
-    /// Tells of every case that is not as it should be.
+    /// Prints every case that is not as expected.
     #[arg(long)]
     verbose: bool,
     /// Let the fits look for a misfit of the model, as those of real samples do.
@@ -138,7 +138,7 @@ fn run(stratum: Stratum, args: &Args) -> bool {
                 let std = free.iter().zip(&linear.std).find(|(f, _)| **f == q);
                 std.is_some_and(|(_, std)| enough(q, *std))
             };
-            linear.identifiable && (!args.tells_rho_d || is_significant(Quantity::RhoD))
+            linear.identifiable && (!args.determines_rho_d || is_significant(Quantity::RhoD))
         };
         seeds.into_par_iter().filter(identifiable).collect()
     } else {

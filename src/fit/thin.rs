@@ -1,4 +1,4 @@
-//! Fits sets of so many observations that only the descent can use them all.
+//! Fits very large sets of observations, of which only the descent can use all.
 //!
 //! A search evaluates every observation about ten thousand times, and an integration costs a thousand closed forms per
 //! pose. Neither needs a million observations. Above [`ALL`] observations, therefore:

@@ -178,7 +178,7 @@ mod tests {
                     at(0.0, 0.02, 0.30),
                     at(0.0, 90.0, 0.10),
                     at(0.0, 180.0, 0.20),
-                    // Another tilt without its 180°, and an azimuth that is nobody's partner.
+                    // Another tilt without its 180°, and an azimuth without a partner.
                     at(10.0, 0.0, 0.50),
                     at(10.0, 89.98, 0.10),
                     at(10.0, 45.0, 9.0),

@@ -4,7 +4,7 @@ use super::{FrameSource, ReductionCache};
 use crate::frame::Frame;
 use crate::series::{FrameReadError, FrameRow, Manifest};
 
-/// A source whose reductions are kept in memory for as long as it lives: a forecast and the fit after it read each frame
+/// A source whose reductions are kept in memory while it lives: a forecast and the fit after it read each frame
 /// once.
 #[derive(Debug, Default)]
 pub struct Remembering<S> {

@@ -107,7 +107,7 @@ impl Made {
         })
     }
 
-    /// Counts above black where a linear camera has so many.
+    /// Counts above black of this camera, for the counts of a linear one.
     fn counted(&self, linear: f64) -> f64 {
         let full = f64::from(self.saturation_dn) - self.black_dn;
         linear * (1.0 - self.bend * linear / full)

@@ -215,7 +215,7 @@ fn weigh(patch: &mut [([f64; 2], f64)], pixels: f64, middle: [f64; 2]) {
     }
 }
 
-/// Places from −1 to 1 along both axes and their shares: so many Gauss–Legendre nodes along each.
+/// Places from −1 to 1 along both axes and their shares: Gauss–Legendre nodes along each axis.
 fn nodes([columns, rows]: [usize; 2]) -> impl Iterator<Item = ([f64; 2], f64)> {
     let (first, second) = (legendre(columns), legendre(rows));
     first.into_iter().flat_map(move |(a, wa)| {

@@ -1,6 +1,6 @@
 //! The only record of what happens: page, log and store see the same events.
 //!
-//! An event is told after it is durable: the store gives it its number, then it is broadcast. So a
+//! An event is broadcast after it is durable: the store gives it its number, then it is broadcast. So a
 //! listener that comes back with the last number it saw misses nothing and sees nothing twice.
 
 use serde::{Deserialize, Serialize};
@@ -160,7 +160,7 @@ pub enum RigActivity {
     Scanning,
     /// Stopped by somebody.
     Stopped,
-    /// Out of reach: nobody knows what it does.
+    /// Out of reach: its state is unknown.
     NotConnected,
 }
 
@@ -359,7 +359,7 @@ impl Event {
     }
 }
 
-/// An event with its number and time: durable, then told.
+/// An event with its number and time: durable, then broadcast.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedEvent {
     /// Number, growing without reuse.

@@ -19,8 +19,8 @@
 //!
 //! Happy path: planned → waiting-for-operator (cap) → running → waiting-for-operator (white
 //! reference) → running → waiting-for-operator (sample) → running → completed. While a scan is in
-//! any state between `planned` and its end it holds the rig. `interrupted` holds nothing: whoever
-//! resumes it takes the rig anew and redoes every point that was not committed.
+//! any state between `planned` and its end it holds the rig. `interrupted` holds nothing: a client that
+//! resumes it takes the rig again and redoes every point that was not committed.
 
 use std::fmt;
 

@@ -1,4 +1,4 @@
-//! The same data folder with another rig, other settings or the same series again: what counts on, and what is told.
+//! The same data folder with another rig, other settings or the same series again: what is kept and what is reported.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -140,7 +140,7 @@ async fn reused_flats_bring_the_dark_frames_of_their_exposures() {
     assert_eq!(reduced.warnings.iter().find(about_dark), None);
     bench.end().await;
 
-    // Dark frames too old for that: the white reference is taken anew, with its own.
+    // The dark frames are too old: the white reference is taken again, with its own dark frames.
     let old = |parts: &mut RigParts| parts.settings.dark_valid = HOUR / 2;
     let bench = opened(folder.path(), HOUR, old).await;
     let (ids, steps) = estimated(&bench, plan(0.1)).await;

@@ -262,7 +262,7 @@ fn a_daemon_that_may_open_few_files_hears_the_stop_among_many_connections() {
 #[test]
 fn a_terminal_that_is_closed_ends_a_daemon_as_ctrl_c_does() {
     let folder = tempfile::tempdir().unwrap();
-    // Whoever runs the tests under nohup has the signal ignored in all that they start.
+    // Under nohup, all programs that the tests start ignore the signal.
     let mut hears = Command::new("env");
     hears.args(["--default-signal=HUP", env!("CARGO_BIN_EXE_ridged")]);
     let mut daemon = Daemon::start_by(hears, folder.path(), &["--simulated-rig"]);
@@ -319,7 +319,7 @@ fn a_kill_in_mid_scan_leaves_every_committed_frame_and_the_scan_interrupted() {
     let mut daemon = Daemon::start(folder.path(), &args);
     let scan = daemon.get("/scans/1").1;
     assert_eq!(scan["state"], "interrupted");
-    // Every frame that was told is there, and its file is what its row says.
+    // Every reported frame exists, and its file matches its row.
     for id in &frames {
         let (status, frame) = daemon.get(&format!("/frames/{id}"));
         assert_eq!(status, 200);
@@ -627,7 +627,7 @@ fn the_demo_prints_the_truth_beside_the_fit() {
         .unwrap();
     assert!(demo.wait().unwrap().success());
     let shown: Value = serde_json::from_str(&text).unwrap();
-    // What it cost, and what was left out, stand where every command has them.
+    // Cost and left_out have the same keys as in every command.
     assert!(shown["seconds"].as_f64().unwrap() > 0.0);
     assert!(!shown["left_out"].as_array().unwrap().is_empty());
     for key in [

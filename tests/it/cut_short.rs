@@ -25,7 +25,7 @@ use crate::bench_in_a_box::{BenchInABox, small};
 /// For what would never come where the claim does not hold; nothing waits so long where it does.
 const NEVER: Duration = Duration::from_secs(60);
 
-/// A client that goes away when its request has been looked at so many times; the answer if it came before.
+/// A client that goes away when its request has been polled a number of times; the answer if it came before.
 pub async fn gone_after<T>(looks: u32, request: impl Future<Output = T>) -> Option<T> {
     let mut request = pin!(request);
     let mut looked = 0;
@@ -96,7 +96,7 @@ async fn a_scan_whose_orders_could_not_be_written_takes_them_once_they_can() {
             "CREATE TRIGGER full BEFORE INSERT ON scan_states BEGIN SELECT RAISE(ABORT, 'full'); END",
         )
         .await;
-        // Not that it stands where it cannot be aborted: what keeps it from being written.
+        // The message is not that the scan cannot be aborted: it names what prevents the row from being written.
         for order in [order, ScanCommand::Abort, ScanCommand::Resume] {
             let answer = tokio::time::timeout(NEVER, bench.lab.order(scan.id, order)).await;
             let refused = answer.expect("an answer comes").unwrap_err();

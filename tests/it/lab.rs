@@ -255,7 +255,7 @@ async fn a_scan_waits_for_its_operator_pauses_and_goes_on() {
     let lab = &bench.lab;
     let scan = bench.start(small(&[0.0], &[0.0, 90.0])).await;
     bench.until(scan.id, ScanState::WaitingForOperator).await;
-    // Nobody else gets the rig meanwhile, but everybody may stop it.
+    // No other client gets the rig meanwhile, but any client may stop it.
     let refused = lab.move_axis(AxisName::ThetaC, Angle::ZERO).await;
     assert!(matches!(refused, Err(LabError::Busy { .. })), "{refused:?}");
     assert!(lab.order(scan.id, ScanCommand::Resume).await.is_err());
@@ -308,7 +308,7 @@ async fn an_aborted_scan_gives_the_rig_back() {
     let state = bench.lab.order(scan.id, ScanCommand::Abort).await.unwrap();
     assert_eq!(state, ScanState::Aborted);
     assert!(bench.lab.order(scan.id, ScanCommand::Resume).await.is_err());
-    // Free again at once: that it has ended is told to be acted on.
+    // The rig is free at once: a client acts on the report of the end.
     let next = bench.start(small(&[0.0], &[0.0])).await;
     bench.until(next.id, ScanState::WaitingForOperator).await;
     bench.end().await;
@@ -338,7 +338,7 @@ async fn an_order_that_is_given_as_the_rig_says_idle_is_taken() {
     for k in 0..40 {
         let moved = lab.move_axis(AxisName::ThetaC, target(k)).await;
         moved.unwrap_or_else(|error| panic!("order {k}: {error}"));
-        // The end of the motion before may be told only now.
+        // The end of the previous motion may be reported only now.
         let mut begun = false;
         loop {
             match &events.recv().await.unwrap().event {
@@ -451,7 +451,7 @@ impl Disk for PatientDisk {
     }
 }
 
-/// A disk with room for so many files.
+/// A disk with room for a number of files.
 struct SmallDisk {
     files_left: AtomicI64,
 }
@@ -490,7 +490,7 @@ async fn a_full_disk_pauses_the_scan_and_loses_nothing() {
             .iter()
             .any(|e| matches!(&e.event, Event::Alarm { code, .. } if code == "disk-full"))
     );
-    // Room again: it goes on with the point that was lost.
+    // With room again, it continues with the lost point.
     disk.files_left.store(1000, Ordering::Relaxed);
     bench.lab.order(scan.id, ScanCommand::Resume).await.unwrap();
     assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
@@ -582,7 +582,7 @@ async fn an_import_leaves_the_reserve_alone_and_nothing_behind_where_it_fails() 
     let broken = import(Default::default(), 5).await.unwrap_err();
     assert!(matches!(broken, LabError::BrokenOff), "{broken}");
     assert_eq!(files_below(&frames), Vec::<std::path::PathBuf>::new());
-    // What a row names stays, whoever fails with the same content later.
+    // A file that a row names stays, even if a later write of the same content fails.
     import(Default::default(), 0).await.unwrap();
     let all = files_below(&frames).len();
     assert!(all > 200, "{all}");

@@ -161,7 +161,7 @@ async fn frames_of_tiff_are_reduced_kept_and_exported_as_those_of_png() {
 fn swapped_bytes_are_named_whatever_the_camera_and_the_file() {
     for bits in [16, 12] {
         let mut part = Part::new();
-        // Dark frames of less than 256 counts do not tell their order by themselves.
+        // Dark frames of less than 256 counts do not show their byte order.
         let shift = 16 - bits;
         part.manifest.camera.bit_depth = Some(bits);
         part.manifest.camera.saturation_dn = None;

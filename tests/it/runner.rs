@@ -97,7 +97,7 @@ fn command_request(command: ScanCommand) -> CommandRequest {
     }
 }
 
-/// Notes what it is told, and has somebody come after an hour who resumes whatever is paused.
+/// Records the events, and simulates a person who comes after an hour and resumes a paused scan.
 struct Notebook {
     clock: Arc<dyn Clock>,
     orders: mpsc::Sender<CommandRequest>,
@@ -105,7 +105,7 @@ struct Notebook {
     states: Vec<ScanState>,
     alarms: Vec<String>,
     accepted: Vec<u32>,
-    /// How far the fraction told is ahead of the share of the points, at each that counts.
+    /// Reported fraction minus the share of the points, at each relevant point.
     ahead: Vec<f64>,
     phases: Vec<FrameKind>,
 }
@@ -267,7 +267,7 @@ async fn a_scan_that_is_too_bright_is_found_out_at_the_poses_furthest_apart() {
     for backwards in [false, true] {
         let (end, reported) = run(grid(backwards), &[], [(1, Cue::Full)], |_| u64::MAX).await;
         assert_eq!(end.state, ScanState::Completed);
-        // Told long before all are taken, and each is taken once.
+        // Reported long before all are taken, and each is taken once.
         assert_eq!(reported.alarms, ["frames-rejected"]);
         let mut all = reported.accepted.clone();
         all.sort_unstable();

@@ -24,7 +24,7 @@ use crate::bench_in_a_box::{BenchInABox, small};
 use crate::cut_short::by_hand;
 use crate::http::{is_problem, opened, request, send};
 
-/// A lab whose line to the stages can be disturbed. Time stands still while nobody waits, so what moves goes on moving.
+/// A lab whose line to the stages can be disturbed. Time stands still while no task waits, so what moves goes on moving.
 async fn disturbed(change: impl FnOnce(&mut StageLink)) -> (Lab, SimulatedRig, tempfile::TempDir) {
     disturbed_on(Arc::new(SteppedClock::new()), change).await
 }
@@ -77,7 +77,7 @@ async fn a_stop_reaches_what_moves_on_after_its_link_was_lost() {
     let (faults, lab, rig, _folder) = lost_in_motion().await;
     lab.stop().await.unwrap();
     assert!(!rig.world.is_moving());
-    // Without a line at all nobody says that it stands.
+    // Without a line, no answer says that the stage stands.
     faults.unplug();
     let router = ridged::api::router(lab.clone(), Arc::new(String::new), Default::default());
     // The first question finds the line gone; the next finds none.

@@ -165,11 +165,11 @@ fn no_text_or_name_has_what_the_style_sheet_avoids() {
 
 #[test]
 fn the_reader_of_texts_sees_phrases_over_lines_and_parts_of_names() {
-    let source = "/// It stands\n/// where x is.\nlet stands_where = \"Stands  where\"; // done\n";
-    assert_eq!(lines_with(&prose(source), "stands where"), [1, 3]);
-    let parts: Vec<String> = parts_of_names("fn fooBar_baz(x1: Told)")
+    let source = "/// Where it\n/// is, x ends.\nlet it_is = \"It  is\"; // done\n";
+    assert_eq!(lines_with(&prose(source), "it is"), [1, 3]);
+    let parts: Vec<String> = parts_of_names("fn fooBar_baz(x1: Angle)")
         .into_iter()
         .map(|(_, part)| part)
         .collect();
-    assert_eq!(parts, ["fn", "foo", "bar", "baz", "x", "told"]);
+    assert_eq!(parts, ["fn", "foo", "bar", "baz", "x", "angle"]);
 }

@@ -124,7 +124,7 @@ impl Drop for RealRig {
     }
 }
 
-/// Puts something before the camera that fills all of it with so many counts.
+/// Puts something before the camera that fills its picture with these counts.
 fn show(folder: &Path, dn: u16) {
     let png = Frame::new(8, 8, vec![dn; 64]).unwrap().to_png().unwrap();
     std::fs::write(folder.join("next.png"), png).unwrap();
@@ -203,7 +203,7 @@ fn ctrl_c_at_the_prompt_pauses_the_scan_and_then_says_how_it_is_left() {
     );
     assert!(rest.ends_with("everything is safe\n"), "{rest}");
     assert_eq!(rig.daemon.get("/scans/1").1["state"], "paused");
-    // A pause frees nothing, and who asks is not told to pause.
+    // A pause frees nothing, so the message does not advise to pause.
     let body = r#"{"sample_id": 1, "plan": {"preset": "paper"}}"#;
     let (status, refused) = rig.daemon.post("/scans", body);
     let detail = refused["detail"].as_str().unwrap();
@@ -321,7 +321,7 @@ fn a_daemon_that_answers_nothing_is_named_with_the_emergency_switch() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let mut daemon = Daemon::start(at, &["--simulated-rig"]);
-    // Its notice leads to where nobody listens.
+    // Its notice leads to an address without a listener.
     let notice = at.join("data/daemon.json");
     let text = std::fs::read_to_string(&notice).unwrap();
     let mut wrong: Value = serde_json::from_str(&text).unwrap();

@@ -116,7 +116,7 @@ fn a_late_shutter_is_no_curve_and_is_put_right_by_itself() {
             (time(0.2) / time(0.05) - 1.0 - kappa).abs() < 3e-4,
             "{found:?}"
         );
-        assert!(found.words().expect("it is told").contains("shutter"));
+        assert!(found.words().expect("a message").contains("shutter"));
     }
     // With both, the one is not taken for the other.
     let (visits, known) = visits(&spread(40, 3e3, 6e4), 0.06, 0.004, 3e-4, 6);
@@ -130,7 +130,7 @@ fn a_late_shutter_is_no_curve_and_is_put_right_by_itself() {
 }
 
 #[test]
-fn what_shutter_and_curve_would_make_alike_is_not_told_as_a_curve() {
+fn what_shutter_and_curve_would_make_alike_is_not_reported_as_a_curve() {
     // One level: half a per cent of shutter is a curve of 2 % or none.
     let (visits, known) = visits(&[3e4; 20], 0.0, 0.005, 3e-4, 7);
     assert!(detector(&visits, &known, None).bent.is_none());

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Turns, moves and shrinks pictures of the recorded board: each frame is drawn anew from the levels
+/// Turns, moves and shrinks pictures of the recorded board: each frame is drawn again from the levels
 /// of its patches and mount as the board lies at `azimuth_offset`, `axis_px` away.
 fn displaced_board(azimuth_offset: f64, axis_px: [f64; 2], moved: Option<&str>) -> Memory {
     let mut series = checker().clone();
@@ -46,7 +46,7 @@ fn displaced_board(azimuth_offset: f64, axis_px: [f64; 2], moved: Option<&str>) 
             .collect();
         series.frames[at] = Some(Frame::new(256, 256, dn).unwrap());
     }
-    // Pixels were dealt anew, so the sensor's pattern is gone: uniform flats say there is none.
+    // Pixels were redistributed, so the sensor's pattern is gone: uniform flats say there is none.
     for at in 0..series.rows.len() {
         if series.rows[at].kind == FrameKind::Flat {
             let file = series.rows[at].file.clone();
@@ -68,7 +68,7 @@ fn a_turned_and_displaced_board_is_found_and_its_patches_followed() {
         let series = displaced_board(turn, axis, None);
         let set = reduced(&series, Some("even"));
         assert_eq!(set.observations.len(), 24, "{:?}", set.rejected_frames);
-        // Vignetting of 3 % rms stays in the pixels that were dealt anew; a patch's neighbours or
+        // Vignetting of 3 % rms stays in the redistributed pixels; a patch's neighbours or
         // the mount in it would be 10 % and more.
         for o in &set.observations {
             assert!(

@@ -86,7 +86,7 @@ fn a_straight_camera_is_never_reported_as_bent_whatever_its_shutter_does() {
         let set = reduced(&series, None);
         assert_eq!(set.detector, None, "{shutter}");
         assert_eq!(set.observations.len(), 20);
-        // Among themselves the exposures are right; on which of them the scale rests, nobody can tell.
+        // The exposures agree among themselves; the data do not determine which of them the scale rests on.
         assert!(
             worst(&set) < 1.5e-3 + 0.6 * shutter,
             "{shutter}: {}",

@@ -120,7 +120,7 @@ fn shot_noise_of_dark_current_is_no_wrong_read_noise() {
     let set = reduced(&series, None);
     let reported = |w: &String| w.contains("scatter");
     assert!(!set.warnings.iter().any(reported), "{:?}", set.warnings);
-    // What is wrong beside it is told, with its share.
+    // The other fault is reported, with its share.
     let made = Made {
         read_electrons: 12.0,
         ..made
@@ -132,7 +132,7 @@ fn shot_noise_of_dark_current_is_no_wrong_read_noise() {
         .warnings
         .iter()
         .find(|w| reported(w))
-        .expect("it is told");
+        .expect("a warning");
     assert!(
         warning.contains("of 0.02 s") && warning.contains("grows with the exposure"),
         "{warning}"

@@ -134,7 +134,7 @@ async fn ended(router: &Router, begun: &Answer) -> Value {
     }
 }
 
-/// A result says what it took and what had been told before it started.
+/// A result states its cost and the forecast made before it started.
 fn costs(result: &Value, of: &str) {
     assert!(result["seconds"].as_f64().unwrap() > 0.0, "{result}");
     assert!(result["left_out"].is_array(), "{result}");
@@ -147,7 +147,7 @@ fn costs(result: &Value, of: &str) {
     assert_eq!(forecast["amount"]["of"], of);
 }
 
-/// Which forecasts were told to everybody, and durably: of what, and its number.
+/// The forecasts that were broadcast and stored: kind and number of the job.
 async fn forecasts(bench: &BenchInABox) -> Vec<(String, i64)> {
     let reported = bench.lab.store().events_after(0, 1000).await.unwrap();
     let forecast = |event: &Event| match event {

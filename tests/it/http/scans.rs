@@ -152,7 +152,7 @@ async fn a_client_that_is_gone_shows_within_seconds() {
     let events = request("GET", "/api/v1/events").body(Body::empty());
     let response = router.clone().oneshot(events.unwrap()).await.unwrap();
     let mut reported = response.into_body().into_data_stream();
-    // A comment, which is nothing to who listens, and fails where nobody does.
+    // A comment, which listeners ignore; sending it fails without a listener.
     let comment = async {
         while let Some(some) = reported.next().await {
             if some.unwrap().starts_with(b":") {
@@ -278,7 +278,7 @@ async fn an_axis_moves_once_it_is_homed_and_a_stop_frees_it_at_once() {
         "{}",
         refused.detail()
     );
-    // Whatever was in hand when the stop was answered is in nobody's way.
+    // Work that was in progress when the stop was answered blocks no one.
     for _ in 0..5 {
         let home = post(&router, &format!("{}/home", to("theta_c")), "").await;
         assert_eq!(home.status, 202, "{}", home.body);

@@ -41,7 +41,7 @@ async fn a_scene_is_traced_compared_and_looked_at() {
     let of = |key: &str| all["reflected"][key].as_f64().unwrap();
     assert!(of("std_between_surfaces") > of("std_by_sampling"), "{all}");
     assert!(of("std") > of("std_by_sampling"), "{all}");
-    // With `compare` its files say where light without polarisation goes wrong; limits are kept and told.
+    // With `compare` its files show the error without polarisation; limits are kept and reported.
     let layered = json!({
         "light": { "theta_i_deg": 65.0, "phi_i_deg": 180.0 },
         "interface": [
@@ -172,7 +172,7 @@ async fn a_scene_brings_its_files() {
     // Near normal incidence hills of 10° reflect about as a plane does.
     let reflected = trace["energy"]["reflected"]["value"].as_f64().unwrap();
     assert!((0.03..0.06).contains(&reflected), "{reflected}");
-    // The row keeps what tells the file from others, the folder the file itself.
+    // The row keeps the identity of the file, the folder keeps the file.
     let kept = &trace["request"]["files"]["hills.csv"];
     assert_eq!(kept["bytes"], table.len());
     let file = format!("{}/files/given-hills.csv", begun.location.clone().unwrap());
