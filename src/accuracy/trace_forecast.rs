@@ -398,9 +398,9 @@ mod tests {
         let cancel = &AtomicBool::new(false);
         // A look at 320,000 triangles takes many times this; the first photons do not.
         let reported = |seconds| of_run(&prepared, TraceExtent::ALL, Patience { seconds, cancel });
-        let constraints: Vec<Forecast> = [0.001, 0.003].into_iter().filter_map(reported).collect();
-        assert!(!reported.is_empty());
-        for reported in reported {
+        let forecasts: Vec<Forecast> = [0.001, 0.003].into_iter().filter_map(reported).collect();
+        assert!(!forecasts.is_empty());
+        for reported in forecasts {
             assert!(
                 reported.at_most && reported.to_string().starts_with("at most"),
                 "{reported}"

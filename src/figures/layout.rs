@@ -144,7 +144,7 @@ impl FigureLayout {
 fn left_of(figure: &Figure, n: usize) -> i32 {
     let columns = figure.columns.max(1);
     let y = &figure.panels[n].y;
-    let shared = n % columns != 0 && figure.panels[n - 1].y == *y;
+    let shared = !n.is_multiple_of(columns) && figure.panels[n - 1].y == *y;
     if y.is_hidden() || shared {
         return 0;
     }

@@ -1,8 +1,8 @@
 //! Estimates the model error and the resulting weights of the observations.
 //!
 //! Counting noise is far below the error of a closed form. With weights by counting noise only, the dimmest poses,
-//! which are modelled worst, would decide. The variance of each observation is therefore σ² + d²·s², with s = |signal|
-//! + a tenth of the peak ([`misfit_scale`]). The number d is chosen such that χ² equals its degrees of freedom
+//! which are modelled worst, would decide. The variance of each observation is therefore σ² + d²·s². The scale s is |signal|
+//! plus a tenth of the peak ([`misfit_scale`]). The number d is chosen such that χ² equals its degrees of freedom
 //! ([`discrepancy_of`]). d·s is the model discrepancy.
 
 use super::least_squares::{householder, sum_of_squares};

@@ -9,9 +9,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use serde_json::{Value, json};
 
 use super::job_progress::ProgressMeter;
+use super::job_work::Work;
 use super::tasks::blocking;
 use super::{Lab, LabError};
-use crate::forecast::Forecast;
 use crate::scan::Event;
 
 /// The job that a forecast belongs to.
@@ -30,18 +30,17 @@ impl Lab {
     ///
     /// # Errors
     /// [`LabError::Panicked`]: the work is lost.
-    pub(super) async fn publish_forecast<W: Send + 'static>(
+    pub(super) async fn publish_forecast(
         &self,
         subject: ForecastSubject,
-        work: W,
-        make: impl FnOnce(&W, &AtomicBool) -> Option<Forecast> + Send + 'static,
+        work: Box<dyn Work>,
         progress: &Arc<ProgressMeter>,
         cancel: &Arc<AtomicBool>,
-    ) -> Result<W, LabError> {
+    ) -> Result<Box<dyn Work>, LabError> {
         progress.report("forecasting", 0, 1);
         let flag = Arc::clone(cancel);
         let (work, forecast) = blocking(move || {
-            let forecast = make(&work, &flag);
+            let forecast = work.forecast(&flag);
             (work, forecast)
         })
         .await?;

@@ -157,14 +157,13 @@ impl Lab {
         let slots = self.inner.slots.of(id.kind);
         let _slot = slots.acquire(progress, cancel).await;
         let _slot = _slot.ok_or(Failure::Cancelled)?;
-        let forecast = |work: &Box<dyn Work>, cancel: &AtomicBool| work.forecast(cancel);
         let subject = ForecastSubject {
             of: id.kind.to_string(),
             number: id.number,
             scan_id,
         };
         let work = self
-            .publish_forecast(subject, work, forecast, progress, cancel)
+            .publish_forecast(subject, work, progress, cancel)
             .await?;
         let (store, meter, flag) = (
             self.store().clone(),

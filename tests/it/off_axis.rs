@@ -112,7 +112,7 @@ async fn a_simulated_rig_with_the_same_errors_is_measured_right() {
     };
     lab.shut_down().await;
     hands.abort();
-    let constraints: Value = serde_json::from_str(&report).unwrap();
+    let reported: Value = serde_json::from_str(&report).unwrap();
     assert_eq!(reported["reference_plane"], "turntable");
     let report: FitReport = serde_json::from_str(&report).unwrap();
     let (steeper, turned) = construction.wedge_on(Angle::from_deg(10.0));

@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use ridged::fit::report::{FitReport, Parameter, Status, VariantName};
 use ridged::fit::traced::TracingOptions;
-use ridged::fit::{FitOptions, VariantChoice, fit, reported};
+use ridged::fit::{FitOptions, VariantChoice, constraints, fit};
 use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;
 use ridged::model::prepared::OpticsTable;

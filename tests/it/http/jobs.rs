@@ -61,7 +61,7 @@ async fn a_scan_has_a_contrast_and_is_judged_against_a_specification() {
     is_problem(&get(&router, "/api/v1/contrasts/2").await, 404, "not-found");
     // An event has the forecast of each before it starts.
     let reported = forecasts(&bench).await;
-    let constraints: Vec<(&str, i64)> = reported.iter().map(|(of, n)| (of.as_str(), *n)).collect();
+    let reported: Vec<(&str, i64)> = reported.iter().map(|(of, n)| (of.as_str(), *n)).collect();
     assert_eq!(
         reported,
         [

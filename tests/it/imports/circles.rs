@@ -107,7 +107,7 @@ impl<'a> SourceTree<'a> {
             let mut bindings = Vec::new();
             for (is_reexport, item) in uses(&source.code) {
                 for (name, path) in leaves(item) {
-                    if let Some(path) = tree.from_crate(source, &path, &[]) {
+                    if let Some(path) = tree.path_from_crate(source, &path, &[]) {
                         bindings.push(Binding {
                             name,
                             path,
@@ -122,7 +122,7 @@ impl<'a> SourceTree<'a> {
     }
 
     /// The path from the crate of a path that `source` writes; `None` where another crate is named.
-    fn from_crate(
+    fn path_from_crate(
         &self,
         source: &Source,
         path: &[String],
@@ -200,7 +200,7 @@ impl<'a> SourceTree<'a> {
         paths.extend(
             written
                 .iter()
-                .filter_map(|path| self.from_crate(source, path, bindings)),
+                .filter_map(|path| self.path_from_crate(source, path, bindings)),
         );
         let mut arrows: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
         for path in paths {
