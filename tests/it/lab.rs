@@ -288,7 +288,7 @@ async fn what_was_put_right_is_homed_and_the_scan_goes_on() {
         let reason = bench.lab.store().scan(scan.id).await.unwrap().reason;
         let reason = reason.unwrap();
         assert!(
-            reason.contains(code) && reason.contains("the scan homes it first"),
+            reason.contains(code) && reason.contains("the scan homes the axis first"),
             "{reason}"
         );
         bench.lab.order(scan.id, ScanCommand::Resume).await.unwrap();
