@@ -66,9 +66,10 @@ impl CheckRow {
 }
 
 /// Computes a part of the rows.
-type CheckPart = fn(CheckEffort, &AtomicBool) -> Vec<CheckRow>;
+pub type CheckPart = fn(CheckEffort, &AtomicBool) -> Vec<CheckRow>;
 
-const PARTS: [(&str, CheckPart); 5] = [
+/// Names of the parts, and the functions that compute them.
+pub const PARTS: [(&str, CheckPart); 5] = [
     ("closed forms", forms::rows),
     ("tracer", traced::rows),
     ("frames", frames::rows),

@@ -49,8 +49,8 @@ pub async fn asked_to_stop() -> std::io::Result<()> {
 pub fn signals() -> std::io::Result<impl Future<Output = ()> + Send> {
     use tokio::signal::unix::{Signal, SignalKind, signal};
     /// Known on Linux only; elsewhere no signal counts as ignored.
-    const TOLD_IN: &str = "/proc/self/status";
-    let status = std::fs::read_to_string(TOLD_IN).unwrap_or_default();
+    const PROCESS_STATUS: &str = "/proc/self/status";
+    let status = std::fs::read_to_string(PROCESS_STATUS).unwrap_or_default();
     let hangup = SignalKind::hangup();
     let mut interrupt = signal(SignalKind::interrupt())?;
     let mut terminate = signal(SignalKind::terminate())?;

@@ -104,7 +104,7 @@ async fn serve(args: Args) -> Result<(), CliError> {
         }
     };
     // Before the line with the address, since a reader of it may send the signal at once.
-    let told_to_end = interrupt::signals().map_err(CliError::no_result)?;
+    let end_signal = interrupt::signals().map_err(CliError::no_result)?;
     let daemon = Daemon::start(lab, listener).map_err(CliError::no_result)?;
     let ready = writeln!(std::io::stdout(), "listening on {}", daemon.url)
         .and_then(|()| std::io::stdout().flush());
@@ -118,7 +118,7 @@ async fn serve(args: Args) -> Result<(), CliError> {
             tracing::error!(code, "{detail}");
         }
     });
-    told_to_end.await;
+    end_signal.await;
     tracing::info!("stopping: rig first, then connections, then the store");
     connecting.abort();
     daemon.end().await;

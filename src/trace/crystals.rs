@@ -83,10 +83,10 @@ pub fn count(cells: usize, cover: f64) -> u64 {
 /// Reported if the integer number of crystals deviates from the requested cover.
 #[must_use]
 pub fn rounded(cells: usize, cover: f64, interface: usize) -> Option<LeftOut> {
-    const TOLD: f64 = 0.01;
+    const REPORTED_MIN: f64 = 0.01;
     let of = count(cells, cover) as f64 / (cells as f64 / CELLS_PER_SIZE).powi(2);
     let off = (of / cover - 1.0).abs();
-    (off > TOLD).then(|| {
+    (off > REPORTED_MIN).then(|| {
         LeftOut::new(
             format!("the fraction of a crystal in the cover of interface {interface}"),
             format!(

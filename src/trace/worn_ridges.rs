@@ -42,7 +42,7 @@ const TOUCHES: f64 = 1e-5;
 /// Largest fraction of its facet that a burr covers: taller burrs are truncated.
 const BURR_SHARE_MAX: f64 = 0.4;
 /// Relative loss of the burrs' mean height by truncation that is not reported.
-const CUT_TOLD: f64 = 1e-3;
+const CUT_REPORTED_MIN: f64 = 1e-3;
 
 impl WornRidges {
     /// The ideal sawtooth.
@@ -99,7 +99,7 @@ impl WornRidges {
         let most = Edges::of(self).burr_max();
         // The fraction exp(−most/mean) of exponentially distributed heights is larger.
         let share = (-most / self.burr).exp();
-        (self.burr > 0.0 && share > CUT_TOLD).then_some((most, self.burr * (1.0 - share)))
+        (self.burr > 0.0 && share > CUT_REPORTED_MIN).then_some((most, self.burr * (1.0 - share)))
     }
 
     /// Many ridges, each crest with its own burr: the riser continues beyond the crest, and the

@@ -42,9 +42,9 @@ const ANSWERS: &[(&[&str], &str)] = &[
         &["judge", "SERIES/paper-rig-full", "--spec", "SPEC"],
         "/items/0/expanded",
     ),
-    (&["contrast", "SERIES/paper-rig-full"], "/error/value"),
-    (&["contrast"], "/error/value"),
-    (&["contrast", "--variant", "paper"], "/error/value"),
+    (&["contrast", "SERIES/paper-rig-full"], "/model_error/value"),
+    (&["contrast"], "/model_error/value"),
+    (&["contrast", "--variant", "paper"], "/model_error/value"),
     (
         &[
             "contrast",
@@ -53,7 +53,7 @@ const ANSWERS: &[(&[&str], &str)] = &[
             "--target-error",
             "1e-3",
         ],
-        "/error/value",
+        "/model_error/value",
     ),
     (&["optimize", "--theta-c-deg", "0"], "/error/value"),
     (&["trace", "scene.toml"], "/relative_error"),

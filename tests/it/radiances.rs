@@ -315,7 +315,7 @@ fn a_mirror_image_that_costs_as_much_is_reported_and_covered() {
     let reported = report
         .warnings
         .iter()
-        .any(|w| w.contains("another surface"));
+        .any(|w| w.contains("Another surface"));
     assert!(reported, "{:?}", report.warnings);
     let offset = parameter(&report, "azimuth_offset_deg");
     if let (Some(value), Some(expanded)) = (offset.value, offset.expanded) {

@@ -590,7 +590,7 @@ fn the_command_fits_a_table() {
         .unwrap();
     assert!((theta_r - 12.0).abs() < 0.05, "{theta_r}");
     for (more, words) in [
-        (["--region", "even"], "has no regions"),
+        (["--region", "even"], "no regions"),
         (["--fix", "tilt_offset_deg=1"], "theta_std_deg"),
     ] {
         let refused = run(&more);

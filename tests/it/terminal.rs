@@ -216,7 +216,7 @@ fn ctrl_c_at_the_prompt_pauses_the_scan_and_then_says_how_it_is_left() {
 }
 
 #[test]
-fn nobody_at_the_terminal_leaves_the_step_to_others() {
+fn an_unattended_terminal_leaves_the_step_to_others() {
     let rig = RealRig::start();
     let args = ["scan", "plan.toml", "--data", "data"];
     let words = ["scan 1 waits for the operator", "http://127.0.0.1"];

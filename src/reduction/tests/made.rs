@@ -160,7 +160,11 @@ fn a_pose_without_light_amid_bright_ones_is_black_and_a_dark_sample_is_not() {
     (metal.manifest.sample.eta, metal.manifest.sample.k) = (Some(2.9), Some(3.1));
     let set = reduced(&metal, None);
     assert_eq!((set.observations.len(), set.rejected_frames.len()), (30, 0));
-    assert!(set.warnings.iter().any(|w| w.contains("of a metal")));
+    assert!(
+        set.warnings
+            .iter()
+            .any(|w| w.contains("a metal may be dark"))
+    );
     let narrow = |tilt: f64, azimuth: f64| {
         if tilt == 0.0 {
             lobe(tilt, azimuth)

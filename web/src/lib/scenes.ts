@@ -70,8 +70,8 @@ export interface Order {
   readonly std: number | null;
 }
 
-/** Shares below this are summed. */
-const TOLD_APART = 1e-3;
+/** Smaller shares are summed. */
+const SHOWN_MIN = 1e-3;
 
 /** Energies by number of interactions; the small ones of both sides are summed as if independent. */
 export function ordersOf(byInteractions: Readonly<Record<string, Estimated>>): Order[] {
@@ -79,8 +79,8 @@ export function ordersOf(byInteractions: Readonly<Record<string, Estimated>>): O
     .map(([name, e]) => ({ letter: name.slice(0, 1), order: name.slice(1).replace('plus', '+'), ...e }))
     .filter((e) => e.value > 0)
     .sort((a, b) => a.letter.localeCompare(b.letter) || Number.parseInt(a.order) - Number.parseInt(b.order));
-  const small = all.filter((e) => e.value < TOLD_APART);
+  const small = all.filter((e) => e.value < SHOWN_MIN);
   if (small.length < 2) return all;
   const rest = { letter: '', order: '', value: small.reduce((sum, e) => sum + e.value, 0), std: Math.hypot(...small.map((e) => e.std ?? 0)) };
-  return [...all.filter((e) => e.value >= TOLD_APART), rest];
+  return [...all.filter((e) => e.value >= SHOWN_MIN), rest];
 }
