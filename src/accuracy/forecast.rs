@@ -13,69 +13,12 @@ use crate::fit::problem::Values;
 use crate::fit::tier::two_bounces;
 use crate::fit::traced::ridged_surface;
 use crate::forecast::Forecast;
-use crate::frame::{Frame, FrameKind};
+use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::observation::ObservationSet;
-use crate::reduction::{FrameReadError, FrameSource, ReductionCache, reduce};
-use crate::series::{FrameRow, Manifest};
+use crate::reduction::{FrameSource, reduce};
+use crate::series::FrameRow;
 use crate::trace::pose_radiance::RadianceOptions;
-
-/// A series with a few of its sample frames.
-pub(super) struct ThinnedSeries<'a> {
-    source: &'a dyn FrameSource,
-    rows: Vec<FrameRow>,
-    places: Vec<usize>,
-}
-
-impl<'a> ThinnedSeries<'a> {
-    /// Keeps every calibration frame and one pose in `every`.
-    pub(super) fn new(source: &'a dyn FrameSource, every: usize) -> Self {
-        let mut poses: Vec<Pose> = Vec::new();
-        let mut thinned = ThinnedSeries {
-            source,
-            rows: Vec::new(),
-            places: Vec::new(),
-        };
-        for (place, row) in source.rows().iter().enumerate() {
-            let kept = match row.kind {
-                FrameKind::Dark | FrameKind::Flat => true,
-                FrameKind::Sample => {
-                    if poses.last() != Some(&row.pose()) {
-                        poses.push(row.pose());
-                    }
-                    poses.len() % every == 1 % every
-                }
-            };
-            if kept {
-                thinned.rows.push(row.clone());
-                thinned.places.push(place);
-            }
-        }
-        thinned
-    }
-}
-
-impl FrameSource for ThinnedSeries<'_> {
-    fn manifest(&self) -> &Manifest {
-        self.source.manifest()
-    }
-
-    fn rows(&self) -> &[FrameRow] {
-        &self.rows
-    }
-
-    fn frame_id(&self, index: usize) -> i64 {
-        self.source.frame_id(self.places[index])
-    }
-
-    fn reductions(&self) -> Option<&ReductionCache> {
-        self.source.reductions()
-    }
-
-    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
-        self.source.read(self.places[index])
-    }
-}
 
 /// Name of the part for reading and reducing.
 pub const READ: &str = "to read and reduce";
@@ -247,27 +190,6 @@ mod tests {
         assert_eq!(reported.part(TRACE), 0.0);
         let alone = of_reduction(&series, None, &AtomicBool::new(false)).unwrap();
         assert!(alone.seconds > 0.0 && alone.parts.len() == 1);
-    }
-
-    #[test]
-    fn a_thinned_series_has_all_calibrations_and_a_sixth_of_the_poses() {
-        const THINNED: usize = 6;
-        let series = Series::open("tests/data/series/paper-rig-full".as_ref()).unwrap();
-        let thinned = ThinnedSeries::new(&series, THINNED);
-        let count = |rows: &[FrameRow], sample: bool| {
-            let kind = |r: &&FrameRow| (r.kind == FrameKind::Sample) == sample;
-            rows.iter().filter(kind).count()
-        };
-        let (all, some) = (FrameSource::rows(&series), thinned.rows());
-        assert_eq!(count(all, false), count(some, false));
-        assert!(
-            count(some, true) * THINNED >= count(all, true)
-                && count(some, true) < count(all, true) / 3
-        );
-        // Each row keeps its own frame.
-        for (place, row) in some.iter().enumerate() {
-            assert_eq!(row.file, all[thinned.places[place]].file);
-        }
     }
 
     #[test]

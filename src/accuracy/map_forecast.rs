@@ -4,14 +4,13 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use super::forecast::ThinnedSeries;
 use crate::forecast::Forecast;
-use crate::frame::FrameKind;
+use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 use crate::map::pixels::{Instructions, PixelFitter};
 use crate::map::{self, MapOptions, Stage};
-use crate::reduction::FrameSource;
-use crate::series::FrameRow;
+use crate::reduction::{FrameReadError, FrameSource, ReductionCache};
+use crate::series::{FrameRow, Manifest};
 
 /// Name of the part for reading and resampling.
 pub const READ: &str = "to read and resample";
@@ -42,6 +41,63 @@ const PROBES: f64 = 2.0;
 const REPEATED: usize = 5;
 /// Sheets that a map draws.
 const SHEETS: f64 = 12.0;
+
+/// A series with a few of its sample frames.
+struct ThinnedSeries<'a> {
+    source: &'a dyn FrameSource,
+    rows: Vec<FrameRow>,
+    places: Vec<usize>,
+}
+
+impl<'a> ThinnedSeries<'a> {
+    /// Keeps every calibration frame and one pose in `every`.
+    fn new(source: &'a dyn FrameSource, every: usize) -> Self {
+        let mut poses: Vec<Pose> = Vec::new();
+        let mut thinned = ThinnedSeries {
+            source,
+            rows: Vec::new(),
+            places: Vec::new(),
+        };
+        for (place, row) in source.rows().iter().enumerate() {
+            let kept = match row.kind {
+                FrameKind::Dark | FrameKind::Flat => true,
+                FrameKind::Sample => {
+                    if poses.last() != Some(&row.pose()) {
+                        poses.push(row.pose());
+                    }
+                    poses.len() % every == 1 % every
+                }
+            };
+            if kept {
+                thinned.rows.push(row.clone());
+                thinned.places.push(place);
+            }
+        }
+        thinned
+    }
+}
+
+impl FrameSource for ThinnedSeries<'_> {
+    fn manifest(&self) -> &Manifest {
+        self.source.manifest()
+    }
+
+    fn rows(&self) -> &[FrameRow] {
+        &self.rows
+    }
+
+    fn frame_id(&self, index: usize) -> i64 {
+        self.source.frame_id(self.places[index])
+    }
+
+    fn reductions(&self) -> Option<&ReductionCache> {
+        self.source.reductions()
+    }
+
+    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
+        self.source.read(self.places[index])
+    }
+}
 
 /// Forecasts a map. `None` where its frames do not give a map, or `cancel` was raised.
 #[must_use]
@@ -158,6 +214,26 @@ fn usual_seconds(work: impl Fn()) -> f64 {
 mod tests {
     use super::*;
     use crate::series::Series;
+
+    #[test]
+    fn a_thinned_series_has_all_calibrations_and_a_sixth_of_the_poses() {
+        let series = Series::open("tests/data/series/paper-rig-full".as_ref()).unwrap();
+        let thinned = ThinnedSeries::new(&series, THINNED);
+        let count = |rows: &[FrameRow], sample: bool| {
+            let kind = |r: &&FrameRow| (r.kind == FrameKind::Sample) == sample;
+            rows.iter().filter(kind).count()
+        };
+        let (all, some) = (FrameSource::rows(&series), thinned.rows());
+        assert_eq!(count(all, false), count(some, false));
+        assert!(
+            count(some, true) * THINNED >= count(all, true)
+                && count(some, true) < count(all, true) / 3
+        );
+        // Each row keeps its own frame.
+        for (place, row) in some.iter().enumerate() {
+            assert_eq!(row.file, all[thinned.places[place]].file);
+        }
+    }
 
     #[test]
     fn a_map_is_forecast_in_its_parts_and_a_raised_flag_ends_it() {

@@ -285,13 +285,7 @@ fn draw_cell(chart: &Chart<'_>, cell: &HeatCell) -> Drawn<()> {
     let corners = [(x - 0.5, y + 0.5), (x + 0.5, y - 0.5)];
     area.draw(&Rectangle::new(corners, filled(cell.colour)))?;
     let [(left, top), (right, bottom)] = corners;
-    let around = vec![
-        (left, top),
-        (right, top),
-        (right, bottom),
-        (left, bottom),
-        (left, top),
-    ];
+    let around = outline((left, top), (right, bottom));
     area.draw(&PathElement::new(around, stroke(WHITE, Stroke::HAIRLINE)))?;
     if cell.text.is_empty() {
         return Ok(());
@@ -304,15 +298,20 @@ fn draw_cell(chart: &Chart<'_>, cell: &HeatCell) -> Drawn<()> {
     area.draw(&Text::new(cell.text.as_str(), (x, y), style))
 }
 
-fn frame(root: &Area<'_>, (x, y): (i32, i32), (width, height): (i32, i32)) -> Drawn<()> {
-    let (left, top, right, bottom) = (units(x), units(y), units(x + width), units(y + height));
-    let around = vec![
+/// The corners of a rectangle, closed.
+fn outline<T: Copy>((left, top): (T, T), (right, bottom): (T, T)) -> Vec<(T, T)> {
+    vec![
         (left, top),
         (right, top),
         (right, bottom),
         (left, bottom),
         (left, top),
-    ];
+    ]
+}
+
+fn frame(root: &Area<'_>, (x, y): (i32, i32), (width, height): (i32, i32)) -> Drawn<()> {
+    let (left, top, right, bottom) = (units(x), units(y), units(x + width), units(y + height));
+    let around = outline((left, top), (right, bottom));
     root.draw(&PathElement::new(around, stroke(GREY, Stroke::HAIRLINE)))
 }
 

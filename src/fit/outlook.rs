@@ -2,8 +2,7 @@
 //!
 //! A search continues while the data leave a doubt, so its duration depends on the data. Call [`outlook`]: it runs the
 //! first round of the fit, settles its result, derives the rounds that will follow, and times a small share of one
-//! round and one integration. [`likely`] extrapolates observations at poses that were not read yet from those that
-//! were. The caller provides the clock.
+//! round and one integration. The caller provides the clock.
 
 use std::sync::atomic::AtomicBool;
 
@@ -12,7 +11,6 @@ use rayon::prelude::*;
 use super::candidates::{self, POOL, SCAN, Wanted};
 use super::covariance::{Scaling, covariance};
 use super::estimate::{Tier, few_directions};
-use super::misfit::misfit_scale;
 use super::opening::Opening;
 use super::problem::{Problem, Values};
 use super::profile::{bootstrap, profile};
@@ -27,10 +25,9 @@ use super::solver::{Minimum, minimise};
 use super::thin;
 use super::variants::refused;
 use super::{FitOptions, VariantChoice};
-use crate::geometry::Pose;
 use crate::material::Material;
 use crate::model::Variant;
-use crate::observation::{Observation, ObservationSet};
+use crate::observation::ObservationSet;
 
 /// Candidates that are descended to time one, and shapes whose roughnesses are scanned.
 const TRIED: usize = 8;
@@ -308,60 +305,14 @@ impl Costs {
     }
 }
 
-/// Predicts observations at all of `poses` from the surface that `few` of them show, with the same relative model
-/// error. Returns `None` if those few determine no surface.
-#[must_use]
-pub fn likely(
-    few: &ObservationSet,
-    poses: &[Pose],
-    options: &FitOptions,
-    cancel: &AtomicBool,
-) -> Option<ObservationSet> {
-    if refused(few, options).is_some() {
-        return None;
-    }
-    let opening = Opening::new(few, Variant::Sawtooth, options);
-    let search = opening.search(options, &|| false, cancel);
-    let mut settled = opening.settling(search.best()?.clone(), options);
-    settled.settle(&opening.weighing(options, cancel));
-    let values = settled.problem.unpack(&settled.minimum.parameters);
-    let model = few.observations.first()?;
-    let sigma =
-        few.observations.iter().map(|o| o.sigma).sum::<f64>() / few.observations.len() as f64;
-    let posed = poses.iter().map(|pose| Observation {
-        pose: *pose,
-        sigma,
-        ..*model
-    });
-    let mut all = ObservationSet {
-        observations: posed.collect(),
-        views: few
-            .views
-            .first()
-            .map_or_else(Vec::new, |v| vec![v.clone(); poses.len()]),
-        ..few.clone()
-    };
-    let free = settled.problem.free().to_vec();
-    let signals = Problem::new(&all, Variant::Sawtooth, free, values).predicted(&values);
-    for (o, signal) in all.observations.iter_mut().zip(signals) {
-        o.signal = signal;
-    }
-    let scale = misfit_scale(&all);
-    for (n, (o, scale)) in all.observations.iter_mut().zip(scale).enumerate() {
-        let side = if n % 2 == 0 { 1.0 } else { -1.0 };
-        o.signal += side * settled.discrepancy * scale;
-    }
-    Some(all)
-}
-
 #[cfg(test)]
 mod tests {
     use std::cell::Cell;
 
-    use super::super::misfit::peak;
     use super::super::painted::{TRUTH, painted};
     use super::super::tier::two_bounces;
     use super::*;
+    use crate::geometry::Pose;
 
     fn grid(tilts: u32, turns: u32) -> Vec<Pose> {
         let step = 360.0 / f64::from(turns);
@@ -420,18 +371,5 @@ mod tests {
         );
         let two = painted(grid(2, 1).into_iter(), &TRUTH, 1e-3, 1);
         assert_eq!(forecast(&two, &options), None);
-    }
-
-    #[test]
-    fn a_fifth_of_the_poses_predicts_the_others() {
-        let all = painted(grid(9, 12).into_iter(), &TRUTH, 1e-3, 1);
-        let few = painted(grid(9, 12).into_iter().step_by(5), &TRUTH, 1e-3, 1);
-        let options = FitOptions::default();
-        let like = likely(&few, &grid(9, 12), &options, &AtomicBool::new(false)).unwrap();
-        let peak = peak(&all);
-        for (a, b) in all.observations.iter().zip(&like.observations) {
-            assert_eq!(a.pose, b.pose);
-            assert!((a.signal - b.signal).abs() < 0.05 * peak);
-        }
     }
 }
