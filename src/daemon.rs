@@ -73,6 +73,7 @@ impl Daemon {
         let ending = CancellationToken::new();
         let router = api::router(lab.clone(), metrics(), ending.clone());
         tokio::spawn(watch_the_time_of_day(ending.clone()));
+        tokio::spawn(watch_the_folder(lab.clone(), ending.clone()));
         let end = ending.clone();
         let server = tokio::spawn(server::serve(listener, router, async move {
             end.cancelled().await;
@@ -123,6 +124,19 @@ async fn watch_the_time_of_day(ending: CancellationToken) {
                  calibrations"
             );
         }
+        tokio::select! {
+            () = ending.cancelled() => {}
+            () = tokio::time::sleep(LOOK_EVERY) => {}
+        }
+    }
+}
+
+/// Raises the alarm when the data folder is deleted, unmounted or replaced, also while nothing is written.
+async fn watch_the_folder(lab: Lab, ending: CancellationToken) {
+    const LOOK_EVERY: Duration = Duration::from_secs(5);
+    while !ending.is_cancelled() {
+        // The alarm says it.
+        lab.check_folder().await.ok();
         tokio::select! {
             () = ending.cancelled() => {}
             () = tokio::time::sleep(LOOK_EVERY) => {}

@@ -111,6 +111,7 @@ impl Follower {
                 continue;
             }
             match self.listener.recv().await {
+                Ok(event) if !event.is_recorded() => return Some(RecordedEvent::clone(&event)),
                 Ok(event) if event.id <= self.last => {}
                 Ok(event) if event.id == self.last + 1 => {
                     self.last = event.id;
@@ -124,10 +125,14 @@ impl Follower {
 }
 
 fn sse(event: &RecordedEvent) -> SseEvent {
-    SseEvent::default()
-        .id(event.id.to_string())
+    let sent = SseEvent::default()
         .event(event.event.kind())
-        .data(body(event).to_string())
+        .data(body(event).to_string());
+    // A client continues after the last id it got, so an event without a number has none.
+    match event.is_recorded() {
+        true => sent.id(event.id.to_string()),
+        false => sent,
+    }
 }
 
 /// The `data` of an event.

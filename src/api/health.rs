@@ -43,7 +43,10 @@ pub struct ReadyBody {
     (status = 503, description = "Not ready; `problem` states why", body = ReadyBody),
 ))]
 pub(super) async fn readyz(State(app): State<App>) -> Response {
-    let store = app.lab.store().check_commits().await;
+    let store = match app.lab.check_folder().await {
+        Ok(()) => app.lab.store().check_commits().await,
+        gone => gone,
+    };
     let (rig, problem) = match app.lab.rig().await {
         Ok(view) => (view.connected, view.problem.map(|(_, detail)| detail)),
         Err(crate::lab::LabError::NoRig) => (true, None),

@@ -1,5 +1,7 @@
 //! `/rig`: state of the rig, motions of one axis, and the stop, which is never refused.
 
+use std::time::Duration;
+
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::response::Response;
@@ -9,7 +11,7 @@ use utoipa::ToSchema;
 use super::extract::Body;
 use super::status::{self, ApiError, Problem};
 use super::{App, Begun};
-use crate::lab::{AxisView, RigView};
+use crate::lab::{AxisView, LabError, RigView};
 use crate::scan::ScanState;
 use crate::units::Angle;
 
@@ -280,6 +282,9 @@ pub(super) async fn unpark_axis(
     }))
 }
 
+/// Time after which a stop is answered, also where the stages do not answer.
+const STOP_ANSWER: Duration = Duration::from_millis(900);
+
 /// Path of the stop.
 pub(super) const STOP: &str = "/api/v1/rig/stop";
 
@@ -287,12 +292,16 @@ pub(super) const STOP: &str = "/api/v1/rig/stop";
 /// are ignored: each request stops.
 #[utoipa::path(post, path = "/api/v1/rig/stop", tag = "rig", responses(
     (status = 200, description = "The stages confirmed the stop", body = Begun),
-    (status = 503, description = "The stages could not be reached and may be moving: use the hardware emergency switch", body = Problem),
+    (status = 503, description = "The stages could not be reached, or have not confirmed the stop within 0.9 s (`stop-unconfirmed`), and may be moving: use the hardware emergency switch", body = Problem),
 ))]
 pub(super) async fn stop(State(app): State<App>) -> Result<Json<Begun>, ApiError> {
     // The stop is executed even if the client disconnects at once.
     let stop = tokio::spawn(async move { app.lab.stop().await });
-    stop.await.expect("a stop does not panic")?;
+    match tokio::time::timeout(STOP_ANSWER, stop).await {
+        Ok(stopped) => stopped.expect("a stop does not panic")?,
+        // The task repeats the stop until the stages answer or their link is lost.
+        Err(_) => return Err(LabError::StopUnconfirmed.into()),
+    }
     Ok(Json(Begun {
         id: None,
         state: "stopped".into(),

@@ -320,7 +320,9 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
             StatusCode::SERVICE_UNAVAILABLE,
             "the stages are not available",
         ),
-        LabError::NotStopped { .. } | LabError::AbortedInMotion { .. } => (
+        LabError::NotStopped { .. }
+        | LabError::StopUnconfirmed
+        | LabError::AbortedInMotion { .. } => (
             StatusCode::SERVICE_UNAVAILABLE,
             "the stages could not be stopped",
         ),
@@ -340,6 +342,10 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::Store(StoreError::DiskFull { .. }) => {
             (StatusCode::INSUFFICIENT_STORAGE, "the disk is full")
         }
+        LabError::Store(StoreError::FolderGone { .. }) => (
+            StatusCode::SERVICE_UNAVAILABLE,
+            "the data folder is not the one that was opened",
+        ),
         LabError::Store(StoreError::StateConflict { .. }) => (
             StatusCode::CONFLICT,
             "not allowed in this state of the scan",

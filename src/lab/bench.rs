@@ -270,8 +270,7 @@ impl Owner {
                 }
                 self.context.occupy(Some(RigActivity::Moving), None);
                 reply.send(Ok(())).ok();
-                self.report_axis(RigActivity::Moving, axis, AxisEvent::to(target))
-                    .await;
+                self.report_axis(RigActivity::Moving, axis, AxisEvent::to(target));
                 let moved = stage.move_since(axis, target, stops_of_stage).await;
                 let moved = moved.map(|_| ());
                 self.settled(&mut rig, &stage, moved).await;
@@ -279,8 +278,7 @@ impl Owner {
             Work::Home { axis } => {
                 self.context.occupy(Some(RigActivity::Homing), None);
                 reply.send(Ok(())).ok();
-                self.report_axis(RigActivity::Homing, axis, AxisEvent::UNKNOWN)
-                    .await;
+                self.report_axis(RigActivity::Homing, axis, AxisEvent::UNKNOWN);
                 let homed = async {
                     stage.release(axis).await?;
                     stage.home_since(axis, stops_of_stage).await
@@ -375,14 +373,11 @@ impl Owner {
         if let Err(error) = &outcome {
             rig.let_go_if_lost(error);
             if !matches!(error, StageError::Stopped) {
-                self.context
-                    .sink
-                    .record(Event::Alarm {
-                        code: crate::scan::visit::stage_code(error).into(),
-                        message: error.to_string(),
-                        scan_id: None,
-                    })
-                    .await;
+                self.context.sink.report(Event::Alarm {
+                    code: crate::scan::visit::stage_code(error).into(),
+                    message: error.to_string(),
+                    scan_id: None,
+                });
             }
         }
         let at = |axis: Option<Angle>| axis.map_or(AxisEvent::UNKNOWN, AxisEvent::at);
@@ -391,10 +386,11 @@ impl Owner {
             theta_c: at(status.as_ref().map(|s| s.theta_c.position)),
             phi_s: at(status.as_ref().map(|s| s.phi_s.position)),
         };
-        self.context.sink.record(event).await;
+        self.context.sink.report(event);
     }
 
-    async fn report_axis(&self, activity: RigActivity, axis: AxisName, event: AxisEvent) {
+    /// Does not wait for the database: a motion that was requested must not begin much later.
+    fn report_axis(&self, activity: RigActivity, axis: AxisName, event: AxisEvent) {
         let (theta_c, phi_s) = match axis {
             AxisName::ThetaC => (event, AxisEvent::UNKNOWN),
             AxisName::PhiS => (AxisEvent::UNKNOWN, event),
@@ -404,7 +400,7 @@ impl Owner {
             theta_c,
             phi_s,
         };
-        self.context.sink.record(event).await;
+        self.context.sink.report(event);
     }
 }
 

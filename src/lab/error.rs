@@ -159,6 +159,12 @@ pub enum LabError {
         /// Why not.
         source: StageError,
     },
+    /// The stages have not confirmed a stop in time; the daemon continues to stop them.
+    #[error(
+        "the stages have not confirmed the stop yet and may be moving: the daemon repeats it; if they move on, use the \
+         hardware emergency switch"
+    )]
+    StopUnconfirmed,
     /// The stop of an abort did not reach the stages.
     #[error(
         "scan {scan_id} is aborted, but the stop did not reach the stages, which may be moving: use the hardware \
@@ -234,6 +240,7 @@ impl LabError {
             LabError::Stage(error)
             | LabError::NotStopped { source: error }
             | LabError::AbortedInMotion { source: error, .. } => stage_code(error),
+            LabError::StopUnconfirmed => "stop-unconfirmed",
             LabError::Camera(_) => "camera-failed",
             LabError::Store(error) => store_code(error),
             LabError::NothingMeasured => "not-found",
@@ -249,7 +256,7 @@ impl LabError {
     }
 }
 
-fn store_code(error: &StoreError) -> &'static str {
+pub(super) fn store_code(error: &StoreError) -> &'static str {
     match error {
         StoreError::InUse { .. } => "store-in-use",
         StoreError::Missing { .. } => "store-missing",
@@ -258,11 +265,13 @@ fn store_code(error: &StoreError) -> &'static str {
         StoreError::StateConflict { .. } => "state-conflict",
         StoreError::KeyReused => "idempotency-mismatch",
         StoreError::FrameDamaged { .. } => "frame-damaged",
+        StoreError::FolderGone { .. } => "data-folder-gone",
         StoreError::Damaged { .. }
         | StoreError::BadRow { .. }
         | StoreError::RowsMissing { .. }
         | StoreError::UnreadLog { .. } => "store-damaged",
         StoreError::File { .. }
+        | StoreError::ReadOnly
         | StoreError::FolderName { .. }
         | StoreError::Migration(_)
         | StoreError::NotKept { .. }

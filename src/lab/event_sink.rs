@@ -1,15 +1,21 @@
 //! Where the owner of the rig reports what happens: each event is recorded in the store and then sent to all listeners.
+//!
+//! A command to the rig must not wait for the database, so events of motions and stops are passed on with
+//! [`EventSink::report`]: one task records them in this order.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use tokio::sync::{broadcast, oneshot, watch};
+use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
 use super::publish;
 use crate::clock::Clock;
 use crate::scan::runner::RunEnd;
 use crate::scan::{Event, RecordedEvent, ScanState};
 use crate::store::{Store, StoreError};
+
+/// Events that may wait for the database.
+const REPORTS_MAX: usize = 1024;
 
 /// Gets the first state of a run, or the reason it could not be recorded.
 pub(super) type FirstState = oneshot::Sender<Result<ScanState, StoreError>>;
@@ -22,6 +28,14 @@ pub(super) struct EventSink {
     pub events: broadcast::Sender<Arc<RecordedEvent>>,
     pub ends: watch::Sender<HashMap<i64, RunEnd>>,
     pub unrecorded: UnrecordedScans,
+    reports: mpsc::Sender<Report>,
+}
+
+/// What the recording task is asked for.
+enum Report {
+    Event(Event),
+    /// Answered once everything before it is recorded.
+    Flush(oneshot::Sender<()>),
 }
 
 /// Scans that have ended but whose end could not be written, each with the reason it ended.
@@ -53,11 +67,52 @@ impl UnrecordedScans {
 }
 
 impl EventSink {
-    /// Records an event, then sends it to all listeners.
+    /// Makes the sink and spawns the task that records reports; it ends with the last clone.
+    pub(super) fn new(
+        store: Store,
+        clock: Arc<dyn Clock>,
+        events: broadcast::Sender<Arc<RecordedEvent>>,
+        ends: watch::Sender<HashMap<i64, RunEnd>>,
+    ) -> EventSink {
+        let (reports, mut inbox) = mpsc::channel(REPORTS_MAX);
+        let (to_store, to_events, its_clock) = (store.clone(), events.clone(), Arc::clone(&clock));
+        tokio::spawn(async move {
+            while let Some(report) = inbox.recv().await {
+                match report {
+                    Report::Event(event) => {
+                        record(&to_store, &to_events, its_clock.as_ref(), event).await;
+                    }
+                    Report::Flush(done) => drop(done.send(())),
+                }
+            }
+        });
+        EventSink {
+            store,
+            clock,
+            events,
+            ends,
+            unrecorded: UnrecordedScans::default(),
+            reports,
+        }
+    }
+
+    /// Records an event, then sends it to all listeners. Waits for the database.
     pub(super) async fn record(&self, event: Event) {
-        match self.store.record(event).await {
-            Ok(event) => publish(&self.events, event),
-            Err(error) => tracing::error!(%error, "an event could not be recorded: {error}"),
+        record(&self.store, &self.events, self.clock.as_ref(), event).await;
+    }
+
+    /// Records an event after those reported before it, then sends it to all listeners. Does not wait.
+    pub(super) fn report(&self, event: Event) {
+        if let Err(refused) = self.reports.try_send(Report::Event(event)) {
+            tracing::error!("an event is lost, since too many wait for the database: {refused}");
+        }
+    }
+
+    /// Waits until everything that was reported so far is recorded, or its failure is in the log.
+    pub(super) async fn flush(&self) {
+        let (done, recorded) = oneshot::channel();
+        if self.reports.send(Report::Flush(done)).await.is_ok() {
+            recorded.await.ok();
         }
     }
 
@@ -81,5 +136,24 @@ impl EventSink {
         }
         self.unrecorded.all().remove(&scan_id);
         Ok(())
+    }
+}
+
+/// Records an event and sends it to all listeners. An alarm that cannot be recorded is sent all the same: it may be about
+/// the disk that cannot store it.
+pub(super) async fn record(
+    store: &Store,
+    events: &broadcast::Sender<Arc<RecordedEvent>>,
+    clock: &dyn Clock,
+    event: Event,
+) {
+    match store.record(event.clone()).await {
+        Ok(event) => publish(events, event),
+        Err(error) => {
+            tracing::error!(%error, "an event could not be recorded: {error}");
+            if matches!(event, Event::Alarm { .. }) {
+                publish(events, RecordedEvent::unrecorded(clock.utc(), event));
+            }
+        }
     }
 }

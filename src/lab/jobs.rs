@@ -272,8 +272,12 @@ fn with_files(
         JobKind::Fit | JobKind::Contrast | JobKind::Verdict => return work(Path::new("")),
     };
     let part = store.part_folder(id);
-    let made = std::fs::create_dir_all(&part)
-        .map_err(|e| StoreError::file("the folder of a job's files", &part, e))
+    let made = store
+        .check_folder()
+        .and_then(|()| {
+            std::fs::create_dir_all(&part)
+                .map_err(|e| StoreError::file("the folder of a job's files", &part, e))
+        })
         .map_err(|e| Failure::because(code, e))
         .and_then(|()| work(&part))
         .and_then(|finished| {

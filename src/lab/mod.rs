@@ -42,7 +42,7 @@ mod verdicts;
 
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -63,6 +63,7 @@ pub use crate::bench::stage::AxisName;
 pub use contrasts::ContrastRequest;
 pub use curves::{Curve, FitCurves};
 pub use error::{Holder, LabError};
+use event_sink::EventSink;
 pub use export::{Exported, export, export_readable};
 use fits::Reductions;
 pub use fits::{FitRequest, Reduced};
@@ -134,6 +135,8 @@ struct Inner {
     reserve_bytes: AtomicU64,
     /// How scans of this process ended.
     ends: watch::Sender<HashMap<i64, RunEnd>>,
+    /// Whether the data folder was found gone and an alarm was raised.
+    folder_gone: AtomicBool,
 }
 
 /// What the lab knows of the rig without owning it.
@@ -148,7 +151,7 @@ struct RigSide {
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
     access: StageAccess,
-    sink: event_sink::EventSink,
+    sink: EventSink,
 }
 
 /// What the rig is doing.
@@ -199,13 +202,8 @@ impl Lab {
         let rig = match parts {
             None => None,
             Some(parts) => {
-                let sink = event_sink::EventSink {
-                    store: store.clone(),
-                    clock: Arc::clone(&clock),
-                    events: events.clone(),
-                    ends: ends.clone(),
-                    unrecorded: event_sink::UnrecordedScans::default(),
-                };
+                let (clock, events) = (Arc::clone(&clock), events.clone());
+                let sink = EventSink::new(store.clone(), clock, events, ends.clone());
                 Some(bench::take(parts, sink).await?)
             }
         };
@@ -221,6 +219,7 @@ impl Lab {
                 reductions: Reductions::default(),
                 reserve_bytes: AtomicU64::new(reserve_bytes),
                 ends,
+                folder_gone: AtomicBool::new(false),
             }),
         };
         Ok((lab, recovery))
@@ -278,6 +277,29 @@ impl Lab {
         &self.inner.clock
     }
 
+    /// Checks that the data folder is the one that was opened. Raises one alarm when it is found gone.
+    ///
+    /// # Errors
+    /// [`StoreError::FolderGone`].
+    pub async fn check_folder(&self) -> Result<(), StoreError> {
+        let inner = &self.inner;
+        let checked = inner.store.check_folder();
+        let was_gone = inner.folder_gone.swap(checked.is_err(), Ordering::SeqCst);
+        match &checked {
+            Err(gone) if !was_gone => {
+                let alarm = Event::Alarm {
+                    code: error::store_code(gone).into(),
+                    message: gone.to_string(),
+                    scan_id: None,
+                };
+                event_sink::record(&inner.store, &inner.events, inner.clock.as_ref(), alarm).await;
+            }
+            Ok(()) if was_gone => tracing::info!("the data folder is back"),
+            _ => {}
+        }
+        checked
+    }
+
     fn publish(&self, event: RecordedEvent) {
         publish(&self.inner.events, event);
     }
@@ -291,7 +313,6 @@ impl Lab {
     /// # Errors
     /// [`LabError::NotNow`] if the scan's state does not allow it, [`LabError::AbortedInMotion`], or a store error.
     pub async fn order(&self, scan_id: i64, order: ScanCommand) -> Result<ScanState, LabError> {
-        let scan = self.inner.store.scan(scan_id).await?;
         let not_now = |state| LabError::NotNow {
             scan_id,
             state,
@@ -305,23 +326,22 @@ impl Lab {
             Some(orders) if occupation.scan_id == Some(scan_id) => orders,
             _ => return self.order_unheld(scan_id, order).await,
         };
-        let permitted = match order {
-            ScanCommand::Continue | ScanCommand::Done(_) => {
-                scan.state == ScanState::WaitingForOperator
-            }
-            ScanCommand::Resume => matches!(scan.state, ScanState::Paused | ScanState::Pausing),
-            ScanCommand::Pause => matches!(
-                scan.state,
-                ScanState::Running | ScanState::WaitingForOperator
-            ),
-            ScanCommand::Abort | ScanCommand::Stop | ScanCommand::ShutDown => true,
+        let states: &[ScanState] = match order {
+            ScanCommand::Continue | ScanCommand::Done(_) => &[ScanState::WaitingForOperator],
+            ScanCommand::Resume => &[ScanState::Paused, ScanState::Pausing],
+            ScanCommand::Pause => &[ScanState::Running, ScanState::WaitingForOperator],
+            // Permitted in every state, and must not wait for the database.
+            ScanCommand::Abort | ScanCommand::Stop | ScanCommand::ShutDown => &[],
         };
-        if !permitted {
-            return Err(not_now(match scan.state {
-                // Another caller has just resumed it, and its row is not written yet.
-                ScanState::Interrupted => ScanState::Running,
-                state => state,
-            }));
+        if !states.is_empty() {
+            let state = self.inner.store.scan(scan_id).await?.state;
+            if !states.contains(&state) {
+                return Err(not_now(match state {
+                    // Another caller has just resumed it, and its row is not written yet.
+                    ScanState::Interrupted => ScanState::Running,
+                    state => state,
+                }));
+            }
         }
         let (reply, answer) = oneshot::channel();
         let sent = orders
@@ -471,6 +491,13 @@ impl Lab {
             }
         }
         self.inner.jobs.cancel_all().await;
+        if let Some(side) = &self.inner.rig {
+            // A locked database must not hold the daemon.
+            let flush = side.sink.flush();
+            tokio::time::timeout(Duration::from_secs(5), flush)
+                .await
+                .ok();
+        }
         stopped
     }
 

@@ -172,13 +172,7 @@ impl Recorder for LabRecorder {
                 message: message.into(),
                 scan_id: Some(self.scan_id),
             };
-            match self.sink.store.record(event).await {
-                Ok(event) => publish(&self.sink.events, event),
-                // The alarm may be about the disk that cannot store it.
-                Err(error) => {
-                    tracing::error!(%error, "{code}: {message} (and it could not be recorded: {error})");
-                }
-            }
+            self.sink.record(event).await;
         })
     }
 

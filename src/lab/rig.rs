@@ -258,10 +258,8 @@ impl Lab {
                 scan_id: side.occupation.borrow().scan_id,
             },
         };
-        match self.inner.store.record(event).await {
-            Ok(event) => self.publish(event),
-            Err(error) => tracing::warn!(%error, "the stop could not be recorded: {error}"),
-        }
+        // Recorded behind the answer, which must not wait for the database.
+        side.sink.report(event);
         stopped.map_err(|source| LabError::NotStopped { source })
     }
 }

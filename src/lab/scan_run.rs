@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use tokio::sync::{mpsc, oneshot, watch};
 
+use super::error::store_code;
 use super::event_sink::{EventSink, FirstState};
 use super::recorder::LabRecorder;
 use super::{LabError, Occupation, RigSettings, live_fit, publish};
@@ -13,7 +14,7 @@ use crate::frame::Frame;
 use crate::geometry::Pose;
 use crate::scan::event::RigActivity;
 use crate::scan::runner::{self, CommandRequest, ScanRun};
-use crate::scan::{Plan, Rig, TravelLimits};
+use crate::scan::{Event, Plan, Rig, TravelLimits};
 use crate::store::StoreError;
 use crate::store::scans::{NewScan, Scan};
 
@@ -148,6 +149,18 @@ impl RigContext {
                 tracing::error!(scan_id, %error, "scan {scan_id} can no longer be recorded: {error}");
                 // The runner may have ended during a move; a stop that does not arrive is in the log.
                 rig.access().stop_what_may_move().await.ok();
+                let code = match self.sink.store.check_folder() {
+                    Ok(()) => "scan-unrecorded",
+                    Err(gone) => store_code(&gone),
+                };
+                self.sink.report(Event::Alarm {
+                    code: code.into(),
+                    message: format!(
+                        "scan {scan_id} has ended, since it can no longer be recorded: {error}; resume it once the \
+                         store records again"
+                    ),
+                    scan_id: Some(scan_id),
+                });
                 self.sink
                     .unrecorded
                     .all()

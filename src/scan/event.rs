@@ -3,6 +3,8 @@
 //! An event is broadcast after it is durable: the store gives it its number, then it is broadcast. So a
 //! listener that comes back with the last number it saw misses nothing and sees nothing twice.
 
+use std::sync::atomic::{AtomicI64, Ordering};
+
 use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 
@@ -362,12 +364,29 @@ impl Event {
 /// An event with its number and time: durable, then broadcast.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedEvent {
-    /// Number, growing without reuse.
+    /// Number, growing without reuse; negative where the store does not have it.
     pub id: i64,
     /// When it was recorded.
     pub at: OffsetDateTime,
     /// What happened.
     pub event: Event,
+}
+
+impl RecordedEvent {
+    /// An event that the store could not record: only those who listen when it is sent learn of it. Its number is
+    /// negative and used once.
+    #[must_use]
+    pub fn unrecorded(at: OffsetDateTime, event: Event) -> RecordedEvent {
+        static LAST: AtomicI64 = AtomicI64::new(0);
+        let id = LAST.fetch_sub(1, Ordering::Relaxed) - 1;
+        RecordedEvent { id, at, event }
+    }
+
+    /// Whether the store has it.
+    #[must_use]
+    pub const fn is_recorded(&self) -> bool {
+        self.id > 0
+    }
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 /// The disk operations that the store needs for its frame files.
 pub trait Disk: Send + Sync + 'static {
     /// Writes `bytes` to `path`. After success the whole file survives a power cut; after a failure or a kill `path`
-    /// does not exist. Creates missing folders.
+    /// does not exist. Creates the folder of `path` if it is missing, but none above it.
     ///
     /// # Errors
     /// An I/O error; a full disk is [`io::ErrorKind::StorageFull`].
@@ -44,7 +44,8 @@ fn make_folder(folder: &Path) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
     }
-    fs::create_dir_all(folder)?;
+    // Only this folder: a missing one above it means that the data folder is gone.
+    fs::create_dir(folder)?;
     match folder.parent() {
         Some(above) => File::open(above)?.sync_all(),
         None => Ok(()),

@@ -49,6 +49,23 @@ pub enum StoreError {
         /// The I/O error.
         why: io::Error,
     },
+    /// The data folder is not the one that was opened.
+    #[error(
+        "{what} ({}) {problem} while the daemon used it; nothing is written until it is back: mount it again, or restore a copy \
+         of it and restart the daemon",
+        path.display()
+    )]
+    FolderGone {
+        /// The part of it that differs.
+        what: &'static str,
+        /// Its path.
+        path: PathBuf,
+        /// What happened to it.
+        problem: String,
+    },
+    /// This handle only reads.
+    #[error("the data folder was opened for reading only")]
+    ReadOnly,
     /// The disk is full.
     #[error(
         "the disk is full: {detail}; free some space, then try again; nothing that was committed is lost"

@@ -1,6 +1,7 @@
 //! Events: numbered when they are committed, sent to listeners afterwards.
 
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::FromRow;
+use sqlx::sqlite::SqliteConnection;
 
 use super::{Store, StoreError, utc_of, utc_text};
 use crate::scan::{Event, Progress, RecordedEvent};
@@ -39,7 +40,7 @@ impl Store {
     /// Adds an event to the transaction of the change that it reports.
     pub(super) async fn record_in(
         &self,
-        transaction: &mut Transaction<'_, Sqlite>,
+        transaction: &mut SqliteConnection,
         event: Event,
     ) -> Result<RecordedEvent, StoreError> {
         let clock = &self.inner.clock;
@@ -57,7 +58,7 @@ impl Store {
             .bind(event.kind())
             .bind(event.scan_id())
             .bind(body)
-            .execute(&mut **transaction)
+            .execute(&mut *transaction)
             .await?
             .last_insert_rowid();
         Ok(RecordedEvent { id, at, event })

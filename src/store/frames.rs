@@ -2,7 +2,8 @@
 
 mod files;
 
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::FromRow;
+use sqlx::sqlite::SqliteConnection;
 use time::OffsetDateTime;
 
 use super::scans::{NewScan, Origin};
@@ -350,7 +351,7 @@ impl Store {
 }
 
 async fn insert_frame(
-    transaction: &mut Transaction<'_, Sqlite>,
+    transaction: &mut SqliteConnection,
     scan_id: i64,
     shot_id: Option<i64>,
     frame: &ImportedFrame,
@@ -380,7 +381,7 @@ async fn insert_frame(
     .bind(rejected.is_none())
     .bind(rejected)
     .bind(&frame.original_sha256)
-    .execute(&mut **transaction)
+    .execute(&mut *transaction)
     .await?
     .last_insert_rowid())
 }

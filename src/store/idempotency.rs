@@ -52,6 +52,7 @@ impl Store {
         request: &str,
         answer: &KeptAnswer,
     ) -> Result<(), StoreError> {
+        let mut transaction = self.writing().await?;
         sqlx::query(
             "INSERT OR IGNORE INTO idempotency_keys (key, request, status, location, body, at)
              VALUES (?, ?, ?, ?, ?, ?)",
@@ -62,9 +63,9 @@ impl Store {
         .bind(&answer.location)
         .bind(&answer.body)
         .bind(self.now_text())
-        .execute(self.writer())
+        .execute(&mut *transaction)
         .await?;
-        Ok(())
+        transaction.commit().await
     }
 }
 

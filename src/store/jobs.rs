@@ -307,8 +307,9 @@ impl Store {
     /// Makes the files of a job durable under their final name. Call this before the end is committed.
     ///
     /// # Errors
-    /// [`StoreError::DiskFull`] or [`StoreError::File`].
+    /// [`StoreError::DiskFull`], [`StoreError::FolderGone`] or [`StoreError::File`].
     pub fn keep_files(&self, id: JobId) -> Result<(), StoreError> {
+        self.check_folder()?;
         let (part, folder) = (self.part_folder(id), self.files_folder(id));
         let error = |e| StoreError::file("the folder of a job's files", &folder, e);
         for entry in fs::read_dir(&part).map_err(error)? {

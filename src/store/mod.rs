@@ -24,6 +24,7 @@ pub mod idempotency;
 pub mod jobs;
 pub mod observations;
 mod page;
+mod place;
 mod recovery;
 mod reductions;
 pub mod samples;
@@ -35,17 +36,18 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use sqlx::Connection;
 use sqlx::migrate::Migrator;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
     SqliteSynchronous,
 };
-use sqlx::{Connection, Sqlite, Transaction};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
 use crate::clock::Clock;
 use disk::Disk;
+use place::{Place, Writing};
 
 pub use error::StoreError;
 pub use page::{DamagedRow, Page, PageRequest};
@@ -70,6 +72,8 @@ struct Inner {
     disk: Arc<dyn Disk>,
     clock: Arc<dyn Clock>,
     holds: Arc<holds::Holds>,
+    /// The folder as it was opened; `None` for a reader.
+    place: Option<Arc<Place>>,
     /// What reductions computed, of the scans that were reduced last.
     reductions: Mutex<reductions::Shared>,
     /// Held while this process writes; `None` for a reader beside a running daemon.
@@ -171,15 +175,19 @@ impl Store {
         lock: Option<File>,
         options: SqliteConnectOptions,
     ) -> Result<Store, StoreError> {
-        let writer = SqlitePoolOptions::new()
-            .max_connections(1)
+        let writer = one_file_pool(1)
             .after_release(|connection, _| Box::pin(is_out_of_transactions(connection)))
             .connect_with(options.clone())
             .await?;
-        let readers = SqlitePoolOptions::new()
-            .max_connections(4)
-            .connect_with(options.create_if_missing(false).pragma("query_only", "ON"))
+        let options = options.create_if_missing(false);
+        writer.set_connect_options(options.clone());
+        let readers = one_file_pool(4)
+            .connect_with(options.pragma("query_only", "ON"))
             .await?;
+        let place = match &lock {
+            Some(_) => Some(Arc::new(Place::of(folder)?)),
+            None => None,
+        };
         Ok(Store {
             inner: Arc::new(Inner {
                 folder: folder.into(),
@@ -188,6 +196,7 @@ impl Store {
                 disk,
                 clock,
                 holds: Arc::default(),
+                place,
                 reductions: Mutex::default(),
                 lock: Mutex::new(lock),
             }),
@@ -217,20 +226,34 @@ impl Store {
     /// Returns the bytes that may still be written.
     ///
     /// # Errors
-    /// An I/O error.
+    /// [`StoreError::FolderGone`], or an I/O error.
     pub fn free_bytes(&self) -> Result<u64, StoreError> {
+        self.check_folder()?;
         self.inner
             .disk
             .free_bytes(&self.inner.folder)
             .map_err(|e| StoreError::file("the data folder", &self.inner.folder, e))
     }
 
-    /// Checks that a reader sees the newest event that the writer sees. Skips a busy writer.
+    /// Checks that the data folder is the one that was opened: nothing may be written into another one.
     ///
     /// # Errors
-    /// [`StoreError::NotKept`] if it does not, or a database error.
+    /// [`StoreError::FolderGone`] if it was deleted, unmounted or replaced.
+    pub fn check_folder(&self) -> Result<(), StoreError> {
+        match &self.inner.place {
+            Some(place) => place.check(),
+            None => Ok(()),
+        }
+    }
+
+    /// Checks that the folder is the one that was opened and that a reader sees the newest event that the writer sees.
+    /// Skips a busy writer.
+    ///
+    /// # Errors
+    /// [`StoreError::FolderGone`], [`StoreError::NotKept`], or a database error.
     pub async fn check_commits(&self) -> Result<(), StoreError> {
         const NEWEST: &str = "SELECT COALESCE(MAX(id), 0) FROM events";
+        self.check_folder()?;
         let mut writer = self.writer().try_acquire();
         let written: i64 = match &mut writer {
             Some(writer) => sqlx::query_scalar(NEWEST).fetch_one(&mut **writer).await?,
@@ -253,8 +276,13 @@ impl Store {
 
     /// Begins a transaction that has the write lock from its start. SQLite fails a transaction that reads before it writes
     /// as soon as another program writes in between, whatever its busy timeout.
-    async fn writing(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        Ok(self.writer().begin_with("BEGIN IMMEDIATE").await?)
+    async fn writing(&self) -> Result<Writing, StoreError> {
+        let Some(place) = &self.inner.place else {
+            return Err(StoreError::ReadOnly);
+        };
+        place.check()?;
+        let transaction = self.writer().begin_with("BEGIN IMMEDIATE").await?;
+        Ok(Writing::new(transaction, Arc::clone(place)))
     }
 
     fn writer(&self) -> &SqlitePool {
@@ -273,6 +301,16 @@ impl Store {
     fn wall_text(&self) -> String {
         utc_text(self.inner.clock.wall())
     }
+}
+
+/// Options of a pool that opens its connections at once and keeps them: one opened later would open the file that is at
+/// the path then.
+fn one_file_pool(connections: u32) -> SqlitePoolOptions {
+    SqlitePoolOptions::new()
+        .min_connections(connections)
+        .max_connections(connections)
+        .idle_timeout(None)
+        .max_lifetime(None)
 }
 
 /// Returns whether a connection may be used again; if not, the pool closes it and opens another.

@@ -151,6 +151,7 @@ impl Store {
             .map(|s| serde_json::to_string(&s))
             .transpose()
             .map_err(bad)?;
+        let mut transaction = self.writing().await?;
         let id = sqlx::query(
             "INSERT INTO samples (name, material, note, simulated, created_at) VALUES (?, ?, ?, ?, ?)",
         )
@@ -159,9 +160,10 @@ impl Store {
         .bind(&new.note)
         .bind(simulated)
         .bind(self.wall_text())
-        .execute(self.writer())
+        .execute(&mut *transaction)
         .await?
         .last_insert_rowid();
+        transaction.commit().await?;
         self.sample(id).await
     }
 

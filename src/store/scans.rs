@@ -1,6 +1,7 @@
 //! Scans, their states and the rigs they were made with.
 
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::FromRow;
+use sqlx::sqlite::SqliteConnection;
 
 use super::{PROGRAM, Page, PageRequest, Store, StoreError};
 use crate::scan::{Event, OperatorAction, Plan, Progress, RecordedEvent, ScanState};
@@ -212,7 +213,7 @@ impl Store {
 
     pub(super) async fn insert_scan(
         &self,
-        transaction: &mut Transaction<'_, Sqlite>,
+        transaction: &mut SqliteConnection,
         new: &NewScan,
         origin: Origin,
         state: ScanState,
@@ -236,7 +237,7 @@ impl Store {
         .bind(&new.frames_csv)
         .bind(PROGRAM)
         .bind(self.now_text())
-        .execute(&mut **transaction)
+        .execute(&mut *transaction)
         .await?
         .last_insert_rowid();
         self.insert_state(transaction, id, state, None, None)
@@ -245,7 +246,7 @@ impl Store {
             sqlx::query("INSERT INTO scan_calibrations (scan_id, calibration_id) VALUES (?, ?)")
                 .bind(id)
                 .bind(calibration)
-                .execute(&mut **transaction)
+                .execute(&mut *transaction)
                 .await?;
         }
         Ok(id)
@@ -253,7 +254,7 @@ impl Store {
 
     async fn insert_state(
         &self,
-        transaction: &mut Transaction<'_, Sqlite>,
+        transaction: &mut SqliteConnection,
         scan_id: i64,
         state: ScanState,
         reason: Option<&str>,
@@ -267,7 +268,7 @@ impl Store {
         .bind(reason)
         .bind(operator.map(OperatorAction::as_str))
         .bind(self.now_text())
-        .execute(&mut **transaction)
+        .execute(&mut *transaction)
         .await?;
         Ok(())
     }

@@ -24,6 +24,7 @@ mod runner;
 mod simulate_rig;
 mod stage;
 mod stop;
+mod store_trouble;
 mod style;
 mod synthetic;
 mod tables;

@@ -46,7 +46,7 @@ impl Store {
     /// Makes a frame durable and returns what its row needs. Encodes and writes on a thread for blocking work.
     ///
     /// # Errors
-    /// [`StoreError::DiskFull`], [`StoreError::Frame`] or [`StoreError::File`].
+    /// [`StoreError::DiskFull`], [`StoreError::FolderGone`], [`StoreError::Frame`] or [`StoreError::File`].
     pub async fn keep_frame(
         &self,
         frame: Frame,
@@ -91,6 +91,7 @@ impl Store {
         let sha256 = sha256_hex(png);
         let path = self.folder().join(relative_path(&sha256));
         let hold = self.inner.holds.take(&sha256);
+        self.check_folder()?;
         // A file of this name has this content, unless the disk lost some of it: then it is written again.
         if std::fs::read(&path).is_ok_and(|kept| kept == png) {
             tracing::debug!(sha256, "frame {sha256} is already stored");
@@ -99,6 +100,11 @@ impl Store {
                 .disk
                 .write_durably(&path, png)
                 .map_err(|e| StoreError::file("the frame file", &path, e))?;
+            if let Err(gone) = self.check_folder() {
+                // It went between the two checks: the file is in a folder that is not the store's.
+                std::fs::remove_file(&path).ok();
+                return Err(gone);
+            }
         }
         let pixels = frame.pixels_dn();
         let sum: u64 = pixels.iter().map(|dn| u64::from(*dn)).sum();

@@ -1,0 +1,197 @@
+//! A store that is locked or goes away while the rig works: nothing is written elsewhere, and no command waits for it.
+
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use axum::body::Body;
+use ridged::bench::AxisName::PhiS;
+use ridged::clock::{Clock, ScaledClock};
+use ridged::scan::event::RigActivity;
+use ridged::scan::runner::ScanCommand;
+use ridged::scan::{Event, RecordedEvent, ScanState};
+use ridged::store::disk::RealDisk;
+use ridged::units::Angle;
+use sqlx::{ConnectOptions, Connection, SqliteConnection};
+use tokio::sync::broadcast::Receiver;
+
+use crate::bench_in_a_box::{BenchInABox, small};
+use crate::http::{request, send};
+use crate::stop::{disturbed_on, idle};
+
+/// Holds the write lock of the database, as another program does.
+async fn lock(folder: &Path) -> SqliteConnection {
+    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(folder.join("ridged.sqlite"));
+    let mut connection = options.connect().await.unwrap();
+    sqlx::query("BEGIN EXCLUSIVE")
+        .execute(&mut connection)
+        .await
+        .unwrap();
+    connection
+}
+
+/// Waits for an event, also for one that the store cannot record.
+async fn next(
+    events: &mut Receiver<Arc<RecordedEvent>>,
+    wanted: impl Fn(&Event) -> bool,
+) -> Arc<RecordedEvent> {
+    loop {
+        let event = events.recv().await.unwrap();
+        if wanted(&event.event) {
+            return event;
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn neither_a_stop_nor_a_motion_waits_for_a_locked_database() {
+    let clock: Arc<dyn Clock> = Arc::new(ScaledClock::new(10.0));
+    let (lab, rig, folder) = disturbed_on(clock, |_| {}).await;
+    let mut events = lab.events();
+    lab.home(PhiS).await.unwrap();
+    idle(&mut events).await;
+    let router = ridged::api::router(lab.clone(), Arc::new(String::new), Default::default());
+    let locked = lock(folder.path()).await;
+
+    let began = Instant::now();
+    lab.move_axis(PhiS, Angle::from_deg(350.0)).await.unwrap();
+    while !rig.world.is_moving() {
+        assert!(began.elapsed() < Duration::from_secs(5), "it never moved");
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    let stop = request("POST", "/api/v1/rig/stop").body(Body::empty());
+    let asked = Instant::now();
+    let answer = send(&router, stop.unwrap()).await;
+    let took = asked.elapsed();
+    assert_eq!(answer.status, 200, "{}", answer.body);
+    assert!(took < Duration::from_secs(1), "answered after {took:?}");
+    assert!(!rig.world.is_moving());
+
+    // What was reported meanwhile follows.
+    locked.close().await.unwrap();
+    let stopped = |event: &Event| {
+        matches!(
+            event,
+            Event::Rig {
+                activity: RigActivity::Stopped,
+                ..
+            }
+        )
+    };
+    let stop = next(&mut events, stopped).await;
+    let kept = lab.store().events_after(0, 1000).await.unwrap();
+    let is_kept = |event: &RecordedEvent| event.id == stop.id && event.event == stop.event;
+    assert!(kept.iter().any(is_kept), "{kept:?}");
+    lab.shut_down().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_abort_stops_the_stages_before_it_waits_for_a_locked_database() {
+    let clock: Arc<dyn Clock> = Arc::new(ScaledClock::new(10.0));
+    let (lab, rig, folder) = disturbed_on(clock, |_| {}).await;
+    rig.add_samples(&lab).await.unwrap();
+    let plan = small(&[-55.0, 55.0], &[0.0]);
+    let request = ridged::lab::ScanRequest { sample_id: 2, plan };
+    let mut events = lab.events();
+    let scan = lab.start_scan(&request).await.unwrap();
+    let hands = rig.operate(&lab, true);
+    next(&mut events, |event| matches!(event, Event::Frame { .. })).await;
+    while !rig.world.is_moving() {
+        tokio::task::yield_now().await;
+    }
+    let locked = lock(folder.path()).await;
+    let its_lab = lab.clone();
+    let aborting = tokio::spawn(async move { its_lab.order(scan.id, ScanCommand::Abort).await });
+    let asked = Instant::now();
+    while rig.world.is_moving() {
+        assert!(asked.elapsed() < Duration::from_secs(5), "it moves on");
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    locked.close().await.unwrap();
+    assert_eq!(aborting.await.unwrap().unwrap(), ScanState::Aborted);
+    hands.abort();
+    lab.shut_down().await;
+}
+
+/// A scan whose first frame is durable, and the events from then on.
+async fn with_a_frame(folder: &Path) -> (BenchInABox, i64, Receiver<Arc<RecordedEvent>>) {
+    let bench = BenchInABox::open(folder, Arc::new(RealDisk), false).await;
+    let mut events = bench.lab.events();
+    let scan = bench.start(small(&[-10.0, 0.0, 10.0], &[0.0])).await;
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    bench.rig.world.cap_lens(true);
+    let go_on = bench.lab.order(scan.id, ScanCommand::Continue);
+    go_on.await.unwrap();
+    next(&mut events, |event| matches!(event, Event::Frame { .. })).await;
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    (bench, scan.id, events)
+}
+
+async fn is_gone(bench: &BenchInABox, scan_id: i64, alarm: &RecordedEvent) {
+    assert!(!alarm.is_recorded());
+    let Event::Alarm { code, message, .. } = &alarm.event else {
+        panic!("{alarm:?}");
+    };
+    assert_eq!(code, "data-folder-gone");
+    assert!(message.contains("while the daemon used it"), "{message}");
+    let scan = bench.lab.store().scan(scan_id).await.unwrap();
+    let scan = bench.lab.as_it_stands(scan);
+    assert_eq!(scan.state, ScanState::Interrupted);
+    assert!(scan.reason.unwrap().contains("while the daemon used it"));
+    assert!(!bench.rig.world.is_moving());
+    let router = ridged::api::router(bench.lab.clone(), Arc::new(String::new), Default::default());
+    let ready = request("GET", "/readyz").body(Body::empty()).unwrap();
+    let ready = send(&router, ready).await;
+    assert_eq!((ready.status, &ready.body["store"]), (503, &false.into()));
+    let problem = ready.body["problem"].as_str().unwrap();
+    assert!(problem.contains("the daemon used it"), "{problem}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_whose_folder_is_deleted_ends_with_the_cause_and_makes_no_other_folder() {
+    let parent = tempfile::tempdir().unwrap();
+    let folder = parent.path().join("data");
+    let (bench, scan_id, mut events) = with_a_frame(&folder).await;
+    fs::remove_dir_all(&folder).unwrap();
+    // The scan cannot record that it continues.
+    let refused = bench.lab.order(scan_id, ScanCommand::Continue).await;
+    assert_eq!(refused.unwrap_err().code(), "data-folder-gone");
+    let alarm = next(
+        &mut events,
+        |event| matches!(event, Event::Alarm { scan_id, .. } if scan_id.is_some()),
+    );
+    let alarm = alarm.await;
+    is_gone(&bench, scan_id, &alarm).await;
+    bench.end().await;
+    assert!(!folder.exists());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_whose_folder_is_replaced_writes_nothing_there_and_resumes_in_the_first() {
+    let parent = tempfile::tempdir().unwrap();
+    let (folder, away) = (parent.path().join("data"), parent.path().join("away"));
+    let (bench, scan_id, mut events) = with_a_frame(&folder).await;
+    fs::rename(&folder, &away).unwrap();
+    fs::create_dir_all(folder.join("frames")).unwrap();
+    fs::write(folder.join("ridged.sqlite"), b"").unwrap();
+    bench.lab.order(scan_id, ScanCommand::Continue).await.ok();
+    let alarm = next(
+        &mut events,
+        |event| matches!(event, Event::Alarm { scan_id, .. } if scan_id.is_some()),
+    );
+    let alarm = alarm.await;
+    is_gone(&bench, scan_id, &alarm).await;
+    assert_eq!(fs::read(folder.join("ridged.sqlite")).unwrap(), b"");
+    assert_eq!(fs::read_dir(folder.join("frames")).unwrap().count(), 0);
+
+    // The first one comes back, as a disk that is mounted again.
+    fs::remove_dir_all(&folder).unwrap();
+    fs::rename(&away, &folder).unwrap();
+    let hands = bench.rig.operate(&bench.lab, true);
+    bench.until(scan_id, ScanState::Interrupted).await;
+    bench.lab.order(scan_id, ScanCommand::Resume).await.unwrap();
+    bench.until(scan_id, ScanState::Completed).await;
+    hands.abort();
+    bench.end().await;
+}
