@@ -9,6 +9,8 @@
 //! - Alerts are set aside.
 //! - A stop is sent before all waiting commands, and commands issued before the stop are not sent
 //!   after it.
+//! - [`PortLine::close`] closes the port for all handles, so that no forgotten handle keeps a port
+//!   from being opened again.
 //!
 //! This module knows nothing of axes and angles.
 
@@ -16,10 +18,11 @@ mod owner;
 mod request;
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use tokio::sync::{mpsc, oneshot, watch};
+use tokio_util::sync::CancellationToken;
 
 use super::port::{self, PortAddress, PortError, PortSeam};
 use super::wire::zaber::{DeviceCommand, Reply};
@@ -33,12 +36,15 @@ pub use request::{LineCounts, LineError, LineSettings};
 /// Capacity of the queue of requests; further callers wait for a place.
 const QUEUE: usize = 32;
 
-/// A handle to the thread that owns a port. Cheap to clone; the thread ends with the last handle.
+/// A handle to the thread that owns a port. Cheap to clone; the thread ends with the last handle, or
+/// with [`PortLine::close`].
 #[derive(Debug, Clone)]
 pub struct PortLine {
     requests: mpsc::Sender<LineRequest>,
     urgent: mpsc::UnboundedSender<LineRequest>,
     shared: Arc<LineState>,
+    /// Its sender is dropped after the port.
+    open: watch::Receiver<()>,
 }
 
 impl PortLine {
@@ -61,13 +67,17 @@ impl PortLine {
             counters: Counters::default(),
             checksum_required: AtomicBool::new(false),
             stops: watch::Sender::new(0),
+            closing: CancellationToken::new(),
+            lost: OnceLock::new(),
         });
+        let (is_open, open) = watch::channel(());
         let owner = Owner {
-            port: Ok(port),
+            port,
             shared: Arc::clone(&shared),
             lines: LineSplitter::of_messages(),
             next_id: 0,
             in_doubt: BTreeMap::new(),
+            _is_open: is_open,
         };
         std::thread::Builder::new()
             .name(format!("line {address}"))
@@ -80,7 +90,27 @@ impl PortLine {
             requests,
             urgent,
             shared,
+            open,
         })
+    }
+
+    /// Closes the port for all handles. Every waiting and later command fails with
+    /// [`LineError::Disconnected`].
+    pub fn close(&self) {
+        self.shared.closing.cancel();
+    }
+
+    /// Whether the port is closed or about to close: [`PortLine::close`] was called, or the
+    /// connection is lost.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.shared.closing.is_cancelled()
+    }
+
+    /// Completes when the port of a closed line may be opened again.
+    pub async fn closed(&self) {
+        // Nothing is ever sent: this ends when the thread drops its sender.
+        self.open.clone().changed().await.ok();
     }
 
     /// Sends a command that may safely be repeated, up to the configured number of attempts.
@@ -233,12 +263,9 @@ impl PortLine {
         &self,
         answer: oneshot::Receiver<Result<Vec<Reply>, ExchangeFailure>>,
     ) -> Result<Vec<Reply>, ExchangeFailure> {
-        answer.await.unwrap_or_else(|_| {
-            Err(ExchangeFailure::Final(LineError::Disconnected {
-                port: self.shared.port.clone(),
-                reason: "its thread has ended".to_owned(),
-            }))
-        })
+        answer
+            .await
+            .unwrap_or_else(|_| Err(ExchangeFailure::Final(self.shared.gone())))
     }
 
     fn silence(&self, address: u8, attempts: u32) -> LineError {

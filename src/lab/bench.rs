@@ -83,7 +83,6 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
         stage_settings: link.settings.clone(),
         port: link.port.to_string(),
         camera,
-        stage: rig.access().watch(),
         access: rig.access().clone(),
         requests,
         occupation: occupied,
@@ -287,8 +286,6 @@ impl Owner {
                 self.settled(&mut rig, &stage, homed).await;
             }
             Work::Scan(work) => {
-                // Held during a scan it would keep open a port that the scan may have to reopen.
-                drop(stage);
                 self.context.run_scan(&mut rig, *work, reply).await;
             }
         }
@@ -297,7 +294,7 @@ impl Owner {
 
     /// Connects the stages and stops an axis that an earlier program left moving.
     async fn connect(&self, rig: &mut Rig) -> Result<Stage, StageError> {
-        let known = rig.access().watch().borrow().is_some();
+        let known = rig.access().stage().is_some();
         let connected = async {
             let stage = rig.connect().await?;
             if !known {

@@ -48,7 +48,7 @@ use std::time::Duration;
 
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
-use crate::bench::stage::{Stage, StageError, StageSettings};
+use crate::bench::stage::{StageError, StageSettings};
 use crate::clock::Clock;
 use crate::scan::event::RigActivity;
 use crate::scan::plan::PlanDefaults;
@@ -146,7 +146,6 @@ struct RigSide {
     stage_settings: StageSettings,
     port: String,
     camera: String,
-    stage: watch::Receiver<Option<Stage>>,
     requests: mpsc::Sender<bench::Request>,
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,

@@ -68,7 +68,7 @@ impl Lab {
             false => Vec::new(),
         };
         let start = self.last_pose().await;
-        let (stage, settings) = (side.stage.borrow().clone(), side.stage_settings.clone());
+        let (stage, settings) = (side.access.stage(), side.stage_settings.clone());
         let frame_bytes_max = side.settings.runner.frame_bytes_max;
         let alone = Arc::clone(&self.inner.estimating).lock_owned().await;
         let free_bytes = self.store().free_bytes()?;
@@ -157,7 +157,7 @@ impl Lab {
     /// Returns the pose of the stages, or the middle if they do not answer.
     async fn last_pose(&self) -> Pose {
         let stage = match self.side() {
-            Ok(side) => side.stage.borrow().clone(),
+            Ok(side) => side.access.stage(),
             Err(_) => None,
         };
         match stage {

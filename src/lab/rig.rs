@@ -81,8 +81,7 @@ impl Lab {
         if side.requests.is_closed() {
             return Err(side.gone());
         }
-        let stage = side.stage.borrow().clone();
-        let stage = match stage {
+        let stage = match side.access.stage() {
             Some(stage) => Ok(stage),
             None => self.connect().await,
         };
@@ -182,7 +181,7 @@ impl Lab {
 
     async fn connect(&self) -> Result<Stage, LabError> {
         self.request(bench::Work::Connect).await?;
-        let stage = self.side()?.stage.borrow().clone();
+        let stage = self.side()?.access.stage();
         stage.ok_or(LabError::Busy {
             with: Holder::Connecting,
         })

@@ -1,21 +1,15 @@
 //! Shared access to the stages: reads positions and stops motion, and never moves anything.
 //!
+//! The link is owned here. [`StageAccess::let_go`] closes it for every handle, wherever it is held, and connecting waits
+//! until the port of the last link is closed. So the daemon never finds a port in use by itself.
 //! [`StageAccess::stop`] stops the connected stage. It connects first if the link is lost or was never opened.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Duration;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard};
 
-use tokio::sync::{Mutex, watch};
-
-use crate::bench::port::{PortError, PortSeam};
+use crate::bench::port::PortSeam;
 use crate::bench::stage::{PortAddress, Stage, StageError, StageSettings};
-use crate::clock::{Clock, SystemClock};
-
-/// Attempts to open a port that is in use, and the time between them. Ports close in real time, independent of the rig's
-/// clock.
-const CLOSING_TRIES: u32 = 20;
-const CLOSING_WAIT: Duration = Duration::from_millis(50);
+use crate::clock::Clock;
 
 /// Address and settings of the stages.
 #[derive(Clone)]
@@ -38,12 +32,12 @@ pub struct StageAccess {
 
 struct Inner {
     link: StageLink,
-    stage: watch::Sender<Option<Stage>>,
+    /// The last link, which may be closed; `None` before the first.
+    last: Mutex<Option<Stage>>,
     /// Held while the port is opened: it has one owner.
-    opening: Mutex<()>,
+    opening: tokio::sync::Mutex<()>,
     /// Number of stops so far. A motion requested before a stop does not start after it.
     stops: AtomicU64,
-    was_connected: AtomicBool,
 }
 
 impl StageAccess {
@@ -51,10 +45,9 @@ impl StageAccess {
         StageAccess {
             inner: Arc::new(Inner {
                 link,
-                stage: watch::Sender::new(None),
-                opening: Mutex::new(()),
+                last: Mutex::new(None),
+                opening: tokio::sync::Mutex::new(()),
                 stops: AtomicU64::new(0),
-                was_connected: AtomicBool::new(false),
             }),
         }
     }
@@ -65,14 +58,15 @@ impl StageAccess {
         &self.inner.link
     }
 
-    /// Watches the connected stage.
+    /// Returns the connected stage.
     #[must_use]
-    pub fn watch(&self) -> watch::Receiver<Option<Stage>> {
-        self.inner.stage.subscribe()
+    pub fn stage(&self) -> Option<Stage> {
+        self.last().clone().filter(|stage| !stage.is_closed())
     }
 
-    fn stage(&self) -> Option<Stage> {
-        self.inner.stage.borrow().clone()
+    fn last(&self) -> MutexGuard<'_, Option<Stage>> {
+        let last = &self.inner.last;
+        last.lock().expect("no holder of this lock panics")
     }
 
     /// Returns the number of stops so far.
@@ -84,16 +78,29 @@ impl StageAccess {
     /// Returns whether a link was lost. An axis that moved then may still move.
     #[must_use]
     pub fn is_lost(&self) -> bool {
-        self.inner.was_connected.load(Ordering::SeqCst) && self.inner.stage.borrow().is_none()
+        self.last().as_ref().is_some_and(Stage::is_closed)
     }
 
     pub(super) async fn connect(&self) -> Result<Stage, StageError> {
         if let Some(stage) = self.stage() {
             return Ok(stage);
         }
+        // On its own task: a caller that gives up in the middle would leave the port open.
+        let opening = tokio::spawn(self.clone().open());
+        match opening.await {
+            Ok(opened) => opened,
+            Err(broken) => std::panic::resume_unwind(broken.into_panic()),
+        }
+    }
+
+    async fn open(self) -> Result<Stage, StageError> {
         let _alone = self.inner.opening.lock().await;
         if let Some(stage) = self.stage() {
             return Ok(stage);
+        }
+        let last = self.last().clone();
+        if let Some(last) = last {
+            last.closed().await;
         }
         let StageLink {
             port,
@@ -101,27 +108,16 @@ impl StageAccess {
             clock,
             seam,
         } = self.inner.link.clone();
-        let mut tries = 0;
-        let stage = loop {
-            let (port, seam) = (port.clone(), Arc::clone(&seam));
-            let connecting = Stage::connect(port, settings.clone(), Arc::clone(&clock), seam);
-            match connecting.await {
-                // A link that was just dropped is still closing its port; only a port that stays in use belongs to another
-                // program.
-                Err(StageError::Port(PortError::InUse { .. })) if tries < CLOSING_TRIES => {
-                    tries += 1;
-                    SystemClock::new().sleep(CLOSING_WAIT).await;
-                }
-                other => break other?,
-            }
-        };
-        self.inner.was_connected.store(true, Ordering::SeqCst);
-        self.inner.stage.send_replace(Some(stage.clone()));
+        let stage = Stage::connect(port, settings, clock, seam).await?;
+        *self.last() = Some(stage.clone());
         Ok(stage)
     }
 
+    /// Closes the link for all handles.
     pub(super) fn let_go(&self) {
-        self.inner.stage.send_replace(None);
+        if let Some(stage) = &*self.last() {
+            stage.close();
+        }
     }
 
     /// Stops both axes at once and waits until they stand still.
@@ -134,15 +130,7 @@ impl StageAccess {
         if let Some(stage) = self.stage() {
             match stage.stop().await {
                 // The port is closed; the axes continue their last motion.
-                Err(StageError::Disconnected(_)) => {
-                    self.inner.stage.send_if_modified(|now| {
-                        let same = now.as_ref().is_some_and(|now| now.is_same(&stage));
-                        if same {
-                            *now = None;
-                        }
-                        same
-                    });
-                }
+                Err(StageError::Disconnected(_)) => {}
                 other => return other,
             }
         }

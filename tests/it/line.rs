@@ -225,3 +225,38 @@ async fn tcp_carries_the_same_bytes() {
         "{gone:?}"
     );
 }
+
+#[tokio::test]
+async fn a_closed_line_frees_its_port_although_a_handle_is_kept() {
+    let rig = Rig::new();
+    let line = rig.line(1);
+    let held = line.clone();
+    let settings = LineSettings::default();
+    let refused = PortLine::open(&rig.address(), 115_200, settings, &NoFaults);
+    assert!(matches!(refused, Err(PortError::InUse { .. })));
+    line.close();
+    line.closed().await;
+    let command = DeviceCommand::new(1, 0, "get version");
+    let gone = held.ask(&command).await;
+    assert!(
+        matches!(gone, Err(LineError::Disconnected { .. })),
+        "{gone:?}"
+    );
+    let again = PortLine::open(&rig.address(), 115_200, settings, &NoFaults).unwrap();
+    assert_eq!(ask(&again, 1, "get version").await, "7.38");
+}
+
+#[tokio::test]
+async fn closing_ends_a_command_that_waits_for_its_reply() {
+    let rig = Rig::new();
+    let settings = LineSettings {
+        reply_timeout: Duration::from_secs(3600),
+        attempts: 1,
+    };
+    let line = PortLine::open(&rig.address(), 115_200, settings, &rig.faults).unwrap();
+    rig.faults.on("get version", LineFault::LoseReply, 1);
+    let command = DeviceCommand::new(1, 0, "get version");
+    let (waiting, ()) = tokio::join!(line.ask(&command), async { line.close() });
+    assert!(matches!(waiting, Err(LineError::Disconnected { .. })));
+    line.closed().await;
+}

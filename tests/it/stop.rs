@@ -166,6 +166,36 @@ async fn a_scan_that_lost_its_stage_leaves_the_port_to_the_stop() {
     bench.end().await;
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn a_resume_while_the_controller_is_silent_leaves_the_port_to_what_comes_next() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let scan = bench.start(small(&[0.0, 10.0], &[0.0])).await;
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    bench.rig.world.set_powered(PhiS, false);
+    bench.rig.world.cap_lens(true);
+    let done = bench.lab.order(scan.id, ScanCommand::Continue).await;
+    done.unwrap();
+    // The dark frame needs no motion; the next point does.
+    let hands = bench.rig.operate(&bench.lab, true);
+    bench.until(scan.id, ScanState::Paused).await;
+    // Twice: the second resume finds a link that the first one opened or lost.
+    for _ in 0..2 {
+        let resumed = bench.lab.order(scan.id, ScanCommand::Resume).await;
+        resumed.unwrap();
+        bench.until(scan.id, ScanState::Paused).await;
+        let why = bench.lab.store().scan(scan.id).await.unwrap().reason;
+        let why = why.unwrap();
+        assert!(why.contains("does not answer"), "{why}");
+    }
+    bench.rig.world.set_powered(PhiS, true);
+    bench.lab.stop().await.unwrap();
+    let resumed = bench.lab.order(scan.id, ScanCommand::Resume).await;
+    resumed.unwrap();
+    assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
+    hands.abort();
+    bench.end().await;
+}
+
 /// Counts how often a port is opened.
 #[derive(Default)]
 struct Openings(AtomicUsize);

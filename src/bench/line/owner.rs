@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 use tracing::{trace, warn};
 
 use super::request::{ExchangeFailure, ExpectedReplies, LineError, LineRequest, LineState, add};
@@ -21,18 +21,21 @@ const REPLY_LATE_MAX: Duration = Duration::from_secs(5);
 /// Limit of the reads that discard old input, so that a line that is never quiet cannot block a
 /// command.
 const DISCARDED_READS_MAX: u32 = 64;
+/// Longest single wait for bytes, after which a line that is being closed ends.
+const READ_WAIT_MAX: Duration = Duration::from_millis(50);
 /// Largest size of a reply with its continuations, in bytes.
 const REPLY_BYTES_MAX: usize = 4096;
 
 /// The state that the thread owns.
 pub(super) struct Owner {
-    /// The port, or the reason why it is lost.
-    pub port: Result<Box<dyn Port>, String>,
+    pub port: Box<dyn Port>,
     pub shared: Arc<LineState>,
     pub lines: LineSplitter,
     pub next_id: u8,
     /// Ids whose reply may still arrive, each with the time until when.
     pub in_doubt: BTreeMap<u8, Instant>,
+    /// Dropped after the port: fields are dropped in their order.
+    pub _is_open: watch::Sender<()>,
 }
 
 impl Owner {
@@ -41,10 +44,12 @@ impl Owner {
         mut requests: mpsc::Receiver<LineRequest>,
         mut urgent: mpsc::UnboundedReceiver<LineRequest>,
     ) {
+        let shared = Arc::clone(&self.shared);
         let next = async |requests: &mut mpsc::Receiver<LineRequest>,
                           urgent: &mut mpsc::UnboundedReceiver<LineRequest>| {
             tokio::select! {
                 biased;
+                () = shared.closing.cancelled() => None,
                 Some(request) = urgent.recv() => Some(request),
                 request = requests.recv() => request,
             }
@@ -86,18 +91,15 @@ impl Owner {
                 outcome.map_err(ExchangeFailure::Silence)
             }
             Err(error) => {
-                warn!(port = %self.shared.port, "the connection is lost: {error}");
-                // Closed at once, so that the port can be opened again when the device is back.
-                self.port = Err(error.to_string());
-                Err(ExchangeFailure::Final(self.gone()))
+                if !self.shared.closing.is_cancelled() {
+                    warn!(port = %self.shared.port, "the connection is lost: {error}");
+                    // Set once, before the line closes.
+                    self.shared.lost.set(error.to_string()).ok();
+                    // Closed at once, so that the port can be opened again when the device is back.
+                    self.shared.closing.cancel();
+                }
+                Err(ExchangeFailure::Final(self.shared.gone()))
             }
-        }
-    }
-
-    fn gone(&self) -> LineError {
-        LineError::Disconnected {
-            port: self.shared.port.clone(),
-            reason: self.port.as_ref().err().cloned().unwrap_or_default(),
         }
     }
 
@@ -125,10 +127,7 @@ impl Owner {
         wait: Duration,
     ) -> io::Result<Result<Vec<Reply>, Vec<Reply>>> {
         let mut buffer = [0; 512];
-        let port = match &mut self.port {
-            Ok(port) => port,
-            Err(reason) => return Err(io::Error::other(reason.clone())),
-        };
+        let port = &mut self.port;
         add(&self.shared.counters.exchanges, "exchange");
         for _ in 0..DISCARDED_READS_MAX {
             let n = port.read(&mut buffer, Duration::ZERO)?;
@@ -156,7 +155,10 @@ impl Owner {
             if left.is_zero() {
                 return Ok(Err(gathering.whole));
             }
-            let n = port.read(&mut buffer, left)?;
+            if self.shared.closing.is_cancelled() {
+                return Err(io::ErrorKind::NotConnected.into());
+            }
+            let n = port.read(&mut buffer, left.min(READ_WAIT_MAX))?;
             for line in self.lines.push(&buffer[..n]) {
                 trace!(port = %self.shared.port, "< {}", line.escape_ascii());
                 if !gathering.take(&line, &self.shared) {

@@ -1,9 +1,11 @@
 //! What a [`super::PortLine`] and its thread exchange: requests, failures, and the state that both see.
 
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use tokio::sync::{oneshot, watch};
+use tokio_util::sync::CancellationToken;
 use tracing::debug;
 
 use crate::bench::wire::zaber::{DeviceCommand, EncodeError, MessageBody, Reply, decode_message};
@@ -93,6 +95,10 @@ pub(super) struct LineState {
     pub counters: Counters,
     pub checksum_required: AtomicBool,
     pub stops: watch::Sender<u64>,
+    /// Cancelled to close the port.
+    pub closing: CancellationToken,
+    /// Why the connection was lost; unset if the line was closed on request.
+    pub lost: OnceLock<String>,
 }
 
 /// Which replies end an exchange.
@@ -121,6 +127,15 @@ pub(super) enum ExchangeFailure {
 }
 
 impl LineState {
+    /// The error of a command on a closed line.
+    pub fn gone(&self) -> LineError {
+        let reason = self.lost.get().map(String::as_str);
+        LineError::Disconnected {
+            port: self.port.clone(),
+            reason: reason.unwrap_or("it was closed").to_owned(),
+        }
+    }
+
     /// Counts a line that answers no open command, and logs it at debug level.
     pub fn put_aside(&self, line: &[u8]) {
         let counters = &self.counters;

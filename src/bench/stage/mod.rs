@@ -30,7 +30,8 @@ use crate::clock::Clock;
 use crate::geometry::Pose;
 use crate::units::Angle;
 
-/// Two axes on one line. Cheap to clone; the line closes with the last clone.
+/// Two axes on one line. Cheap to clone; the line closes with the last clone, or for all clones with
+/// [`Stage::close`].
 #[derive(Clone)]
 pub struct Stage {
     inner: Arc<Inner>,
@@ -145,17 +146,32 @@ impl Stage {
         .await
         .expect("opening a port does not panic")?;
 
+        let connected = Stage::take_over(&line, port, settings, clock).await;
+        if connected.is_err() {
+            line.close();
+            line.closed().await;
+        }
+        connected
+    }
+
+    /// Stops what moves on an open line, verifies the devices and applies the settings.
+    async fn take_over(
+        line: &PortLine,
+        port: PortAddress,
+        settings: StageSettings,
+        clock: Arc<dyn Clock>,
+    ) -> Result<Stage, StageError> {
         let addresses = settings.addresses();
         // A program that died may have left a move running that this session did not request.
         line.stop(&addresses).await?;
-        find_conflicts(&line).await?;
+        find_conflicts(line).await?;
         let connect = |name: AxisName| {
             let settings = settings.axis(name).clone();
             Axis::connect(name, settings, line.clone(), Arc::clone(&clock))
         };
         let theta_c = connect(AxisName::ThetaC).await?;
         let phi_s = connect(AxisName::PhiS).await?;
-        set_up_line(&line, [&theta_c, &phi_s]).await?;
+        set_up_line(line, [&theta_c, &phi_s]).await?;
         for axis in [&theta_c, &phi_s] {
             axis.await_rest().await?;
             info!(
@@ -174,7 +190,7 @@ impl Stage {
                 address: port,
                 settings,
                 clock,
-                line,
+                line: line.clone(),
                 theta_c,
                 phi_s,
             }),
@@ -333,10 +349,21 @@ impl Stage {
         }
     }
 
-    /// Whether both are clones of one connection.
+    /// Closes the port for all clones: what they still wait for, and all that they ask later, fails
+    /// with [`StageError::Disconnected`]. Stops nothing.
+    pub fn close(&self) {
+        self.inner.line.close();
+    }
+
+    /// Whether the port is closed: by [`Stage::close`], or because the connection was lost.
     #[must_use]
-    pub fn is_same(&self, other: &Stage) -> bool {
-        Arc::ptr_eq(&self.inner, &other.inner)
+    pub fn is_closed(&self) -> bool {
+        self.inner.line.is_closed()
+    }
+
+    /// Completes when the port of a closed stage may be opened again.
+    pub async fn closed(&self) {
+        self.inner.line.closed().await;
     }
 
     /// Number of stops so far, for a motion that starts later than it was requested.
