@@ -35,7 +35,7 @@ pub struct EventParams {
     since: Option<i64>,
 }
 
-/// Events as they happen: rig, scan, frame, fit, uncertainty, calculation, forecast, alarm, each with an id.
+/// Events as they happen: rig, scan, frame, fit, uncertainty, calculation, forecast, recovered, alarm, each with an id.
 #[utoipa::path(get, path = "/api/v1/events", tag = "events", params(EventParams,
     ("Last-Event-ID" = Option<i64>, Header, description = "Last id seen; later events are sent first")), responses(
     (status = 200, description = "Server-sent events; `data` is one JSON object with id, at, type and the fields of the type", content_type = "text/event-stream", body = String),
@@ -167,6 +167,7 @@ fn body(recorded: &RecordedEvent) -> Value {
         | Event::Uncertainty { .. }
         | Event::Calculation { .. }
         | Event::Forecast { .. }
+        | Event::Recovered { .. }
         | Event::Alarm { .. } => {}
     }
     data

@@ -20,6 +20,7 @@ mod frames;
 mod guard;
 mod health;
 mod imports;
+mod incidents;
 mod job_body;
 mod jobs;
 mod observations;
@@ -181,6 +182,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(scans::get))
         .routes(routes!(scans::command))
         .routes(routes!(certainty::of_scan))
+        .routes(routes!(incidents::of_scan))
         .routes(routes!(imports::add))
         .routes(routes!(frames::of_scan))
         .routes(routes!(observations::of_scan))

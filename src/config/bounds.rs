@@ -51,6 +51,9 @@ pub(super) const BOUNDED: &[Bounded] = &[
     ("dark.repeats", within(0.0, 1000.0), |c| Some(f64::from(c.dark.repeats))),
     ("dark.valid_h", within(0.0, 8760.0), |c| Some(c.dark.valid_h)),
     ("scan.attempts_max", within(1.0, 100.0), |c| Some(f64::from(c.scan.attempts_max))),
+    ("scan.retry_after_s", within(0.0, 3600.0), |c| Some(c.scan.retry_after_s)),
+    ("scan.retry_after_max_s", within(0.0, 3600.0), |c| Some(c.scan.retry_after_max_s)),
+    ("scan.reconnect_for_s", within(0.0, 86_400.0), |c| Some(c.scan.reconnect_for_s)),
     ("scan.capped_mean_dn_max", within(0.0, 65535.0), |c| Some(c.scan.capped_mean_dn_max)),
 ];
 

@@ -1,8 +1,11 @@
 //! The sections of the settings: each key with unit, default and range.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
+
+use crate::scan::faults::{FaultPolicy, Reactions};
 
 /// `[server]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -226,12 +229,22 @@ impl Default for DarkSection {
     }
 }
 
-/// `[scan]`
+/// `[scan]`: how a scan deals with faults.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScanSection {
-    /// Attempts at one pose before the scan pauses for the operator. Default 3, 1 to 100.
+    /// Attempts at one pose before the reaction to its fault follows. Default 3, 1 to 100.
     pub attempts_max: u32,
+    /// Wait before the first retry after a fault of stage or camera, s; doubles with each further one. Default 1, 0 to 3600.
+    pub retry_after_s: f64,
+    /// Longest wait between retries, s. Default 30, 0 to 3600.
+    pub retry_after_max_s: f64,
+    /// How long a lost link to the stages is reconnected, s. Default 20, 0 to 86 400.
+    pub reconnect_for_s: f64,
+    /// Whether axes are homed without a person after their controller restarted. Default false: the scan pauses.
+    pub home_after_power_cycle: bool,
+    /// What follows when retries did not help: pause, skip (the point) or abort.
+    pub reactions: Reactions,
     /// Counts above the black level that a frame under the cap may show in addition to dark current. Default 100, 0 to 65535.
     pub capped_mean_dn_max: f64,
 }
@@ -240,7 +253,27 @@ impl Default for ScanSection {
     fn default() -> Self {
         ScanSection {
             attempts_max: 3,
+            retry_after_s: 1.0,
+            retry_after_max_s: 30.0,
+            reconnect_for_s: 20.0,
+            home_after_power_cycle: false,
+            reactions: Reactions::default(),
             capped_mean_dn_max: 100.0,
+        }
+    }
+}
+
+impl ScanSection {
+    /// The same as the runner applies it.
+    #[must_use]
+    pub fn fault_policy(&self) -> FaultPolicy {
+        FaultPolicy {
+            attempts_max: self.attempts_max,
+            retry_after: Duration::from_secs_f64(self.retry_after_s),
+            retry_after_max: Duration::from_secs_f64(self.retry_after_max_s),
+            reconnect_for: Duration::from_secs_f64(self.reconnect_for_s),
+            home_after_power_cycle: self.home_after_power_cycle,
+            reactions: self.reactions,
         }
     }
 }

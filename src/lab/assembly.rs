@@ -132,7 +132,7 @@ impl RigSettings {
 fn runner_settings(camera: &CameraFacts, config: &Config) -> RunnerSettings {
     let pixels = u64::from(camera.width_px) * u64::from(camera.height_px);
     RunnerSettings {
-        attempts_max: config.scan.attempts_max,
+        faults: config.scan.fault_policy(),
         disk_reserve_bytes: config.store.reserve_mb * 1_000_000,
         // Noise does not compress: two bytes per pixel, and PNG's own.
         frame_bytes_max: pixels * 2 + pixels / 64 + 4096,

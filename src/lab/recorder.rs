@@ -9,7 +9,7 @@ use tokio::sync::watch;
 use super::event_sink::{EventSink, FirstState};
 use super::{Occupation, publish};
 use crate::frame::FrameKind;
-use crate::scan::recorder::{RecordError, Recorder, Visit};
+use crate::scan::recorder::{RecordError, Recorder, Recovery, Visit};
 use crate::scan::{Event, OperatorAction, Plan, Progress, ScanState};
 use crate::store::StoreError;
 use crate::store::calibrations::NewCalibration;
@@ -162,6 +162,27 @@ impl Recorder for LabRecorder {
                 })
                 .await?;
             Ok(())
+        })
+    }
+
+    fn recovered(&mut self, recovery: Recovery) -> BoxFuture<'_, ()> {
+        Box::pin(async move {
+            let Recovery {
+                code,
+                message,
+                took_s,
+                points,
+                attended,
+            } = recovery;
+            let event = Event::Recovered {
+                scan_id: Some(self.scan_id),
+                code,
+                message,
+                took_s,
+                points,
+                attended,
+            };
+            self.sink.record(event).await;
         })
     }
 

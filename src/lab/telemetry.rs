@@ -20,6 +20,11 @@ pub(super) fn count(event: &Event) {
                 counter!("ridged_task_states_total", "task" => task, "state" => state).increment(1);
             }
         }
+        Event::Recovered { code, attended, .. } => {
+            let attended = if *attended { "true" } else { "false" };
+            counter!("ridged_recoveries_total", "code" => code.clone(), "attended" => attended)
+                .increment(1);
+        }
         Event::Alarm { code, .. } => {
             counter!("ridged_alarms_total", "code" => code.clone()).increment(1);
         }
@@ -74,6 +79,14 @@ pub(super) fn log(event: &RecordedEvent) {
             forecast,
             ..
         } => tracing::info!(id, of, number, "{of} {number} will take {forecast}"),
+        Event::Recovered {
+            scan_id,
+            code,
+            message,
+            took_s,
+            points,
+            ..
+        } => tracing::warn!(id, code, scan_id, took_s, ?points, "recovered: {message}"),
         Event::Alarm {
             code,
             message,

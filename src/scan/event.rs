@@ -303,6 +303,21 @@ pub enum Event {
         /// What it will take.
         forecast: Forecast,
     },
+    /// A fault is over, and the scan continues.
+    Recovered {
+        /// Scan concerned.
+        scan_id: Option<i64>,
+        /// Stable word of the fault, as of its alarm.
+        code: String,
+        /// What happened, and what ended it.
+        message: String,
+        /// Time from the fault to the first point that counted again.
+        took_s: f64,
+        /// Points of the plan that were taken again, by their index.
+        points: Vec<u32>,
+        /// Whether a person resumed the scan in between.
+        attended: bool,
+    },
     /// Something needs a person's attention.
     Alarm {
         /// Stable word.
@@ -326,6 +341,7 @@ impl Event {
             Event::Uncertainty { .. } => "uncertainty",
             Event::Calculation { .. } => "calculation",
             Event::Forecast { .. } => "forecast",
+            Event::Recovered { .. } => "recovered",
             Event::Alarm { .. } => "alarm",
         }
     }
@@ -356,6 +372,7 @@ impl Event {
             Event::Fit { scan_id, .. }
             | Event::Calculation { scan_id, .. }
             | Event::Forecast { scan_id, .. }
+            | Event::Recovered { scan_id, .. }
             | Event::Alarm { scan_id, .. } => *scan_id,
         }
     }

@@ -5,6 +5,7 @@
 //! everything as [`Event`]s: page, log and store receive the same ones. This module knows no database, no HTTP and no simulator.
 
 pub mod event;
+pub mod faults;
 mod frame_history;
 pub mod plan;
 pub mod recorder;

@@ -72,6 +72,21 @@ pub struct TakenFrame {
     pub repeat: u32,
 }
 
+/// A fault that is over.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recovery {
+    /// Stable code of the fault, as of its alarm.
+    pub code: String,
+    /// What happened, and what ended it.
+    pub message: String,
+    /// Time from the fault to the first point that counts again.
+    pub took_s: f64,
+    /// Points of the plan that were taken again.
+    pub points: Vec<u32>,
+    /// Whether a person resumed the scan in between.
+    pub attended: bool,
+}
+
 /// Why something could not be recorded.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
@@ -100,6 +115,9 @@ pub trait Recorder: Send {
 
     /// All points of one kind are durable. Every run that finds them so calls it again.
     fn phase_done(&mut self, kind: FrameKind) -> BoxFuture<'_, Result<(), RecordError>>;
+
+    /// The scan continues after a fault.
+    fn recovered(&mut self, recovery: Recovery) -> BoxFuture<'_, ()>;
 
     /// Raises an alarm for the operator.
     fn alarm<'a>(&'a mut self, code: &'a str, message: &'a str) -> BoxFuture<'a, ()>;

@@ -48,14 +48,17 @@ impl Rig {
 
     /// Returns a stage that answers and has its reference: connects, then homes axes without a reference and axes that are
     /// `doubted`. Drivers are switched on and parked axes unparked only if a user has just requested motion (`by_a_person`).
+    /// Axes that lost their reference are homed only then, or if `may_home`: power that returns starts no motion by itself.
     ///
     /// # Errors
-    /// [`StageError`] of connecting or homing. A lost link is dropped, so that the next call connects again. After a stop
+    /// [`StageError`] of connecting or homing; [`StageError::PowerCycled`] if an axis lost its reference and must not be
+    /// homed. A lost link is dropped, so that the next call connects again. After a stop
     /// since the call: [`StageError::Stopped`], and no axis is homed.
     pub async fn make_ready(
         &mut self,
         doubted: &BTreeSet<AxisName>,
         by_a_person: bool,
+        may_home: bool,
     ) -> Result<Stage, StageError> {
         let asked_after = self.access.stops();
         let stage = self.connect().await?;
@@ -70,7 +73,14 @@ impl Rig {
                     stage.release(axis).await?;
                 }
             }
-            if !stage.status().await?.all_homed() {
+            let status = stage.status().await?;
+            let unhomed = AxisName::ALL
+                .into_iter()
+                .find(|axis| !status.axis(*axis).homed);
+            if let Some(axis) = unhomed {
+                if !(by_a_person || may_home) {
+                    return Err(StageError::PowerCycled { axis });
+                }
                 return stage.home_all_since(stops_of_stage).await;
             }
             for axis in doubted {

@@ -1,8 +1,12 @@
 //! Carries out a plan: moves, waits, takes frames, passes them to the recorder, and reports.
 //!
 //! [`run`] owns the rig until it returns. It reports a point only after the recorder has made frames, angles and row durable.
-//! A move that failed, was interrupted or was stopped is never a success. A fault of the rig pauses the scan, so that the
-//! operator can fix it and resume; a contradiction to the plan fails the scan.
+//! A move that failed, was interrupted or was stopped is never a success. A fault of the rig is retried as the settings
+//! say (`recovery`), then pauses the scan, so that the operator can fix it and resume (`waiting`); a contradiction to the
+//! plan fails the scan.
+
+mod recovery;
+mod waiting;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -10,7 +14,9 @@ use std::time::Duration;
 
 use tokio::sync::{mpsc, oneshot};
 
+use self::recovery::Recovered;
 use super::event::{OperatorAction, Progress};
+use super::faults::{Attempts, FaultPolicy};
 use super::frame_history::{FrameHistory, FrameSummary};
 use super::plan::{Shot, Step};
 use super::recorder::{RecordError, Recorder, Visit};
@@ -18,7 +24,7 @@ use super::rig::Rig;
 use super::state::ScanState;
 use super::visit::{self, VisitError};
 use crate::bench::AxisName;
-use crate::bench::stage::{Stage, StageError};
+use crate::bench::stage::MoveTimes;
 use crate::clock::Clock;
 use crate::frame::Frame;
 use crate::geometry::Pose;
@@ -53,8 +59,8 @@ pub struct CommandRequest {
 /// Settings of the runner.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunnerSettings {
-    /// Largest number of visits to one point before the scan pauses.
-    pub attempts_max: u32,
+    /// What follows a fault.
+    pub faults: FaultPolicy,
     /// Disk space that stays free.
     pub disk_reserve_bytes: u64,
     /// Largest size of one frame's file.
@@ -109,7 +115,10 @@ pub async fn run(
             runner.totals.progress.phase = None;
             runner.totals.progress.fraction = 1.0;
             runner.totals.progress.time_left_s = Some(0.0);
-            runner.enter(ScanState::Completed, None).await?;
+            let left_out = runner.left_out();
+            runner
+                .enter(ScanState::Completed, left_out.as_deref())
+                .await?;
             ScanState::Completed
         }
         Err(Ending::Recorded(state)) => state,
@@ -142,8 +151,9 @@ struct Runner<'a> {
     recorder: &'a mut dyn Recorder,
     commands: &'a mut mpsc::Receiver<CommandRequest>,
     state: ScanState,
-    /// The connected stage, which knows the speeds of the axes.
-    stage: Option<Stage>,
+    /// Predicts moves. The runner keeps no handle of the stage: one that outlives its link would keep the port open and
+    /// block the next connection.
+    move_times: MoveTimes,
     /// Predicted time of all points.
     predicted_total_s: f64,
     /// Predicted time of each point in the order of the plan. A point taken out of turn has a longer way but the same share.
@@ -152,6 +162,10 @@ struct Runner<'a> {
     history: FrameHistory,
     /// Axes that must be homed: they were blocked, or lost their position.
     doubted: BTreeSet<AxisName>,
+    /// The fault that the scan has to recover from.
+    trouble: Option<recovery::Trouble>,
+    /// Points that the scan continues without.
+    skipped: BTreeSet<u32>,
     totals: ProgressState,
 }
 
@@ -183,11 +197,13 @@ impl<'a> Runner<'a> {
             rules,
         );
         let mut runner = Runner {
+            move_times: rig.link().settings.move_times(),
+            trouble: recovery::Trouble::of_a_run_after(&run),
+            skipped: BTreeSet::new(),
             rig,
             recorder,
             commands,
             state: ScanState::Planned,
-            stage: None,
             predicted_total_s: 0.0,
             in_turn_s: BTreeMap::new(),
             history,
@@ -224,10 +240,7 @@ impl<'a> Runner<'a> {
 
     fn predict(&self, at: Option<Pose>, shot: &Shot) -> f64 {
         let motion = match (at, shot.target) {
-            (Some(at), Some(target)) => match &self.stage {
-                Some(stage) => stage.predicted_move(at, target),
-                None => self.rig.link().settings.predicted_move(at, target),
-            },
+            (Some(at), Some(target)) => self.move_times.predict(at, target),
             _ => Duration::ZERO,
         };
         motion.as_secs_f64() + shot.exposure_total_s()
@@ -235,7 +248,7 @@ impl<'a> Runner<'a> {
 
     async fn drive(&mut self) -> Result<(), Ending> {
         self.enter(ScanState::Running, None).await?;
-        self.make_ready(true).await?;
+        self.make_ready().await?;
         // Again, now with the speeds of the connected axes.
         let at = self.totals.at;
         self.totals = self.count_what_is_left();
@@ -300,44 +313,19 @@ impl<'a> Runner<'a> {
         Ok(())
     }
 
-    /// Connects and homes. A rig that is unavailable pauses the scan until it is resumed. `by_a_person`: a user has just
-    /// requested motion and is clear of the stages.
-    async fn make_ready(&mut self, mut by_a_person: bool) -> Result<(), Ending> {
-        loop {
-            let (rig, doubted) = (&mut *self.rig, &self.doubted);
-            let ready = async {
-                let stage = rig.make_ready(doubted, by_a_person).await?;
-                let status = stage.status().await?;
-                Ok::<_, StageError>((stage, status))
-            };
-            match ready.await {
-                Ok((stage, status)) => {
-                    self.doubted.clear();
-                    self.stage = Some(stage);
-                    self.totals.at = Some(status.pose());
-                    return Ok(());
-                }
-                Err(error) => {
-                    self.doubted.extend(error.axis_to_home());
-                    self.hold(&VisitError::Stage(error)).await?;
-                    by_a_person = true;
-                }
-            }
-        }
-    }
-
-    /// Takes one point, and again while it is rejected, until it is accepted or the operator is needed.
+    /// Takes one point, and again while it is rejected, until it is accepted, skipped, or the operator is needed.
     async fn take(&mut self, shot: &Shot) -> Result<(), Ending> {
-        let mut attempt = 0;
+        let mut attempts = Attempts::default();
+        let mut visits = 0;
         loop {
             self.check_disk(shot).await?;
             let before = self.totals;
             let started = self.run.clock.now();
-            let Some(outcome) = self.visit(shot, attempt).await? else {
+            let Some(outcome) = self.visit(shot, visits).await? else {
                 // It was stopped and resumed; the waiting time counts as no motion.
                 continue;
             };
-            attempt += 1;
+            visits += 1;
             let error = match outcome {
                 Ok(mut visit) => {
                     let rules = &self.run.settings.frame;
@@ -363,6 +351,7 @@ impl<'a> Runner<'a> {
                         None => {
                             self.history.remember(summary);
                             self.run.done.insert(shot.index);
+                            self.report_recovery(shot).await;
                             return self.pause_if_asked().await;
                         }
                         Some(why) => VisitError::Frames(why),
@@ -370,33 +359,19 @@ impl<'a> Runner<'a> {
                 }
                 Err(error) => error,
             };
-            if let VisitError::Stage(error) = &error {
-                self.doubted.extend(error.axis_to_home());
-                // A kept handle keeps the port open, which would block the next connection.
-                if error.is_disconnect() {
-                    self.stage = None;
-                }
-                self.rig.let_go_if_lost(error);
-            }
-            if error.contradicts_the_plan() {
-                let why = error.to_string();
-                self.enter(ScanState::Failed, Some(&why)).await?;
-                return Err(Ending::Recorded(ScanState::Failed));
-            }
-            let ask = !error.may_be_retried() || attempt >= self.run.settings.attempts_max;
-            if ask {
-                self.hold(&error).await?;
-                attempt = 0;
-                // By resuming after this fault the operator confirms the sample. Resuming after another fault confirms
-                // nothing.
-                if let VisitError::Frames(rejected) = &error {
-                    self.run.settings.frame.confirmed.note(rejected);
-                }
-            }
-            if matches!(error, VisitError::Stage(_)) {
-                self.make_ready(ask).await?;
+            if self.recover(error, &mut attempts, Some(shot)).await? == Recovered::Skipped {
+                return self.pause_if_asked().await;
             }
         }
+    }
+
+    /// Returns what a complete scan has no frames of.
+    fn left_out(&self) -> Option<String> {
+        let count = self.skipped.len();
+        (count > 0).then(|| {
+            let points = crate::wording::counted(count, "point");
+            format!("{points} skipped after faults; the alarms of the scan name them")
+        })
     }
 
     fn count(&mut self, shot: &Shot, accepted: bool) {
@@ -433,7 +408,7 @@ impl<'a> Runner<'a> {
         shot: &Shot,
         attempt: u32,
     ) -> Result<Option<Result<Visit, VisitError>>, Ending> {
-        let stage = match self.rig.connect().await {
+        let stage = match self.stage_for_a_move().await {
             Ok(stage) => stage,
             Err(error) => return Ok(Some(Err(VisitError::Stage(error)))),
         };
@@ -444,20 +419,14 @@ impl<'a> Runner<'a> {
             tokio::select! {
                 biased;
                 request = self.commands.recv() => {
-                    let request = request.unwrap_or_else(shut_down);
-                    match (request.command, self.state) {
-                        (ScanCommand::Pause, ScanState::Running) => {
-                            self.recorder.state(ScanState::Pausing, None, None, self.totals.progress).await?;
-                            self.state = ScanState::Pausing;
-                            request.reply.send(Ok(self.state)).ok();
-                        }
-                        (ScanCommand::Resume, ScanState::Pausing) => {
-                            self.recorder.state(ScanState::Running, None, None, self.totals.progress).await?;
-                            self.state = ScanState::Running;
-                            request.reply.send(Ok(self.state)).ok();
-                        }
-                        (ScanCommand::Stop | ScanCommand::Abort | ScanCommand::ShutDown, _) => break request,
-                        _ => { request.reply.send(Err(self.state)).ok(); }
+                    let request = request.unwrap_or_else(waiting::shut_down);
+                    let orders = waiting::Orders {
+                        recorder: &mut *self.recorder,
+                        state: &mut self.state,
+                        progress: self.totals.progress,
+                    };
+                    if let Some(cut) = orders.heed(request).await? {
+                        break cut;
                     }
                 }
                 outcome = &mut work => {
@@ -473,161 +442,10 @@ impl<'a> Runner<'a> {
         if let Err(error) = stage.stop().await {
             tracing::error!(%error, "the stop of a scan did not reach the stage: {error}");
         }
+        // Not kept while the scan is paused.
+        drop(stage);
         self.totals.at = None;
-        match cut.command {
-            ScanCommand::Stop => {
-                self.hold_with(VisitError::STOPPED, None, Some(cut)).await?;
-                self.make_ready(true).await?;
-                Ok(None)
-            }
-            order => self.end_by(order, cut).await,
-        }
-    }
-
-    async fn end_by<T>(
-        &mut self,
-        order: ScanCommand,
-        request: CommandRequest,
-    ) -> Result<T, Ending> {
-        let (state, reason) = match order {
-            ScanCommand::Abort => (ScanState::Aborted, "aborted by the operator"),
-            _ => (
-                ScanState::Interrupted,
-                "the daemon was stopped; resume the scan to continue",
-            ),
-        };
-        self.enter(state, Some(reason)).await?;
-        request.reply.send(Ok(state)).ok();
-        Err(Ending::Recorded(state))
-    }
-
-    /// Pauses until there is room for all frames of a point.
-    async fn check_disk(&mut self, shot: &Shot) -> Result<(), Ending> {
-        let settings = &self.run.settings;
-        let needed =
-            settings.disk_reserve_bytes + u64::from(shot.n_frames()) * settings.frame_bytes_max;
-        loop {
-            let free = self.recorder.free_bytes()?;
-            if free >= needed {
-                return Ok(());
-            }
-            let why = format!(
-                "the disk is full: {} MB are free and {} MB are needed; free some space, then resume",
-                free / 1_000_000,
-                needed / 1_000_000
-            );
-            self.hold_with(&why, Some("disk-full"), None).await?;
-        }
-    }
-
-    async fn pause_if_asked(&mut self) -> Result<(), Ending> {
-        if self.state == ScanState::Pausing {
-            self.enter(ScanState::Paused, None).await?;
-            self.wait_for_resume().await?;
-        }
-        Ok(())
-    }
-
-    async fn hold(&mut self, error: &VisitError) -> Result<(), Ending> {
-        let code = error.code();
-        let reason = match error {
-            // Errors of stages and camera do not mention the scan that waits.
-            VisitError::Stage(error) if error.axis_to_home().is_some() => {
-                format!("{error}; fix it, then resume: the scan homes the axis first")
-            }
-            VisitError::Stage(_) | VisitError::Camera(_) if code.is_some() => {
-                format!("{error}; fix it, then resume")
-            }
-            _ => error.to_string(),
-        };
-        self.hold_with(&reason, code, None).await
-    }
-
-    /// Pauses for a reason, raises the alarm if it has a code, and waits to be resumed.
-    async fn hold_with(
-        &mut self,
-        reason: &str,
-        code: Option<&str>,
-        request: Option<CommandRequest>,
-    ) -> Result<(), Ending> {
-        // Before the state: a client that sees the scan paused finds the alarm with the reason.
-        if let Some(code) = code {
-            self.recorder.alarm(code, reason).await;
-        }
-        self.enter(ScanState::Paused, Some(reason)).await?;
-        if let Some(request) = request {
-            request.reply.send(Ok(ScanState::Paused)).ok();
-        }
-        self.wait_for_resume().await
-    }
-
-    async fn wait_for_resume(&mut self) -> Result<(), Ending> {
-        loop {
-            let request = self.commands.recv().await.unwrap_or_else(shut_down);
-            match request.command {
-                ScanCommand::Resume | ScanCommand::Continue => {
-                    self.enter(ScanState::Running, None).await?;
-                    request.reply.send(Ok(self.state)).ok();
-                    return Ok(());
-                }
-                ScanCommand::Abort | ScanCommand::ShutDown => {
-                    return self.end_by(request.command, request).await;
-                }
-                ScanCommand::Stop | ScanCommand::Pause => {
-                    request.reply.send(Ok(self.state)).ok();
-                }
-                // An operator step does not resume a pause.
-                ScanCommand::Done(_) => {
-                    request.reply.send(Err(self.state)).ok();
-                }
-            }
-        }
-    }
-
-    async fn wait_for_operator(&mut self, action: OperatorAction) -> Result<(), Ending> {
-        loop {
-            if self.state != ScanState::WaitingForOperator {
-                self.recorder
-                    .state(
-                        ScanState::WaitingForOperator,
-                        None,
-                        Some(action),
-                        self.totals.progress,
-                    )
-                    .await?;
-                self.state = ScanState::WaitingForOperator;
-            }
-            let request = self.commands.recv().await.unwrap_or_else(shut_down);
-            match request.command {
-                ScanCommand::Done(other) if other != action => {
-                    request.reply.send(Err(self.state)).ok();
-                }
-                ScanCommand::Continue | ScanCommand::Resume | ScanCommand::Done(_) => {
-                    self.enter(ScanState::Running, None).await?;
-                    request.reply.send(Ok(self.state)).ok();
-                    return Ok(());
-                }
-                ScanCommand::Abort | ScanCommand::ShutDown => {
-                    return self.end_by(request.command, request).await;
-                }
-                ScanCommand::Pause | ScanCommand::Stop => {
-                    let reason = match request.command {
-                        ScanCommand::Stop => Some(VisitError::STOPPED),
-                        _ => None,
-                    };
-                    self.enter(ScanState::Paused, reason).await?;
-                    request.reply.send(Ok(self.state)).ok();
-                    self.wait_for_resume().await?;
-                }
-            }
-        }
-    }
-}
-
-/// The command that a closed channel stands for: its sender is gone.
-fn shut_down() -> CommandRequest {
-    CommandRequest {
-        command: ScanCommand::ShutDown,
-        reply: oneshot::channel().0,
+        self.cut_short(cut).await?;
+        Ok(None)
     }
 }

@@ -3,8 +3,8 @@
 use super::plan::Shot;
 use super::recorder::{BLACK, Rejected, TakenFrame, Visit};
 use crate::bench::port::PortError;
-use crate::bench::stage::{Stage, StageError};
-use crate::bench::{Camera, CameraError, CaptureRequest};
+use crate::bench::stage::{Flag, FlagClass, Stage, StageError, StageStatus};
+use crate::bench::{AxisName, Camera, CameraError, CaptureRequest};
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 
@@ -83,16 +83,6 @@ impl VisitError {
     /// Reason of a scan that was stopped by the stop button.
     pub const STOPPED: &'static str = "stopped; resume to continue";
 
-    /// Returns whether another visit may succeed without the operator.
-    pub(super) fn may_be_retried(&self) -> bool {
-        match self {
-            VisitError::Stage(error) => stage_may_be_retried(error),
-            VisitError::Camera(CameraError::TimedOut { .. } | CameraError::NotAFrame(_))
-            | VisitError::Frames(_) => true,
-            VisitError::Camera(CameraError::Failed(_)) => false,
-        }
-    }
-
     /// Returns whether the plan requests what the rig cannot do.
     pub(super) fn contradicts_the_plan(&self) -> bool {
         matches!(self, VisitError::Stage(StageError::OutsideLimits { .. }))
@@ -106,39 +96,6 @@ impl VisitError {
             VisitError::Camera(_) => Some("camera-failed"),
             VisitError::Frames(_) => Some("frames-rejected"),
         }
-    }
-}
-
-/// Returns whether the same move may be repeated without the operator: after errors of the line or of settling, not after
-/// interference with the axis. Targets are absolute, so a repetition is safe.
-fn stage_may_be_retried(error: &StageError) -> bool {
-    match error {
-        StageError::Missed { .. }
-        | StageError::NoReply(_)
-        | StageError::Unreadable { .. }
-        | StageError::TimedOut { .. }
-        | StageError::PowerCycled { .. }
-        | StageError::NotReferenced { .. } => true,
-        StageError::Port(_)
-        | StageError::BadSetting { .. }
-        | StageError::Disconnected(_)
-        | StageError::Unsendable(_)
-        | StageError::Refused { .. }
-        | StageError::WrongDevice { .. }
-        | StageError::AddressConflict { .. }
-        | StageError::NoScale { .. }
-        | StageError::Disagreement { .. }
-        | StageError::BeyondTravel { .. }
-        | StageError::NotANumber { .. }
-        | StageError::OutsideLimits { .. }
-        | StageError::Interrupted { .. }
-        | StageError::Stalled { .. }
-        | StageError::Fault { .. }
-        | StageError::HomingFailed { .. }
-        | StageError::HomingTimedOut { .. }
-        | StageError::NoSuchAxis { .. }
-        | StageError::Stopped
-        | StageError::Busy { .. } => false,
     }
 }
 
@@ -170,6 +127,7 @@ pub fn stage_code(error: &StageError) -> &'static str {
         StageError::Fault { .. } => "stage-fault",
         StageError::HomingFailed { .. } => "stage-homing-failed",
         StageError::Missed { .. } => "stage-missed",
+        StageError::Slipped { .. } => "stage-slipped",
         StageError::TimedOut { .. } | StageError::HomingTimedOut { .. } => "stage-timed-out",
         StageError::Stopped => "stopped",
         StageError::Busy { .. } => "busy",
@@ -223,12 +181,13 @@ pub(super) async fn visit(
         .tolerance
         .deg()
         .max(settings.phi_s.tolerance.deg());
+    let pushed = disturbance(&still)?;
     let rejected = if still.theta_c.moving || still.phi_s.moving || drift > tolerance {
         Some(Rejected::Otherwise(format!(
             "the stage moved by {drift:.4}° while the frames were taken"
         )))
     } else {
-        fault(&frames, shot.kind, rules)
+        pushed.or_else(|| fault(&frames, shot.kind, rules))
     };
     Ok(Visit {
         shot: shot.clone(),
@@ -238,6 +197,39 @@ pub(super) async fn visit(
         rejected,
         taken_at,
     })
+}
+
+/// Returns why frames do not count that were taken while these flags came up; `None` if no flag concerns them.
+///
+/// # Errors
+/// A flag after which the position cannot be trusted, or which says that the axis was moved.
+fn disturbance(after: &StageStatus) -> Result<Option<Rejected>, VisitError> {
+    let mut pushed = None;
+    for axis in AxisName::ALL {
+        let status = after.axis(axis);
+        for flag in status.flags.iter().copied() {
+            match flag.class() {
+                FlagClass::Fault => {
+                    return Err(VisitError::Stage(StageError::Fault { axis, flag }));
+                }
+                FlagClass::Interrupted => {
+                    return Err(VisitError::Stage(StageError::Interrupted { axis, flag }));
+                }
+                FlagClass::ReferenceLost => {
+                    return Err(VisitError::Stage(StageError::PowerCycled { axis }));
+                }
+                FlagClass::Informational => {
+                    if matches!(flag, Flag::Displaced | Flag::StallRecovered) {
+                        pushed = Some(Rejected::Otherwise(format!(
+                            "{axis} reported {flag} while the frames were taken ({})",
+                            flag.meaning()
+                        )));
+                    }
+                }
+            }
+        }
+    }
+    Ok(pushed)
 }
 
 /// Returns the position read back, in the turn of the plan: recorded angles are those of the plan.

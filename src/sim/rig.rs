@@ -355,7 +355,7 @@ mod tests {
             ..
         } = &parts.settings;
         assert_eq!(runner.disk_reserve_bytes, 5_000_000_000);
-        assert_eq!(runner.attempts_max, 7);
+        assert_eq!(runner.faults.attempts_max, 7);
         assert_eq!(defaults.dark_repeats, 9);
         assert_eq!(defaults.flat_exposures_s, [0.5]);
         assert_eq!(defaults.exposures_s, untouched.defaults.exposures_s);

@@ -50,6 +50,7 @@ impl Store {
             | Event::Scan { .. }
             | Event::Frame { .. }
             | Event::Uncertainty { .. }
+            | Event::Recovered { .. }
             | Event::Alarm { .. } => clock.utc(),
         };
         let body = serde_json::to_string(&event).map_err(|e| StoreError::bad_row("events", e))?;
@@ -104,6 +105,7 @@ impl Store {
             | Event::Uncertainty { .. }
             | Event::Calculation { .. }
             | Event::Forecast { .. }
+            | Event::Recovered { .. }
             | Event::Alarm { .. } => Ok(Progress::default()),
         }
     }
@@ -121,6 +123,30 @@ impl Store {
     ) -> Result<Vec<RecordedEvent>, StoreError> {
         sqlx::query_as::<_, Row>(
             "SELECT id, at, body FROM events WHERE scan_id = ? AND kind = 'uncertainty' AND id > ? ORDER BY id LIMIT ?",
+        )
+        .bind(scan_id)
+        .bind(after)
+        .bind(limit)
+        .fetch_all(self.readers())
+        .await?
+        .into_iter()
+        .map(RecordedEvent::try_from)
+        .collect()
+    }
+
+    /// Returns the alarms and recoveries of a scan, oldest first, at most `limit` after event number `after`.
+    ///
+    /// # Errors
+    /// A database error.
+    pub async fn incidents(
+        &self,
+        scan_id: i64,
+        after: i64,
+        limit: u32,
+    ) -> Result<Vec<RecordedEvent>, StoreError> {
+        sqlx::query_as::<_, Row>(
+            "SELECT id, at, body FROM events WHERE scan_id = ? AND kind IN ('alarm', 'recovered') AND id > ?
+             ORDER BY id LIMIT ?",
         )
         .bind(scan_id)
         .bind(after)

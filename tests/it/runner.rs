@@ -5,15 +5,18 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures::future::BoxFuture;
-use ridged::bench::{Camera, CameraError, CaptureRequest, Captured};
+use ridged::bench::{AxisName, Camera, CameraError, CaptureRequest, Captured};
 use ridged::clock::{Clock, SteppedClock};
 use ridged::frame::{Frame, FrameKind};
 use ridged::geometry::Pose;
 use ridged::lab::RigParts;
-use ridged::scan::recorder::{RecordError, Recorder, Visit};
+use ridged::scan::faults::Reaction;
+use ridged::scan::recorder::{RecordError, Recorder, Recovery, Visit};
 use ridged::scan::runner::{self, CommandRequest, RunEnd, RunnerSettings, ScanCommand, ScanRun};
 use ridged::scan::{OperatorAction, Progress, Rig, ScanState, Shot, Step};
 use ridged::sim::rig::{SimulatedRig, Simulation};
+use ridged::sim::world::{AxisFault, World};
+use ridged::units::Angle;
 use tokio::sync::{mpsc, oneshot};
 
 /// What happens when the camera is asked for its n-th frame, from 1.
@@ -30,11 +33,14 @@ enum Cue {
     Wake,
     /// Somebody presses stop while it exposes.
     Stop,
+    /// Something happens to an axis while it exposes.
+    Cause(AxisName, AxisFault),
 }
 
 /// The simulated camera, with faults by the number of the frame.
 struct CuedCamera {
     camera: Box<dyn Camera>,
+    world: Arc<World>,
     /// What all pixels have from now on.
     uniform_dn: Option<u16>,
     hangs: bool,
@@ -60,6 +66,7 @@ impl Camera for CuedCamera {
             Some(Cue::Full) => self.uniform_dn = Some(u16::MAX),
             Some(Cue::Hang) => self.hangs = true,
             Some(Cue::Wake) => self.hangs = false,
+            Some(Cue::Cause(axis, fault)) => self.world.cause(*axis, *fault),
             Some(Cue::Fail) => {
                 let failed = CameraError::Failed("the cable came off".into());
                 return Box::pin(std::future::ready(Err(failed)));
@@ -104,6 +111,7 @@ struct Notebook {
     free_bytes: u64,
     states: Vec<ScanState>,
     alarms: Vec<String>,
+    recoveries: Vec<Recovery>,
     accepted: Vec<u32>,
     /// Reported fraction minus the share of the points, at each relevant point.
     ahead: Vec<f64>,
@@ -155,6 +163,11 @@ impl Recorder for Notebook {
         Box::pin(std::future::ready(()))
     }
 
+    fn recovered(&mut self, recovery: Recovery) -> BoxFuture<'_, ()> {
+        self.recoveries.push(recovery);
+        Box::pin(std::future::ready(()))
+    }
+
     fn free_bytes(&self) -> Result<u64, RecordError> {
         Ok(self.free_bytes)
     }
@@ -184,17 +197,29 @@ async fn run(
     cues: impl IntoIterator<Item = (u32, Cue)>,
     free_bytes: impl FnOnce(&RunnerSettings) -> u64,
 ) -> (RunEnd, Notebook) {
+    run_with(steps, done, cues, free_bytes, |_| {}).await
+}
+
+/// The same with other settings.
+async fn run_with(
+    steps: Vec<Step>,
+    done: &[u32],
+    cues: impl IntoIterator<Item = (u32, Cue)>,
+    free_bytes: impl FnOnce(&RunnerSettings) -> u64,
+    change: impl FnOnce(&mut RunnerSettings),
+) -> (RunEnd, Notebook) {
     let clock: Arc<dyn Clock> = Arc::new(SteppedClock::new());
-    let (_rig, parts) =
-        SimulatedRig::with_clock(Simulation::default(), Arc::clone(&clock)).unwrap();
+    let (rig, parts) = SimulatedRig::with_clock(Simulation::default(), Arc::clone(&clock)).unwrap();
     let (orders, mut book) = mpsc::channel(16);
     let RigParts {
         rig: devices,
-        settings,
+        mut settings,
     } = parts;
+    change(&mut settings.runner);
     let link = devices.link().clone();
     let camera = CuedCamera {
         camera: devices.camera,
+        world: Arc::clone(&rig.world),
         uniform_dn: None,
         hangs: false,
         last: None,
@@ -208,6 +233,7 @@ async fn run(
         free_bytes: free_bytes(&settings.runner),
         states: Vec::new(),
         alarms: Vec::new(),
+        recoveries: Vec::new(),
         accepted: Vec::new(),
         ahead: Vec::new(),
         phases: Vec::new(),
@@ -228,12 +254,101 @@ async fn run(
 
 #[tokio::test(flavor = "multi_thread")]
 async fn who_resumes_after_another_trouble_has_not_looked_at_a_black_sample() {
-    let cues = [(1, Cue::Fail), (5, Cue::Black)];
+    let cues = [1, 2, 3].map(|frame| (frame, Cue::Fail));
+    let cues = cues.into_iter().chain([(7, Cue::Black)]);
     let (end, reported) = run(samples(), &[], cues, |_| u64::MAX).await;
     assert_eq!(end.state, ScanState::Completed);
     // The second time somebody has, and the third point is as black.
     assert_eq!(reported.alarms, ["camera-failed", "frames-rejected"]);
     assert_eq!(reported.accepted, [0, 1, 2]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn one_failure_of_the_camera_is_retried_and_reported_as_a_recovery() {
+    let (end, reported) = run(samples(), &[], [(5, Cue::Fail)], |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed);
+    assert!(!reported.states.contains(&ScanState::Paused));
+    assert_eq!(reported.accepted, [0, 1, 2]);
+    assert_eq!(reported.alarms, Vec::<String>::new());
+    let [recovery] = reported.recoveries.as_slice() else {
+        panic!("{:?}", reported.recoveries);
+    };
+    assert_eq!(recovery.code, "camera-failed");
+    assert_eq!(recovery.points, [1]);
+    assert!(!recovery.attended);
+    assert!(
+        recovery.message.contains("the cable came off"),
+        "{}",
+        recovery.message
+    );
+    // The first wait and the second visit.
+    assert!(
+        recovery.took_s >= 1.0 && recovery.took_s < 10.0,
+        "{}",
+        recovery.took_s
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_fault_that_persists_has_the_reaction_of_the_settings() {
+    let failing = || (4..=6).map(|frame| (frame, Cue::Fail));
+    for (reaction, state, accepted, alarms) in [
+        (
+            Reaction::Pause,
+            ScanState::Completed,
+            &[0, 1, 2][..],
+            "camera-failed",
+        ),
+        (
+            Reaction::Skip,
+            ScanState::Completed,
+            &[0, 2],
+            "point-skipped",
+        ),
+        (Reaction::Abort, ScanState::Failed, &[0], "camera-failed"),
+    ] {
+        let (end, reported) = run_with(
+            samples(),
+            &[],
+            failing(),
+            |_| u64::MAX,
+            |settings| {
+                settings.faults.reactions.camera = reaction;
+            },
+        )
+        .await;
+        assert_eq!(end.state, state, "{reaction:?}");
+        assert_eq!(reported.accepted, accepted, "{reaction:?}");
+        assert_eq!(reported.alarms, [alarms], "{reaction:?}");
+        let paused = reported.states.contains(&ScanState::Paused);
+        assert_eq!(paused, reaction == Reaction::Pause);
+        // A person resumed it after an hour.
+        let attended: Vec<bool> = reported.recoveries.iter().map(|r| r.attended).collect();
+        assert_eq!(attended, vec![true; usize::from(paused)]);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_point_whose_axis_was_touched_in_the_exposure_is_taken_again() {
+    let turn = Angle::from_deg(0.5);
+    for (fault, alarm) in [
+        // Turned there and back: only the flag says so.
+        (AxisFault::Knob(Angle::ZERO), Some("stage-interrupted")),
+        (AxisFault::PowerCycle, Some("stage-power-cycled")),
+        (AxisFault::ForeignMove(turn), None),
+        // The counter knows nothing of it; the encoder of the next move does.
+        (AxisFault::Slip(turn), None),
+    ] {
+        let cues = [(5, Cue::Cause(AxisName::ThetaC, fault))];
+        let (end, reported) = run(samples(), &[], cues, |_| u64::MAX).await;
+        assert_eq!(end.state, ScanState::Completed, "{fault:?}");
+        assert_eq!(reported.alarms, Vec::from_iter(alarm), "{fault:?}");
+        assert_eq!(reported.accepted, [0, 1, 2], "{fault:?}");
+        let [recovery] = reported.recoveries.as_slice() else {
+            panic!("{fault:?}: {:?}", reported.recoveries);
+        };
+        assert_eq!(recovery.attended, alarm.is_some(), "{fault:?}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -9,13 +9,14 @@ use futures::FutureExt;
 use ridged::bench::AxisName::{PhiS, ThetaC};
 use ridged::bench::port::{Port, PortSeam};
 use ridged::clock::{Clock, ScaledClock, SteppedClock};
-use ridged::lab::{Lab, LabError, ScanRequest};
+use ridged::lab::{Lab, LabError, RigParts, ScanRequest};
 use ridged::scan::event::RigActivity;
 use ridged::scan::plan::{DarkRequest, FlatRequest};
 use ridged::scan::runner::ScanCommand;
 use ridged::scan::{Event, PlanRequest, Rig, ScanState, StageLink};
 use ridged::sim::faults::{LineFault, ScriptedFaults};
 use ridged::sim::rig::{SimulatedRig, Simulation};
+use ridged::sim::world::AxisFault;
 use ridged::store::disk::RealDisk;
 use ridged::units::Angle;
 use tower::ServiceExt;
@@ -194,6 +195,99 @@ async fn a_resume_while_the_controller_is_silent_leaves_the_port_to_what_comes_n
     assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
     hands.abort();
     bench.end().await;
+}
+
+/// Two poses of the sample, without calibrations.
+fn sample_only() -> PlanRequest {
+    PlanRequest {
+        dark: DarkRequest { repeats: Some(0) },
+        flat: FlatRequest {
+            repeats: Some(0),
+            ..FlatRequest::default()
+        },
+        ..small(&[0.0, 10.0], &[0.0])
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn power_that_comes_back_moves_nothing_without_a_person_or_the_settings() {
+    for unattended in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let allow = |mut parts: RigParts| {
+            parts.settings.runner.faults.home_after_power_cycle = unattended;
+            parts
+        };
+        let disk = Arc::new(RealDisk);
+        let bench = BenchInABox::open_as(folder.path(), disk, false, Duration::ZERO, allow).await;
+        let scan = bench.start(sample_only()).await;
+        bench.until(scan.id, ScanState::WaitingForOperator).await;
+        let halfway = Angle::from_deg(5.0);
+        bench.rig.world.arm(ThetaC, halfway, AxisFault::PowerCycle);
+        bench
+            .lab
+            .order(scan.id, ScanCommand::Continue)
+            .await
+            .unwrap();
+        if !unattended {
+            bench.until(scan.id, ScanState::Paused).await;
+            let view = bench.lab.rig().await.unwrap();
+            assert!(!view.axes[0].1.homed && !bench.rig.world.is_moving());
+            let (_, reason) = view.scan_state.unwrap();
+            let reason = reason.unwrap();
+            assert!(reason.contains("scan.home_after_power_cycle"), "{reason}");
+            assert!(reason.contains("then resume"), "{reason}");
+            bench.lab.order(scan.id, ScanCommand::Resume).await.unwrap();
+        }
+        let scan = bench.finish(scan.id).await;
+        assert_eq!(scan.state, ScanState::Completed, "{:?}", scan.reason);
+        let incidents = bench.lab.store().incidents(scan.id, 0, 100).await.unwrap();
+        let Some(Event::Recovered {
+            attended,
+            code,
+            points,
+            ..
+        }) = incidents.last().map(|e| &e.event)
+        else {
+            panic!("{incidents:?}");
+        };
+        assert_eq!(
+            (*attended, code.as_str()),
+            (!unattended, "stage-power-cycled")
+        );
+        assert_eq!(points.len(), 1);
+        bench.end().await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_plug_that_is_pulled_for_a_moment_does_not_end_the_night() {
+    let faults = ScriptedFaults::new();
+    let (lab, rig, _folder) = disturbed(|link| link.seam = Arc::new(faults.clone())).await;
+    rig.add_samples(&lab).await.unwrap();
+    let plan = sample_only();
+    let request = ScanRequest { sample_id: 2, plan };
+    // The first move of the scan finds no line; the plug is back at the next attempt.
+    faults.on("move abs", LineFault::Unplug, 1);
+    let mut events = lab.events();
+    let scan = lab.start_scan(&request).await.unwrap();
+    let hands = rig.operate(&lab, true);
+    let scan = lab.wait_for_scan(scan.id, 0, |_| false).await.unwrap();
+    assert_eq!(scan.state, ScanState::Completed, "{:?}", scan.reason);
+    let mut codes = Vec::new();
+    while let Ok(event) = events.try_recv() {
+        match &event.event {
+            Event::Alarm { code, .. } => codes.push(code.clone()),
+            Event::Scan { state, .. } => assert_ne!(*state, ScanState::Paused),
+            Event::Recovered { attended, .. } => {
+                assert!(!attended);
+                codes.push("recovered".into());
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(codes, ["stage-disconnected", "recovered"]);
+    hands.abort();
+    lab.shut_down().await;
 }
 
 /// Counts how often a port is opened.

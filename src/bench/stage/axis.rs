@@ -22,6 +22,8 @@ mod queries;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
+use tracing::warn;
+
 use super::error::StageError;
 use super::settings::{AxisSettings, Rates};
 use crate::bench::AxisName;
@@ -74,6 +76,8 @@ struct Memory {
     /// The axis has had a reference position since it was connected.
     referenced: bool,
     uptime: Option<u64>,
+    /// The device has no encoder that it reports.
+    no_encoder: bool,
 }
 
 /// One axis. The task that moves it holds `turn`.
@@ -263,7 +267,7 @@ impl Axis {
         if reading.activity == Activity::Busy {
             reading = self.bring_to_rest(stops).await?;
         }
-        for _ in 0..ATTEMPTS {
+        for attempt in 1..=ATTEMPTS {
             self.check_before(&reading).await?;
             let from = self.recorded(reading.counts);
             let engaged = self.memory().engaged;
@@ -284,6 +288,10 @@ impl Axis {
             }
             if self.is_there(&reading, goal) {
                 self.memory().engaged = true;
+                // An axis that stalled on the way approaches once more.
+                if attempt < ATTEMPTS && self.clear_recovered_stall(&reading).await? {
+                    continue;
+                }
                 break;
             }
         }
@@ -296,7 +304,20 @@ impl Axis {
             });
         }
         self.check_uptime().await?;
+        self.check_encoder(reading.counts).await?;
         Ok((self.recorded(reading.counts), moved))
+    }
+
+    /// Clears the flag of a stall that the axis recovered from; returns whether it was raised. The
+    /// next move then approaches from below again.
+    async fn clear_recovered_stall(&self, reading: &AxisReading) -> Result<bool, StageError> {
+        if reading.flag.is_none() || !self.flags().await?.contains(&Flag::StallRecovered) {
+            return Ok(false);
+        }
+        warn!(axis = %self.name, "{} stalled and recovered on the way; it approaches once more", self.name);
+        self.ask("warnings clear").await?;
+        self.memory().engaged = false;
+        Ok(true)
     }
 
     /// Checks the flags before a move: interruptions of earlier motions are ignored, faults and a
@@ -304,6 +325,11 @@ impl Axis {
     async fn check_before(&self, reading: &AxisReading) -> Result<(), StageError> {
         match self.check_flags(reading).await {
             Err(StageError::Interrupted { .. }) => {
+                self.memory().engaged = false;
+                Ok(())
+            }
+            // An axis that was pushed is sent to its target again, which also clears the flag.
+            Ok(()) if reading.flag.is_some() && self.flags().await?.contains(&Flag::Displaced) => {
                 self.memory().engaged = false;
                 Ok(())
             }

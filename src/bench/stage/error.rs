@@ -193,6 +193,16 @@ pub enum StageError {
         /// The position found.
         found: Angle,
     },
+    /// Encoder and counter of the axis differ: it slipped without a flag.
+    #[error(
+        "{axis} slipped: its encoder is {apart} from its counter; check for slip, then home it"
+    )]
+    Slipped {
+        /// Which axis.
+        axis: AxisName,
+        /// Encoder minus counter.
+        apart: Angle,
+    },
     /// The axis still moved after its time limit, and was stopped.
     #[error(
         "{axis} still moved after {} (expected: {}) and was stopped",
@@ -272,6 +282,7 @@ impl StageError {
             | StageError::HomingFailed { axis, .. }
             | StageError::HomingTimedOut { axis, .. }
             | StageError::Fault { axis, .. }
+            | StageError::Slipped { axis, .. }
             | StageError::Missed { axis, .. } => Some(axis),
             _ => None,
         }

@@ -18,14 +18,14 @@ use serde::{Serialize, Serializer};
 use tracing::{debug, info, warn};
 
 pub use self::error::StageError;
-pub use self::settings::{AxisSettings, StageSettings};
+pub use self::settings::{AxisSettings, MoveTimes, StageSettings};
 pub use super::AxisName;
 pub use super::port::{NoFaults, PortAddress, PortSeam};
+pub use super::wire::zaber_flags::{Flag, FlagClass};
 
 use self::axis::Axis;
 use super::line::{LineSettings, PortLine};
 use super::wire::zaber::Activity;
-use super::wire::zaber_flags::{Flag, FlagClass};
 use crate::clock::Clock;
 use crate::geometry::Pose;
 use crate::units::Angle;
@@ -67,6 +67,9 @@ pub struct AxisStatus {
     pub homed: bool,
     /// Raised flags, each with its meaning.
     pub warnings: Vec<String>,
+    /// The same flags as the device names them.
+    #[serde(skip)]
+    pub flags: Vec<Flag>,
     /// Serial number of its controller.
     pub serial: u32,
 }
@@ -220,6 +223,7 @@ impl Stage {
                 moving: reading.activity == Activity::Busy,
                 homed: !flags.iter().any(|f| f.class() == FlagClass::ReferenceLost),
                 warnings: flags.iter().map(flag_text).collect(),
+                flags,
                 serial: axis.identity.serial,
             })
         };
@@ -416,8 +420,17 @@ impl Stage {
     /// detours and settling.
     #[must_use]
     pub fn predicted_move(&self, from: Pose, to: Pose) -> Duration {
-        let (tilt, turn) = (&self.inner.theta_c, &self.inner.phi_s);
-        settings::predicted_move(&self.inner.settings, tilt.rates, turn.rates, from, to)
+        self.move_times().predict(from, to)
+    }
+
+    /// Returns what predicts the moves of this stage. It holds no link.
+    #[must_use]
+    pub fn move_times(&self) -> MoveTimes {
+        MoveTimes {
+            settings: self.inner.settings.clone(),
+            theta_c: self.inner.theta_c.rates,
+            phi_s: self.inner.phi_s.rates,
+        }
     }
 
     /// The settings used for the connection.

@@ -261,13 +261,23 @@ impl StageSettings {
     /// stage gives a better value: [`super::Stage::predicted_move`].
     #[must_use]
     pub fn predicted_move(&self, from: Pose, to: Pose) -> Duration {
+        self.move_times().predict(from, to)
+    }
+
+    /// Returns what predicts moves before a stage is connected.
+    #[must_use]
+    pub fn move_times(&self) -> MoveTimes {
         let rates = |axis: &AxisSettings| Rates {
             speed_deg_s: axis.max_speed_deg_s.unwrap_or(SPEED_GUESS_DEG_S),
             acceleration_deg_s2: axis
                 .acceleration_deg_s2
                 .unwrap_or(ACCELERATION_GUESS_DEG_S2),
         };
-        predicted_move(self, rates(&self.theta_c), rates(&self.phi_s), from, to)
+        MoveTimes {
+            theta_c: rates(&self.theta_c),
+            phi_s: rates(&self.phi_s),
+            settings: self.clone(),
+        }
     }
 }
 
@@ -368,7 +378,23 @@ impl Rates {
     }
 }
 
-pub(super) fn predicted_move(
+/// Settings and speeds of the two axes: enough to predict a move, without a link to the devices.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MoveTimes {
+    pub(super) settings: StageSettings,
+    pub(super) theta_c: Rates,
+    pub(super) phi_s: Rates,
+}
+
+impl MoveTimes {
+    /// Predicts the duration of a move, including backlash detours and settling.
+    #[must_use]
+    pub fn predict(&self, from: Pose, to: Pose) -> Duration {
+        predicted_move(&self.settings, self.theta_c, self.phi_s, from, to)
+    }
+}
+
+fn predicted_move(
     settings: &StageSettings,
     theta_c: Rates,
     phi_s: Rates,

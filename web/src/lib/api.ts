@@ -14,6 +14,7 @@ import type {
   Estimate,
   Fit,
   FrameRow,
+  Incident,
   JobKind,
   OperatorStep,
   Page,
@@ -128,6 +129,7 @@ export const api = {
   observations: (id: number, region: string | null, signal?: AbortSignal): Promise<Omit<CurvePoint, 'predicted' | 'residual'>[]> =>
     getAll(`/scans/${id}/observations${region === null ? '' : `?region=${encodeURIComponent(region)}`}`, signal),
   certainties: (id: number, signal?: AbortSignal): Promise<Certainty[]> => getAll(`/scans/${id}/uncertainty`, signal),
+  incidents: (id: number, signal?: AbortSignal): Promise<Incident[]> => getAll(`/scans/${id}/incidents`, signal),
   observationsCsvUrl: (id: number, region: string | null): string => `${PREFIX}/scans/${id}/observations?format=csv${region === null ? '' : `&region=${encodeURIComponent(region)}`}`,
 
   /** Imports a recorded series from a folder of the daemon's machine. */

@@ -51,6 +51,7 @@ class Live {
   /** The scan whose fits were read in addition to the newest of all. */
   fitsOfScan = $state<number | null>(null);
   alarms = $state.raw<readonly Alarm[]>([]);
+  #incidents = $state.raw<ReadonlyMap<number, number>>(new Map());
   /** Frames of events since the page was opened, by scan. */
   freshFrames = $state.raw<readonly FrameRow[]>([]);
   /** Reports of live fits since the page was opened, by scan. */
@@ -118,6 +119,15 @@ class Live {
 
   dismissNotice(id: number): void {
     this.notices = this.notices.filter((n) => n.id !== id);
+  }
+
+  /** Number of alarms and recoveries of a scan since the page was opened. */
+  incidentsOf(scanId: number): number {
+    return this.#incidents.get(scanId) ?? 0;
+  }
+
+  #countIncident(scanId: number | null | undefined): void {
+    if (scanId != null) this.#incidents = new Map(this.#incidents).set(scanId, this.incidentsOf(scanId) + 1);
   }
 
   dismissAlarm(id: number): void {
@@ -254,7 +264,9 @@ class Live {
       if (job.of === 'fit') void this.reloadFit(job.number).catch(() => undefined);
       else this.jobsChanged += 1;
     });
+    on<{ scan_id: number | null }>('recovered', (event) => this.#countIncident(event.scan_id));
     on<Alarm>('alarm', (alarm) => {
+      this.#countIncident(alarm.scan_id);
       if (!this.alarms.some((a) => a.id === alarm.id)) this.alarms = [...this.alarms, alarm].slice(-5);
       void this.#pollRig();
     });

@@ -1027,6 +1027,36 @@ export interface components {
             /** @description Leave out unreadable frames instead of refusing the series. */
             readonly skip_unreadable?: boolean;
         };
+        /** @description An alarm or a recovery. */
+        readonly IncidentBody: {
+            /** @description When it was recorded, RFC 3339 in UTC. */
+            readonly at: string;
+            /** @description Whether a person resumed the scan in between; null for an alarm. */
+            readonly attended?: boolean | null;
+            /** @description Stable word of the fault. */
+            readonly code: string;
+            /**
+             * Format: int64
+             * @description Number of the event.
+             */
+            readonly id: number;
+            /** @description Whether it is a fault or the end of one. */
+            readonly kind: components["schemas"]["IncidentKind"];
+            /** @description What happened, as a sentence. */
+            readonly message: string;
+            /** @description Points of the plan that were taken again, by their index. */
+            readonly points: readonly number[];
+            /**
+             * Format: double
+             * @description Time from the fault to the first point that counted again, s; null for an alarm.
+             */
+            readonly took_s?: number | null;
+        };
+        /**
+         * @description Whether something went wrong or is over.
+         * @enum {string}
+         */
+        readonly IncidentKind: "alarm" | "recovered";
         /** @description A job with the fields of its result, once it has one. */
         readonly Job: {
             /** @description When it was accepted, RFC 3339 in UTC. */
@@ -1323,6 +1353,38 @@ export interface components {
                  * @description Columns, px.
                  */
                 readonly width_px: number;
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
+        readonly List_IncidentBody: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /** @description When it was recorded, RFC 3339 in UTC. */
+                readonly at: string;
+                /** @description Whether a person resumed the scan in between; null for an alarm. */
+                readonly attended?: boolean | null;
+                /** @description Stable word of the fault. */
+                readonly code: string;
+                /**
+                 * Format: int64
+                 * @description Number of the event.
+                 */
+                readonly id: number;
+                /** @description Whether it is a fault or the end of one. */
+                readonly kind: components["schemas"]["IncidentKind"];
+                /** @description What happened, as a sentence. */
+                readonly message: string;
+                /** @description Points of the plan that were taken again, by their index. */
+                readonly points: readonly number[];
+                /**
+                 * Format: double
+                 * @description Time from the fault to the first point that counted again, s; null for an alarm.
+                 */
+                readonly took_s?: number | null;
             }[];
             /** @description `cursor` of the next page; null at the end. */
             readonly next_cursor?: string | null;
@@ -2174,11 +2236,14 @@ export type GeometryBody = components['schemas']['GeometryBody'];
 export type Grid = components['schemas']['Grid'];
 export type ImportBody = components['schemas']['ImportBody'];
 export type ImportRequest = components['schemas']['ImportRequest'];
+export type IncidentBody = components['schemas']['IncidentBody'];
+export type IncidentKind = components['schemas']['IncidentKind'];
 export type Job = components['schemas']['Job'];
 export type ListCalibrationBody = components['schemas']['List_CalibrationBody'];
 export type ListCertaintyBody = components['schemas']['List_CertaintyBody'];
 export type ListFit = components['schemas']['List_Fit'];
 export type ListFrameBody = components['schemas']['List_FrameBody'];
+export type ListIncidentBody = components['schemas']['List_IncidentBody'];
 export type ListJob = components['schemas']['List_Job'];
 export type ListSampleBody = components['schemas']['List_SampleBody'];
 export type ListScanBody = components['schemas']['List_ScanBody'];

@@ -44,6 +44,8 @@ export interface Fit extends Job, Omit<openapi.Fit, keyof Job | 'parameters' | '
 }
 /** A row of the live fit of a scan. */
 export type Certainty = Omit<Sent<openapi.CertaintyBody>, 'at' | 'variant' | 'status'> & { readonly variant: string; readonly status: string };
+/** An alarm of a scan, or the end of a fault. */
+export type Incident = openapi.IncidentBody;
 /** An observation; without a prediction before there is a fit. */
 export type CurvePoint = Omit<openapi.PointBody, 'predicted' | 'residual'> & { readonly n_frames?: number; readonly predicted: number | null; readonly residual: number | null };
 export type Curves = Omit<openapi.CurvesBody, 'observations' | 'fit_id'> & { readonly observations: readonly CurvePoint[] };

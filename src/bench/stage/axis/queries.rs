@@ -4,6 +4,10 @@ use super::super::error::{StageError, refusal_meaning};
 use super::{Axis, AxisReading};
 use crate::bench::wire::zaber::{DeviceCommand, Reply, decode_warnings};
 use crate::bench::wire::zaber_flags::Flag;
+use crate::units::Angle;
+
+/// Position tolerances by which encoder and counter of an axis may differ.
+const SLIP_TOLERANCES: f64 = 4.0;
 
 impl Axis {
     pub(super) fn command(&self, words: &str) -> DeviceCommand {
@@ -102,5 +106,35 @@ impl Axis {
             return Err(StageError::PowerCycled { axis: self.name });
         }
         Ok(())
+    }
+
+    /// Compares the counter with the encoder, where the device has one: a stage that slipped raises
+    /// no flag.
+    pub(super) async fn check_encoder(&self, counts: i64) -> Result<(), StageError> {
+        if self.memory().no_encoder {
+            return Ok(());
+        }
+        let mut apart = 0.0;
+        // One in 256 garbled replies passes the checksum: read twice before acting.
+        for _ in 0..2 {
+            apart = match self.get_finite("encoder.pos").await {
+                Ok(encoder) => encoder - counts as f64,
+                Err(StageError::Refused { .. }) => {
+                    self.memory().no_encoder = true;
+                    return Ok(());
+                }
+                // A device without an encoder may have no number for it.
+                Err(StageError::Unreadable { .. }) => return Ok(()),
+                Err(error) => return Err(error),
+            };
+            if apart.abs() <= SLIP_TOLERANCES * self.tolerance_counts() {
+                return Ok(());
+            }
+        }
+        self.memory().engaged = false;
+        Err(StageError::Slipped {
+            axis: self.name,
+            apart: Angle::from_deg(apart / self.counts_per_turn * 360.0),
+        })
     }
 }
