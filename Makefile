@@ -30,6 +30,9 @@ test-rust: web  ## Rust tests
 test-times: web  ## The slowest Rust tests
 	@tools/test_times.py $(ARGS)
 
+soak: web  ## Scans under seeded faults: make soak SEEDS=0..10000
+	RIDGED_SOAK_SEEDS=$(or $(SEEDS),0..1000) cargo test --test it soak:: -- --nocapture
+
 code-figures:  ## Lines of code and tests, and the longest files
 	@tools/code_figures.py
 
@@ -77,4 +80,4 @@ setup-build:
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-fit bench-peers-trace code-figures help demo build build-tests test check test-e2e test-page test-rust test-times test-vendor test-web web screenshot setup-build setup-test
+.PHONY: bench-peers bench-peers-fit bench-peers-trace code-figures help demo build build-tests test check test-e2e test-page test-rust test-times test-vendor test-web web screenshot setup-build setup-test soak

@@ -14,8 +14,14 @@ use time::OffsetDateTime;
 /// time of day.
 #[must_use]
 pub fn elapsed_s() -> f64 {
+    monotonic().as_secs_f64()
+}
+
+/// Real time since the first call.
+#[must_use]
+pub fn monotonic() -> Duration {
     static STARTED: LazyLock<Instant> = LazyLock::new(Instant::now);
-    STARTED.elapsed().as_secs_f64()
+    STARTED.elapsed()
 }
 
 /// A source of time and the only way to wait.

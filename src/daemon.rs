@@ -11,7 +11,7 @@ use crate::api::{self, RenderMetrics, server};
 use crate::clock::{Clock, SystemClock, WallWatch};
 use crate::lab::{Lab, RigParts};
 use crate::store::StoreError;
-use crate::store::disk::RealDisk;
+use crate::store::disk::Disk;
 
 /// Opens the lab and logs what an earlier process left behind.
 ///
@@ -19,10 +19,11 @@ use crate::store::disk::RealDisk;
 /// What the store reports: the folder is in use, damaged or cannot be written.
 pub async fn open_lab(
     folder: &Path,
+    disk: Arc<dyn Disk>,
     clock: Arc<dyn Clock>,
     parts: Option<RigParts>,
 ) -> Result<Lab, StoreError> {
-    let (lab, recovery) = Lab::open(folder, Arc::new(RealDisk), clock, parts).await?;
+    let (lab, recovery) = Lab::open(folder, disk, clock, parts).await?;
     for scan in &recovery.interrupted_scans {
         tracing::warn!(
             scan,

@@ -24,7 +24,7 @@ use std::sync::{Arc, OnceLock};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
-use super::port::{self, PortAddress, PortError, PortSeam};
+use super::port::{PortAddress, PortError, PortSeam};
 use super::wire::zaber::{DeviceCommand, Reply};
 use super::wire::zaber_stream::LineSplitter;
 
@@ -58,7 +58,7 @@ impl PortLine {
         settings: LineSettings,
         seam: &dyn PortSeam,
     ) -> Result<PortLine, PortError> {
-        let port = seam.wrap(port::open(address, baud)?);
+        let port = seam.open(address, baud)?;
         let (requests, normal) = mpsc::channel(QUEUE);
         let (urgent, ahead) = mpsc::unbounded_channel();
         let shared = Arc::new(LineState {

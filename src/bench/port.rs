@@ -1,6 +1,6 @@
-//! Ports: a serial line or a TCP connection, used by one owner. Tests inject faults here.
+//! Ports: a serial line or a TCP connection, used by one owner. A simulation injects faults here.
 //!
-//! [`open`] is the function to call; only [`super::line`] calls it. Knows bytes, no protocol.
+//! [`open`] opens the operating system's ports; [`super::line`] reaches it through a [`PortSeam`]. Knows bytes, no protocol.
 
 use std::fmt;
 use std::io::{self, Read, Write};
@@ -12,6 +12,8 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::{Deserialize, Serialize};
+
+use crate::clock;
 
 /// Time limit for opening a TCP connection.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
@@ -99,21 +101,29 @@ pub trait Port: Send {
     /// # Errors
     /// The connection is lost, or the port accepts no bytes.
     fn write(&mut self, bytes: &[u8]) -> io::Result<()>;
+
+    /// Monotonic time by which the time-outs of this port run. A port in memory has its own.
+    fn now(&self) -> Duration {
+        clock::monotonic()
+    }
 }
 
-/// The place at which tests inject faults: every port that is opened passes through it.
+/// The place at which a simulation replaces ports or injects faults: every port is opened through it.
 pub trait PortSeam: Send + Sync {
-    /// Returns the port to use instead of `port`.
-    fn wrap(&self, port: Box<dyn Port>) -> Box<dyn Port>;
+    /// Opens a port for exclusive use, as [`open`] does.
+    ///
+    /// # Errors
+    /// [`PortError`] names the cause and the remedy.
+    fn open(&self, address: &PortAddress, baud: u32) -> Result<Box<dyn Port>, PortError>;
 }
 
-/// The seam without faults: returns the port unchanged.
+/// The ports of the operating system, without faults.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NoFaults;
 
 impl PortSeam for NoFaults {
-    fn wrap(&self, port: Box<dyn Port>) -> Box<dyn Port> {
-        port
+    fn open(&self, address: &PortAddress, baud: u32) -> Result<Box<dyn Port>, PortError> {
+        open(address, baud)
     }
 }
 

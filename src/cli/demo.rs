@@ -22,6 +22,7 @@ use crate::scan::{PlanRequest, ScanState};
 use crate::sim::operator::TRACED_SAMPLE;
 use crate::sim::rig::{Construction, SimulatedRig, Simulation};
 use crate::sim::sample::{SimulatedSample, Truth};
+use crate::store::disk::RealDisk;
 use crate::units::Angle;
 
 /// A simulated rig on a pseudo-terminal scans a sample; the fit is printed beside the truth.
@@ -91,9 +92,14 @@ async fn demo(args: Args) -> Result<(), CliError> {
         construction: args.construction.into(),
     })?;
     let listener = listen(args.port).await?;
-    let lab = daemon::open_lab(&args.data, Arc::clone(&rig.clock), Some(parts))
-        .await
-        .map_err(CliError::no_result)?;
+    let lab = daemon::open_lab(
+        &args.data,
+        Arc::new(RealDisk),
+        Arc::clone(&rig.clock),
+        Some(parts),
+    )
+    .await
+    .map_err(CliError::no_result)?;
     rig.add_samples(&lab).await.map_err(runtime::lab_error)?;
     let operator = rig.operate(&lab, true);
     let daemon = Daemon::start(lab, listener).map_err(CliError::no_result)?;

@@ -7,11 +7,13 @@ use std::sync::Arc;
 use super::CliError;
 use super::interrupt;
 use super::runtime;
-use super::simulated::ConstructionArgs;
+use super::simulated::{ConstructionArgs, FaultArgs};
 use crate::api::server::{self, ListenError};
 use crate::daemon::{self, Daemon};
 use crate::lab::assembly::real_rig;
+use crate::sim::faults::disk::FaultyDisk;
 use crate::sim::rig::{SimulatedRig, Simulation};
+use crate::store::disk::{Disk, RealDisk};
 
 /// Runs the daemon: page, HTTP interface, rig.
 #[derive(Debug, clap::Args)]
@@ -51,6 +53,9 @@ pub struct Args {
     /// How the simulated rig is built.
     #[command(flatten)]
     pub construction: ConstructionArgs,
+    /// What goes wrong with it.
+    #[command(flatten)]
+    pub faults: FaultArgs,
 }
 
 /// Runs until Ctrl-C, SIGTERM or SIGHUP.
@@ -62,7 +67,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
 }
 
 async fn serve(args: Args) -> Result<(), CliError> {
-    if !args.simulated_rig && args.construction != ConstructionArgs::default() {
+    let faults = args.faults.read()?;
+    let of_simulation = args.construction != ConstructionArgs::default() || faults.is_some();
+    if !args.simulated_rig && of_simulation {
         return Err(CliError::bad_input(anyhow::anyhow!(
             "options of the simulated rig need --simulated-rig; describe a real rig in [rig] of the settings"
         )));
@@ -71,6 +78,7 @@ async fn serve(args: Args) -> Result<(), CliError> {
     let listen = args.listen.unwrap_or_else(|| config.server.listen.clone());
     let listener = server::bind(&listen).await.map_err(listen_error)?;
     let folder = args.data.unwrap_or_else(|| config.store.folder.clone());
+    let mut disk: Arc<dyn Disk> = Arc::new(RealDisk);
     let (simulator, parts, clock) = if args.simulated_rig {
         let (rig, mut parts) = SimulatedRig::build(Simulation {
             time_scale: args.time_scale,
@@ -79,6 +87,11 @@ async fn serve(args: Args) -> Result<(), CliError> {
             ..Simulation::default()
         })?;
         parts.settings.apply(&config);
+        if let Some((text, seed)) = faults {
+            let (faulty, plan) = rig.with_faults(parts, text, seed);
+            parts = faulty;
+            disk = Arc::new(FaultyDisk::new(disk, plan));
+        }
         let clock = Arc::clone(&rig.clock);
         (Some(rig), Some(parts), clock)
     } else {
@@ -92,7 +105,7 @@ async fn serve(args: Args) -> Result<(), CliError> {
         }
         (None, parts, clock)
     };
-    let lab = daemon::open_lab(&folder, clock, parts)
+    let lab = daemon::open_lab(&folder, disk, clock, parts)
         .await
         .map_err(CliError::no_result)?;
     lab.keep_free(config.store.reserve_mb * 1_000_000);

@@ -9,9 +9,12 @@ use serde_json::{Value, json};
 
 use super::CliError;
 use super::interrupt;
+use super::simulated::FaultArgs;
 use crate::bench::AxisName;
 use crate::clock::{Clock, ScaledClock};
 use crate::sim::controller::Controller;
+use crate::sim::faults::controller::FaultyController;
+use crate::sim::faults::plan::FaultPlan;
 use crate::sim::rig::{TIME_SCALES_OF_CONTROLLER, check_range};
 use crate::sim::server::{serve_pty, serve_tcp};
 use crate::sim::world::{World, WorldSettings};
@@ -41,6 +44,9 @@ pub struct Args {
     /// Describe the rig as JSON, after the line with its address.
     #[arg(long)]
     pub describe: bool,
+    /// What goes wrong with it. A plan's faults of camera, disk and plug need `serve --simulated-rig`.
+    #[command(flatten)]
+    pub faults: FaultArgs,
 }
 
 /// Serves until Ctrl-C, SIGTERM or SIGHUP.
@@ -55,6 +61,20 @@ pub fn run(args: Args) -> Result<(), CliError> {
         true => Controller::with_both_axes(&world),
         false => Controller::new(&world),
     };
+    let text = args.faults.read()?;
+    let (text, seed) = text.unwrap_or_default();
+    if let Some(kind) = text
+        .fault
+        .iter()
+        .find(|fault| !fault.kind.is_of_controller())
+    {
+        return Err(CliError::bad_input(anyhow!(
+            "the fault {} is not one of the controller: run `ridged serve --simulated-rig --faults` for it",
+            kind.kind_name()
+        )));
+    }
+    let plan = FaultPlan::new(Arc::clone(&world), text, seed);
+    let controller = FaultyController::new(controller, plan);
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()

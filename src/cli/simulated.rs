@@ -1,6 +1,11 @@
 //! Options of the simulated rig, shared by `serve`, `scan` and `demo`.
 
+use std::path::PathBuf;
+
+use anyhow::Context;
+
 use super::CliError;
+use crate::sim::faults::plan::PlanText;
 use crate::sim::rig::{Construction, SimulationError};
 
 /// How a simulated rig is built: near or far, and which parts are off their place.
@@ -37,6 +42,37 @@ impl From<ConstructionArgs> for Construction {
             wedge_deg: args.wedge_deg,
             wedge_azimuth_deg: args.wedge_azimuth_deg,
         }
+    }
+}
+
+/// Faults that are put into a simulated rig on purpose.
+#[derive(Debug, Clone, PartialEq, Default, clap::Args)]
+#[command(next_help_heading = "Faults of the simulated rig")]
+pub struct FaultArgs {
+    /// Plan of faults (TOML); docs/example-faults.toml shows all kinds.
+    #[arg(long, value_name = "FILE")]
+    pub faults: Option<PathBuf>,
+    /// Seed of the faults that have a probability below 1.
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "faults")]
+    pub fault_seed: u64,
+}
+
+impl FaultArgs {
+    /// Reads the plan, and returns it with its seed.
+    ///
+    /// # Errors
+    /// Bad input for a file that cannot be read or that is no such plan.
+    pub fn read(&self) -> Result<Option<(PlanText, u64)>, CliError> {
+        let Some(file) = &self.faults else {
+            return Ok(None);
+        };
+        let text = std::fs::read_to_string(file)
+            .with_context(|| format!("cannot read {}", file.display()))
+            .map_err(CliError::bad_input)?;
+        let plan = PlanText::read(&text)
+            .with_context(|| format!("{} is not a plan of faults", file.display()))
+            .map_err(CliError::bad_input)?;
+        Ok(Some((plan, self.fault_seed)))
     }
 }
 

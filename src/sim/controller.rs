@@ -16,6 +16,36 @@ use crate::bench::wire::zaber::{
 };
 use crate::bench::wire::zaber_stream::{Assembled, CommandAssembler, LineSplitter};
 
+/// What a server puts on a line: it takes bytes and returns bytes.
+pub trait LineDevice: Send + 'static {
+    /// Takes bytes from the host and returns the reply bytes, with the alerts that became due.
+    fn receive(&mut self, bytes: &[u8]) -> Vec<u8>;
+    /// Returns the alerts that are due.
+    fn poll(&mut self) -> Vec<u8>;
+    /// Whether an alert may become due without a byte from the host.
+    fn may_alert(&self) -> bool;
+    /// Drops an unfinished command of the previous client.
+    fn new_client(&mut self);
+}
+
+impl LineDevice for Controller {
+    fn receive(&mut self, bytes: &[u8]) -> Vec<u8> {
+        Controller::receive(self, bytes)
+    }
+
+    fn poll(&mut self) -> Vec<u8> {
+        Controller::poll(self)
+    }
+
+    fn may_alert(&self) -> bool {
+        Controller::may_alert(self)
+    }
+
+    fn new_client(&mut self) {
+        Controller::new_client(self);
+    }
+}
+
 /// The controllers on one line.
 #[derive(Debug)]
 pub struct Controller {

@@ -1,14 +1,21 @@
-//! Faults on a line: bytes lost, garbled, late or duplicated, or the plug pulled.
+//! Faults put into a simulated rig: on the line to the stages, in the stages, the camera and the disk.
 //!
-//! [`ScriptedFaults`] is the seam to pass when a port is opened. A rule names the command whose
-//! reply is affected, so a test states what happens and does not depend on time.
+//! A fault on the line is a [`LineFault`] of one exchange. [`FaultyLine`] applies it, on either side of the line. What
+//! happens when comes from a [`FaultSource`]: [`ScriptedFaults`] for tests, or a [`plan::FaultPlan`] that a user writes
+//! or a seed draws. [`FaultySeam`] is the seam to pass when a port is opened, [`camera::FaultyCamera`] and
+//! [`disk::FaultyDisk`] wrap the other devices.
 
-use std::collections::VecDeque;
-use std::io;
+pub mod camera;
+pub mod controller;
+pub mod disk;
+mod line;
+pub mod plan;
+
+use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::time::Duration;
 
-use crate::bench::port::{Port, PortSeam};
+use crate::bench::port::{NoFaults, Port, PortAddress, PortError, PortSeam};
+pub use line::{FaultyLine, FaultySeam};
 
 /// The fault of one exchange.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -92,117 +99,35 @@ impl ScriptedFaults {
     }
 }
 
+/// Decides which exchange has a fault.
+pub trait FaultSource: fmt::Debug + Send + Sync + 'static {
+    /// The fault of the exchange that this command begins.
+    fn of_command(&self, command: &str) -> Option<LineFault>;
+
+    /// Whether the plug is out now.
+    fn unplugged(&self) -> bool;
+}
+
+impl FaultSource for ScriptedFaults {
+    fn of_command(&self, command: &str) -> Option<LineFault> {
+        let mut script = self.script();
+        let rule = script
+            .rules
+            .iter_mut()
+            .find(|rule| rule.times > 0 && command.contains(&rule.command_contains))?;
+        rule.times -= 1;
+        let fault = rule.fault.clone();
+        script.happened += 1;
+        Some(fault)
+    }
+
+    fn unplugged(&self) -> bool {
+        self.script().unplugged
+    }
+}
+
 impl PortSeam for ScriptedFaults {
-    fn wrap(&self, port: Box<dyn Port>) -> Box<dyn Port> {
-        Box::new(FaultyPort {
-            inner: port,
-            faults: self.clone(),
-            pending: None,
-            partial: Vec::new(),
-            ready: VecDeque::new(),
-            late: Vec::new(),
-            gone: false,
-        })
-    }
-}
-
-struct FaultyPort {
-    inner: Box<dyn Port>,
-    faults: ScriptedFaults,
-    pending: Option<LineFault>,
-    partial: Vec<u8>,
-    ready: VecDeque<u8>,
-    late: Vec<u8>,
-    gone: bool,
-}
-
-impl FaultyPort {
-    fn check_plug(&mut self) -> io::Result<()> {
-        self.gone |= self.faults.script().unplugged;
-        if self.gone {
-            return Err(io::Error::new(
-                io::ErrorKind::BrokenPipe,
-                "the plug was pulled",
-            ));
-        }
-        Ok(())
-    }
-
-    /// Passes on one whole line from the device, with its fault.
-    fn pass_on(&mut self, mut line: Vec<u8>) {
-        match self.pending.take() {
-            None | Some(LineFault::LoseCommand | LineFault::GarbleCommand) => {}
-            Some(LineFault::LoseReply) => line.clear(),
-            Some(LineFault::GarbleReply) => {
-                let middle = line.len() / 2;
-                line[middle] ^= 1;
-            }
-            Some(LineFault::DropByte) => {
-                line.remove(line.len() / 2);
-            }
-            Some(LineFault::LateReply) => self.late.append(&mut line),
-            Some(LineFault::DoubleReply) => line.extend_from_within(..),
-            Some(LineFault::Before(bytes)) => self.ready.extend(bytes),
-            Some(LineFault::Says(word)) => {
-                let last = line.iter().rposition(|byte| *byte == b' ');
-                line.truncate(last.map_or(0, |space| space + 1));
-                line.extend(word.as_bytes());
-                line.extend(b"\r\n");
-            }
-            Some(LineFault::Unplug) => self.gone = true,
-        }
-        self.ready.extend(line);
-    }
-}
-
-impl Port for FaultyPort {
-    fn read(&mut self, buffer: &mut [u8], wait: Duration) -> io::Result<usize> {
-        self.check_plug()?;
-        if self.ready.is_empty() {
-            let mut bytes = [0; 512];
-            let n = self.inner.read(&mut bytes, wait)?;
-            for &byte in &bytes[..n] {
-                self.partial.push(byte);
-                if byte == b'\n' {
-                    let line = std::mem::take(&mut self.partial);
-                    self.pass_on(line);
-                }
-            }
-            self.check_plug()?;
-        }
-        let n = buffer.len().min(self.ready.len());
-        for (place, byte) in buffer.iter_mut().zip(self.ready.drain(..n)) {
-            *place = byte;
-        }
-        Ok(n)
-    }
-
-    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.check_plug()?;
-        let text = String::from_utf8_lossy(bytes).into_owned();
-        self.pending = None;
-        {
-            let mut script = self.faults.script();
-            let rule = script
-                .rules
-                .iter_mut()
-                .find(|rule| rule.times > 0 && text.contains(&rule.command_contains));
-            if let Some(rule) = rule {
-                rule.times -= 1;
-                self.pending = Some(rule.fault.clone());
-                script.happened += 1;
-            }
-        }
-        self.ready.extend(self.late.drain(..));
-        match self.pending {
-            Some(LineFault::LoseCommand) => Ok(()),
-            Some(LineFault::GarbleCommand) => {
-                let mut garbled = bytes.to_vec();
-                let middle = garbled.len() / 2;
-                garbled[middle] ^= 1;
-                self.inner.write(&garbled)
-            }
-            _ => self.inner.write(bytes),
-        }
+    fn open(&self, address: &PortAddress, baud: u32) -> Result<Box<dyn Port>, PortError> {
+        FaultySeam::over(Arc::new(NoFaults), Arc::new(self.clone())).open(address, baud)
     }
 }

@@ -10,6 +10,7 @@ pub mod controller;
 pub mod device;
 pub mod faults;
 mod light;
+pub mod memory_port;
 pub mod motion;
 pub mod operator;
 pub mod rig;

@@ -12,6 +12,9 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::camera::{SampleHandle, SimulatedCamera, SimulatedCameraSettings};
 use super::controller::Controller;
+use super::faults::FaultySeam;
+use super::faults::camera::FaultyCamera;
+use super::faults::plan::{FaultPlan, PlanText};
 use super::sample::SimulatedSample;
 use super::server::{PtyServer, serve_pty};
 use super::world::{Mounting, World, WorldSettings};
@@ -266,6 +269,24 @@ impl SimulatedRig {
             _controller: controller,
         };
         Ok((rig, parts))
+    }
+
+    /// Puts the faults of a plan into the stages, the camera and the line between stages and lab. The faults of the disk
+    /// need a [`FaultyDisk`](super::faults::disk::FaultyDisk) over the lab's disk.
+    #[must_use]
+    pub fn with_faults(
+        &self,
+        parts: RigParts,
+        text: PlanText,
+        seed: u64,
+    ) -> (RigParts, Arc<FaultPlan>) {
+        let plan = FaultPlan::new(Arc::clone(&self.world), text, seed);
+        let RigParts { rig, settings } = parts;
+        let mut link = rig.link().clone();
+        link.seam = Arc::new(FaultySeam::over(link.seam, plan.clone()));
+        let camera = FaultyCamera::new(rig.camera, plan.clone());
+        let rig = Rig::new(link, Box::new(camera));
+        (RigParts { rig, settings }, plan)
     }
 }
 

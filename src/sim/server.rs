@@ -13,7 +13,7 @@ use std::thread::JoinHandle;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::termios::{OptionalActions, ioctl_tiocnxcl, tcgetattr, tcsetattr};
 
-use super::controller::Controller;
+use super::controller::LineDevice;
 
 /// Interval at which the controller is polled while an alert may become due.
 const ALERT_TICK: Timespec = Timespec {
@@ -86,7 +86,7 @@ impl Drop for ServerThread {
 ///
 /// # Errors
 /// The system provides no pseudo-terminal or no thread.
-pub fn serve_pty(mut controller: Controller) -> io::Result<PtyServer> {
+pub fn serve_pty(mut controller: impl LineDevice) -> io::Result<PtyServer> {
     let master = rustix::pty::openpt(
         rustix::pty::OpenptFlags::RDWR
             | rustix::pty::OpenptFlags::NOCTTY
@@ -140,7 +140,7 @@ pub fn serve_pty(mut controller: Controller) -> io::Result<PtyServer> {
 ///
 /// # Errors
 /// The address cannot be bound, or there is no thread.
-pub fn serve_tcp(mut controller: Controller, address: SocketAddr) -> io::Result<TcpServer> {
+pub fn serve_tcp(mut controller: impl LineDevice, address: SocketAddr) -> io::Result<TcpServer> {
     let listener = TcpListener::bind(address)?;
     let address = listener.local_addr()?;
     let thread = ServerThread::start("simulated-rig-tcp", move |wake| {
@@ -186,7 +186,7 @@ fn wait(wake: &OwnedFd, line: &impl AsFd, ticking: bool) -> Ready {
     }
 }
 
-fn serve_client(wake: &OwnedFd, mut client: TcpStream, controller: &mut Controller) -> Ready {
+fn serve_client(wake: &OwnedFd, mut client: TcpStream, controller: &mut impl LineDevice) -> Ready {
     // If these two fail, the server still works, only slower or with less protection.
     let _ = client.set_nodelay(true);
     let _ = client.set_nonblocking(true);
@@ -215,6 +215,7 @@ fn send(line: &mut impl Write, bytes: &[u8]) {
 mod tests {
     use super::*;
     use crate::clock::SteppedClock;
+    use crate::sim::controller::Controller;
     use crate::sim::world::{World, WorldSettings};
     use std::sync::Arc;
     use std::time::Duration;

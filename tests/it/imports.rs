@@ -199,7 +199,7 @@ const RULES: &[(&str, &[&str])] = &[
         "sim",
         &[
             "units", "geometry", "material", "model", "frame", "clock", "series", "bench", "scan",
-            "store", "lab",
+            "store", "lab", "wording",
         ],
     ),
     (

@@ -22,6 +22,7 @@ mod real_samples;
 mod recorded;
 mod runner;
 mod simulate_rig;
+mod soak;
 mod stage;
 mod stop;
 mod store_trouble;

@@ -7,7 +7,7 @@ use std::time::Duration;
 use axum::body::Body;
 use futures::FutureExt;
 use ridged::bench::AxisName::{PhiS, ThetaC};
-use ridged::bench::port::{Port, PortSeam};
+use ridged::bench::port::{NoFaults, Port, PortAddress, PortError, PortSeam};
 use ridged::clock::{Clock, ScaledClock, SteppedClock};
 use ridged::lab::{Lab, LabError, RigParts, ScanRequest};
 use ridged::scan::event::RigActivity;
@@ -295,9 +295,9 @@ async fn a_plug_that_is_pulled_for_a_moment_does_not_end_the_night() {
 struct Openings(AtomicUsize);
 
 impl PortSeam for Openings {
-    fn wrap(&self, port: Box<dyn Port>) -> Box<dyn Port> {
+    fn open(&self, address: &PortAddress, baud: u32) -> Result<Box<dyn Port>, PortError> {
         self.0.fetch_add(1, Ordering::SeqCst);
-        port
+        NoFaults.open(address, baud)
     }
 }
 

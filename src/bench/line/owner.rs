@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 use tracing::{trace, warn};
@@ -32,8 +32,8 @@ pub(super) struct Owner {
     pub shared: Arc<LineState>,
     pub lines: LineSplitter,
     pub next_id: u8,
-    /// Ids whose reply may still arrive, each with the time until when.
-    pub in_doubt: BTreeMap<u8, Instant>,
+    /// Ids whose reply may still arrive, each with the port's time until when.
+    pub in_doubt: BTreeMap<u8, Duration>,
     /// Dropped after the port: fields are dropped in their order.
     pub _is_open: watch::Sender<()>,
 }
@@ -84,7 +84,7 @@ impl Owner {
         match self.exchange(&command, &packets, &request.expected, request.wait) {
             Ok(outcome) => {
                 if outcome.is_err() {
-                    let until = Instant::now() + REPLY_LATE_MAX;
+                    let until = self.port.now() + REPLY_LATE_MAX;
                     self.in_doubt.insert(id, until);
                     add(&self.shared.counters.timeouts, "timeout");
                 }
@@ -105,7 +105,7 @@ impl Owner {
 
     /// Returns the next id whose last reply has arrived or can no longer arrive.
     fn free_id(&mut self) -> Option<u8> {
-        let now = Instant::now();
+        let now = self.port.now();
         self.in_doubt.retain(|_, until| *until > now);
         for _ in 0..=ID_MAX {
             let id = self.next_id;
@@ -143,7 +143,7 @@ impl Owner {
             trace!(port = %self.shared.port, "> {}", packet.escape_ascii());
             port.write(packet)?;
         }
-        let deadline = Instant::now() + wait;
+        let deadline = port.now() + wait;
         let mut gathering = Gathering {
             command,
             expected,
@@ -151,7 +151,7 @@ impl Owner {
             open: None,
         };
         loop {
-            let left = deadline.saturating_duration_since(Instant::now());
+            let left = deadline.saturating_sub(port.now());
             if left.is_zero() {
                 return Ok(Err(gathering.whole));
             }

@@ -16,6 +16,7 @@ use crate::scan::runner::ScanCommand;
 use crate::scan::{Event, PlanRequest, ScanState};
 use crate::sim::operator::TRACED_SAMPLE;
 use crate::sim::rig::{SimulatedRig, Simulation};
+use crate::store::disk::RealDisk;
 use crate::store::samples::NewSample;
 
 /// Runs the scan on the rig of the arguments, from plan to end.
@@ -43,7 +44,7 @@ pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliErr
         })?;
         (None, parts, clock)
     };
-    let lab = daemon::open_lab(&args.data, clock, Some(parts))
+    let lab = daemon::open_lab(&args.data, Arc::new(RealDisk), clock, Some(parts))
         .await
         .map_err(CliError::no_result)?;
     let begun = std::cell::Cell::new(None);
