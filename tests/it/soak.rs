@@ -36,7 +36,9 @@ const HUNG_AFTER: Duration = Duration::from_secs(60);
 /// How often the person resumes before she gives up for the night.
 const RESUMES_MAX: u32 = 12;
 /// Kinds that no check finds.
-const UNFOUND: [FaultKind; 3] = [
+const UNFOUND: [FaultKind; 5] = [
+    FaultKind::FrameHalfDark,
+    FaultKind::FrameBehind,
     FaultKind::Slip,
     FaultKind::FrameExposure,
     FaultKind::FrameFull,
@@ -101,7 +103,7 @@ fn one_night(seed: u64) -> Result<String, String> {
 
 async fn night(seed: u64) -> Result<String, String> {
     let (text, presses) = drawn(seed);
-    let written = toml::to_string(&text).unwrap();
+    let plan_text = toml::to_string(&text).unwrap();
     let clock = Arc::new(SteppedClock::new());
     let folder = folder();
     let (rig, mut parts) = SimulatedRig::with_clock(
@@ -116,7 +118,7 @@ async fn night(seed: u64) -> Result<String, String> {
     let mut link = parts.rig.link().clone();
     let ports = MemoryPorts::new(Controller::new(&world), Arc::clone(&clock));
     link.seam = Arc::new(ports);
-    let camera = TellingCamera {
+    let camera = WritingCamera {
         world: Arc::clone(&world),
         clock: clock.clone(),
         size_px: (
@@ -140,18 +142,18 @@ async fn night(seed: u64) -> Result<String, String> {
             .map(|h| format!("{:8.1} s {}", h.at.as_secs_f64(), h.what))
             .collect();
         format!(
-            "{why}\n{written}\nfaults:\n{}\nevents:\n{}",
+            "{why}\n{plan_text}\nfaults:\n{}\nevents:\n{}",
             happened.join("\n"),
             events.join("\n")
         )
     };
     let night = tokio::time::timeout(HUNG_AFTER, watch(&lab, &world, &clock, presses)).await;
-    let told = story(&lab).await;
+    let events = story(&lab).await;
     let outcome = match night {
-        Err(_) => Err(fail("it hung".into(), &told)),
-        Ok(Err(why)) => Err(fail(why, &told)),
+        Err(_) => Err(fail("it hung".into(), &events)),
+        Ok(Err(why)) => Err(fail(why, &events)),
         Ok(Ok((scan_id, end))) => match wrong_datum(&lab, scan_id).await {
-            Some(why) => Err(fail(why, &told)),
+            Some(why) => Err(fail(why, &events)),
             None => Ok(end),
         },
     };
@@ -160,7 +162,7 @@ async fn night(seed: u64) -> Result<String, String> {
         .await
         .is_err()
     {
-        return Err(fail("the lab did not end".into(), &told));
+        return Err(fail("the lab did not end".into(), &events));
     }
     outcome
 }
@@ -256,7 +258,7 @@ async fn watch(
         for press in presses.iter().filter(|press| press.at_event == seen) {
             match press.button {
                 Button::Stop => {
-                    // A stage out of reach is told as such.
+                    // The answer names a stage out of reach.
                     lab.stop().await.ok();
                 }
                 Button::Pause => {
@@ -291,29 +293,33 @@ async fn wrong_datum(lab: &Lab, scan_id: i64) -> Option<String> {
         let name = &record.name;
         let bytes = lab.store().read_png(&record.sha256).unwrap();
         let frame = Frame::from_png(&bytes).unwrap();
-        let Some(told) = Told::read(&frame) else {
+        let Some(written) = Written::read(&frame) else {
             return Some(format!(
                 "{name} was accepted and is no picture of the camera"
             ));
         };
         let off = |recorded: f64, truth: f64| (recorded - truth).abs() > POSITION_TOLERANCE_DEG;
-        let wrong_pose =
-            off(record.theta_c_deg, told.theta_c_deg) || off(record.phi_s_deg, told.phi_s_deg);
-        if record.kind == FrameKind::Sample && (wrong_pose || told.moved) {
+        let wrong_pose = off(record.theta_c_deg, written.theta_c_deg)
+            || off(record.phi_s_deg, written.phi_s_deg);
+        if record.kind == FrameKind::Sample && (wrong_pose || written.moved) {
             return Some(format!(
                 "{name} was accepted at ({}, {}) deg; it was taken at ({}, {}) deg, moved: {}",
-                record.theta_c_deg, record.phi_s_deg, told.theta_c_deg, told.phi_s_deg, told.moved
+                record.theta_c_deg,
+                record.phi_s_deg,
+                written.theta_c_deg,
+                written.phi_s_deg,
+                written.moved
             ));
         }
         // Without light the exposure makes no difference.
         let dark = record.kind == FrameKind::Dark;
-        if !dark && (record.exposure_s - told.exposure_s).abs() > 1e-5 {
+        if !dark && (record.exposure_s - written.exposure_s).abs() > 1e-5 {
             return Some(format!(
                 "{name} was accepted as of {} s and is of {} s",
-                record.exposure_s, told.exposure_s
+                record.exposure_s, written.exposure_s
             ));
         }
-        let shown = match (told.capped, told.reference) {
+        let shown = match (written.capped, written.reference) {
             (true, _) => FrameKind::Dark,
             (false, true) => FrameKind::Flat,
             (false, false) => FrameKind::Sample,
@@ -388,17 +394,17 @@ fn drawn(seed: u64) -> (PlanText, Vec<Press>) {
     (text, presses.collect())
 }
 
-/// A camera whose first row tells what is true.
-struct TellingCamera {
+/// A camera whose first row holds the truth.
+struct WritingCamera {
     world: Arc<World>,
     clock: Arc<SteppedClock>,
     size_px: (u32, u32),
     noise: Pcg64,
 }
 
-/// What the first row of a frame tells.
+/// What the first row of a frame holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Told {
+struct Written {
     theta_c_deg: f64,
     phi_s_deg: f64,
     exposure_s: f64,
@@ -410,7 +416,7 @@ struct Told {
 /// Counts of a written value begin here; each pixel holds ten bits.
 const WRITTEN_FROM_DN: u16 = 1000;
 
-impl Told {
+impl Written {
     fn numbers(self) -> [u64; 4] {
         let micro = |value: f64| ((value + 1000.0) * 1e6).round() as u64;
         let flags = [self.moved, self.capped, self.reference];
@@ -433,7 +439,7 @@ impl Told {
         }
     }
 
-    fn read(frame: &Frame) -> Option<Told> {
+    fn read(frame: &Frame) -> Option<Written> {
         let mut numbers = frame.pixels_dn().chunks(4).take(4).map(|pixels| {
             let digits = pixels.iter().rev();
             digits.fold(0_u64, |number, pixel| {
@@ -444,7 +450,7 @@ impl Told {
         let (theta_c_deg, phi_s_deg, exposure_s) = (value()?, value()?, value()?);
         let flags = numbers.next()?;
         let plausible = theta_c_deg.abs() < 500.0 && phi_s_deg.abs() < 900.0 && flags < 8;
-        plausible.then_some(Told {
+        plausible.then_some(Written {
             theta_c_deg,
             phi_s_deg,
             exposure_s,
@@ -455,9 +461,9 @@ impl Told {
     }
 }
 
-impl Camera for TellingCamera {
+impl Camera for WritingCamera {
     fn describe(&self) -> String {
-        "a camera whose frames tell the truth".into()
+        "a camera whose frames hold the truth".into()
     }
 
     fn capture<'a>(
@@ -470,7 +476,7 @@ impl Camera for TellingCamera {
             let duration = Duration::from_secs_f64(request.exposure_s);
             self.clock.sleep(duration).await;
             let pose = self.world.pose_now();
-            let told = Told {
+            let written = Written {
                 theta_c_deg: pose.theta_c.deg(),
                 phi_s_deg: pose.phi_s.deg(),
                 exposure_s: request.exposure_s,
@@ -481,7 +487,7 @@ impl Camera for TellingCamera {
             };
             let tilt = pose.theta_c.rad();
             let lobe = (tilt - 0.35 * pose.phi_s.rad().cos()) / 0.2;
-            let rate = match (told.capped, told.reference) {
+            let rate = match (written.capped, written.reference) {
                 (true, _) => 0.0,
                 (false, true) => 20_000.0 * tilt.cos(),
                 (false, false) => 3_000.0 + 12_000.0 * (-lobe * lobe).exp(),
@@ -494,7 +500,7 @@ impl Camera for TellingCamera {
                     (level + noise * level.sqrt() * 3.0).clamp(0.0, 65_000.0) as u16
                 })
                 .collect();
-            told.write(&mut pixels_dn);
+            written.write(&mut pixels_dn);
             Ok(Captured {
                 frame: Frame::new(width, height, pixels_dn)?,
                 started_at,
@@ -505,8 +511,8 @@ impl Camera for TellingCamera {
 }
 
 #[test]
-fn a_frame_tells_what_was_written_into_it() {
-    let told = Told {
+fn what_is_written_into_a_frame_is_read_again() {
+    let written = Written {
         theta_c_deg: -12.345678,
         phi_s_deg: 359.999,
         exposure_s: 0.02,
@@ -515,7 +521,7 @@ fn a_frame_tells_what_was_written_into_it() {
         reference: false,
     };
     let mut pixels_dn = vec![300; 64 * 48];
-    told.write(&mut pixels_dn);
-    let read = Told::read(&Frame::new(64, 48, pixels_dn).unwrap()).unwrap();
-    assert_eq!(read.numbers(), told.numbers());
+    written.write(&mut pixels_dn);
+    let read = Written::read(&Frame::new(64, 48, pixels_dn).unwrap()).unwrap();
+    assert_eq!(read.numbers(), written.numbers());
 }

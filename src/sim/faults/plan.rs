@@ -42,7 +42,7 @@ pub enum FaultKind {
     LateReply,
     /// The reply comes twice.
     DoubleReply,
-    /// Bytes that nobody sent come before the reply.
+    /// Bytes that no device sent come before the reply.
     Noise,
     /// The controllers answer nothing for `for_s`.
     Silence,
