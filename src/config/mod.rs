@@ -99,7 +99,11 @@ impl Config {
         Config::from_text(&text, &origin, environment)
     }
 
-    fn from_text(
+    /// Reads settings from a text; `origin` names it in messages.
+    ///
+    /// # Errors
+    /// As [`Config::read`].
+    pub fn from_text(
         text: &str,
         origin: &str,
         environment: impl IntoIterator<Item = (String, String)>,
