@@ -9,11 +9,13 @@ use tokio_util::sync::CancellationToken;
 
 use crate::api::{self, RenderMetrics, server};
 use crate::clock::{Clock, SystemClock, WallWatch};
-use crate::lab::{Lab, RigParts};
+use crate::config::HooksSection;
+use crate::lab::{Hooks, Lab, RigParts};
+use crate::scan::RecordedEvent;
 use crate::store::StoreError;
 use crate::store::disk::Disk;
 
-/// Opens the lab and logs what an earlier process left behind.
+/// Opens the lab and logs what an earlier process left behind. Also returns the events of that, for hooks.
 ///
 /// # Errors
 /// What the store reports: the folder is in use, damaged or cannot be written.
@@ -22,7 +24,7 @@ pub async fn open_lab(
     disk: Arc<dyn Disk>,
     clock: Arc<dyn Clock>,
     parts: Option<RigParts>,
-) -> Result<Lab, StoreError> {
+) -> Result<(Lab, Vec<RecordedEvent>), StoreError> {
     let (lab, recovery) = Lab::open(folder, disk, clock, parts).await?;
     for scan in &recovery.interrupted_scans {
         tracing::warn!(
@@ -46,7 +48,7 @@ pub async fn open_lab(
             folder.join("quarantine").display()
         );
     }
-    Ok(lab)
+    Ok((lab, recovery.events))
 }
 
 /// A lab that answers HTTP.
@@ -58,6 +60,7 @@ pub struct Daemon {
     ending: CancellationToken,
     server: tokio::task::JoinHandle<std::io::Result<()>>,
     notice: PathBuf,
+    hooks: Option<Hooks>,
 }
 
 /// File in the data folder with the daemon's address, for commands.
@@ -91,7 +94,14 @@ impl Daemon {
             ending,
             server,
             notice,
+            hooks: None,
         })
+    }
+
+    /// Runs the hooks of the settings until the daemon ends. `earlier` are events of the start.
+    pub fn run_hooks(&mut self, settings: &HooksSection, earlier: Vec<RecordedEvent>) {
+        let url = Some(self.url.clone());
+        self.hooks = Some(Hooks::start(&self.lab, settings, url, earlier));
     }
 
     /// Ends the daemon: rig first, then connections, then the store.
@@ -101,6 +111,9 @@ impl Daemon {
         std::fs::remove_file(&self.notice).ok();
         // The log has stages that could not be stopped.
         self.lab.rest().await.ok();
+        if let Some(hooks) = self.hooks {
+            hooks.finish().await;
+        }
         self.ending.cancel();
         let abort = self.server.abort_handle();
         if tokio::time::timeout(DRAIN, self.server).await.is_err() {

@@ -30,6 +30,7 @@ pub mod material;
 pub mod model;
 pub mod observation;
 pub mod plan;
+pub mod program;
 pub mod reduction;
 pub mod robust;
 pub mod scan;

@@ -97,6 +97,10 @@ pub(super) fn describe_metrics() {
     );
     describe_counter!("ridged_alarms_total", "Alarms, by code");
     describe_counter!(
+        "ridged_hooks_total",
+        "Hooks, by name and outcome: done, failed or dropped"
+    );
+    describe_counter!(
         "ridged_stage_line_total",
         "Exchanges with the stages, and faults of the line: timeout, garbled, stray or alert"
     );

@@ -92,7 +92,7 @@ async fn demo(args: Args) -> Result<(), CliError> {
         construction: args.construction.into(),
     })?;
     let listener = listen(args.port).await?;
-    let lab = daemon::open_lab(
+    let (lab, _) = daemon::open_lab(
         &args.data,
         Arc::new(RealDisk),
         Arc::clone(&rig.clock),

@@ -115,7 +115,7 @@ async fn import(args: &Args, cancel: Arc<AtomicBool>) -> Result<Value, CliError>
     let reserve_mb = runtime::read_config(None)?.store.reserve_mb;
     // The series is checked first, so that a wrong folder does not leave an empty store.
     crate::series::Series::open_own(&args.dir).map_err(CliError::bad_input)?;
-    let lab = daemon::open_lab(&args.data, Arc::new(RealDisk), runtime::real_clock(), None)
+    let (lab, _) = daemon::open_lab(&args.data, Arc::new(RealDisk), runtime::real_clock(), None)
         .await
         .map_err(CliError::no_result)?;
     lab.keep_free(reserve_mb * 1_000_000);

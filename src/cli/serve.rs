@@ -105,7 +105,7 @@ async fn serve(args: Args) -> Result<(), CliError> {
         }
         (None, parts, clock)
     };
-    let lab = daemon::open_lab(&folder, disk, clock, parts)
+    let (lab, earlier) = daemon::open_lab(&folder, disk, clock, parts)
         .await
         .map_err(CliError::no_result)?;
     lab.keep_free(config.store.reserve_mb * 1_000_000);
@@ -118,7 +118,8 @@ async fn serve(args: Args) -> Result<(), CliError> {
     };
     // Before the line with the address, since a reader of it may send the signal at once.
     let end_signal = interrupt::signals().map_err(CliError::no_result)?;
-    let daemon = Daemon::start(lab, listener).map_err(CliError::no_result)?;
+    let mut daemon = Daemon::start(lab, listener).map_err(CliError::no_result)?;
+    daemon.run_hooks(&config.hooks, earlier);
     let ready = writeln!(std::io::stdout(), "listening on {}", daemon.url)
         .and_then(|()| std::io::stdout().flush());
     ready.map_err(CliError::no_result)?;

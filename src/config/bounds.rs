@@ -50,6 +50,8 @@ pub(super) const BOUNDED: &[Bounded] = &[
     ("flat.valid_h", within(0.0, 8760.0), |c| Some(c.flat.valid_h)),
     ("dark.repeats", within(0.0, 1000.0), |c| Some(f64::from(c.dark.repeats))),
     ("dark.valid_h", within(0.0, 8760.0), |c| Some(c.dark.valid_h)),
+    ("hooks.time_limit_s", within(0.1, 600.0), |c| Some(c.hooks.time_limit_s)),
+    ("lamp.time_limit_s", within(0.1, 3600.0), |c| Some(c.lamp.time_limit_s)),
     ("scan.attempts_max", within(1.0, 100.0), |c| Some(f64::from(c.scan.attempts_max))),
     ("scan.retry_after_s", within(0.0, 3600.0), |c| Some(c.scan.retry_after_s)),
     ("scan.retry_after_max_s", within(0.0, 3600.0), |c| Some(c.scan.retry_after_max_s)),

@@ -6,12 +6,14 @@
 
 mod bounds;
 mod sections;
+mod unattended;
 
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
 use crate::bench::stage::{PortAddress, StageError, StageSettings};
+use crate::geometry::Pose;
 use crate::scan::plan::{EXPOSURE_S_MAX, EXPOSURE_S_MIN, PlanDefaults};
 use crate::series::{CameraFacts, FlatFacts, RigFacts, misaimed};
 use crate::wording::toml_text::{self, Refused};
@@ -19,6 +21,7 @@ use crate::wording::toml_text::{self, Refused};
 pub use sections::{
     CameraSection, DarkSection, FlatSection, RigSection, ScanSection, ServerSection, StoreSection,
 };
+pub use unattended::{HooksSection, LampSection, ParkSection};
 
 /// All settings. Sections and keys are those of the file.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -42,6 +45,12 @@ pub struct Config {
     pub dark: DarkSection,
     /// How a scan deals with faults.
     pub scan: ScanSection,
+    /// Programs run at events.
+    pub hooks: HooksSection,
+    /// Commands that switch the lamp.
+    pub lamp: LampSection,
+    /// Where the axes are parked. Default: they stay where they are.
+    pub park: Option<ParkSection>,
 }
 
 /// Why the settings cannot be used.
@@ -153,7 +162,8 @@ impl Config {
             .check_numbers()
             .and_then(|()| self.check_exposures())
             .and_then(|()| self.check_camera())
-            .and_then(|()| self.check_stage());
+            .and_then(|()| self.check_stage())
+            .and_then(|()| self.check_park());
         checked.map_err(|wrong| ConfigError::OutOfRange {
             origin: origin_of(&wrong.key),
             key: wrong.key,
@@ -247,6 +257,38 @@ impl Config {
                 other.to_string(),
                 "a setting that a stage supports",
             )),
+        }
+    }
+
+    fn check_park(&self) -> Result<(), WrongSetting> {
+        let Some(park) = self.park else {
+            return Ok(());
+        };
+        for (key, deg) in [
+            ("park.theta_c_deg", park.theta_c_deg),
+            ("park.phi_s_deg", park.phi_s_deg),
+        ] {
+            if !deg.is_finite() {
+                return Err(WrongSetting::new(key, deg.to_string(), "a finite angle"));
+            }
+        }
+        // A simulated rig has its own limits, which are checked when it is assembled.
+        let Some(stage) = &self.stage else {
+            return Ok(());
+        };
+        let target = Pose::from_deg(park.theta_c_deg, park.phi_s_deg);
+        match stage.check_limits(target) {
+            Err(StageError::OutsideLimits {
+                axis,
+                target,
+                min,
+                max,
+            }) => Err(WrongSetting::new(
+                format!("park.{axis}_deg"),
+                target.to_string(),
+                format!("{min} to {max}, the limits of {axis}"),
+            )),
+            _ => Ok(()),
         }
     }
 
@@ -412,10 +454,31 @@ mod tests {
         let config = read(text, &[]).unwrap();
         assert!(config.port.is_some() && config.camera.folder.is_some());
         for section in [
-            "server", "store", "stage", "rig", "camera", "flat", "dark", "scan",
+            "server", "store", "stage", "rig", "camera", "flat", "dark", "scan", "hooks", "lamp",
+            "park",
         ] {
             assert!(text.contains(&format!("[{section}]")), "{section}");
         }
+    }
+
+    #[test]
+    fn a_place_to_park_is_within_the_limits() {
+        let example = include_str!("../../ridged.example.toml");
+        let config = read(example, &[]).unwrap();
+        assert!(config.park.is_none() && config.hooks.paused.is_empty());
+        let text = format!("{example}\n[park]\ntheta_c_deg = 0.0\nphi_s_deg = 370.0\n");
+        let error = read(&text, &[]).unwrap_err().to_string();
+        for part in ["park.phi_s_deg", "370", "-5", "365"] {
+            assert!(error.contains(part), "{part} is not in: {error}");
+        }
+        let text = "[park]\ntheta_c_deg = nan\nphi_s_deg = 0.0\n";
+        assert!(read(text, &[]).is_err());
+        let hooks = "[hooks]\npaused = [\"mail\", \"me\"]\ntime_limit_s = 0.0\n";
+        let error = read(hooks, &[]).unwrap_err().to_string();
+        assert!(
+            error.contains("hooks.time_limit_s is 0, expected"),
+            "{error}"
+        );
     }
 
     #[test]

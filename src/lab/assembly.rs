@@ -8,6 +8,8 @@ use crate::bench::stage::NoFaults;
 use crate::bench::watched_folder::{WatchedFolder, WatchedFolderError, WatchedFolderSettings};
 use crate::clock::Clock;
 use crate::config::{CameraSection, Config};
+use crate::geometry::Pose;
+use crate::program::Program;
 use crate::scan::plan::PlanDefaults;
 use crate::scan::runner::RunnerSettings;
 use crate::scan::visit::{CappedLimit, Confirmed, FrameRules};
@@ -62,6 +64,8 @@ pub fn real_rig(
         camera: camera_facts,
         dark_valid: hours(config.dark.valid_h),
         flat_valid: hours(config.flat.valid_h),
+        park: park(config),
+        lamp_off: lamp(config, &config.lamp.off),
         simulated: None,
         label: String::new(),
     };
@@ -99,6 +103,8 @@ impl RigSettings {
                 .expect("the simulated rig has a white reference"),
             dark_valid: hours(config.dark.valid_h),
             flat_valid: hours(config.flat.valid_h),
+            park: None,
+            lamp_off: None,
             simulated: Some(time_scale),
             label,
         }
@@ -111,6 +117,8 @@ impl RigSettings {
             camera, flat, dark, ..
         } = config;
         self.runner = runner_settings(&self.camera, config);
+        self.park = park(config);
+        self.lamp_off = lamp(config, &config.lamp.off);
         self.dark_valid = hours(dark.valid_h);
         self.flat_valid = hours(flat.valid_h);
         self.defaults.dark_repeats = dark.repeats;
@@ -133,6 +141,7 @@ fn runner_settings(camera: &CameraFacts, config: &Config) -> RunnerSettings {
     let pixels = u64::from(camera.width_px) * u64::from(camera.height_px);
     RunnerSettings {
         faults: config.scan.fault_policy(),
+        lamp_on: lamp(config, &config.lamp.on),
         disk_reserve_bytes: config.store.reserve_mb * 1_000_000,
         // Noise does not compress: two bytes per pixel, and PNG's own.
         frame_bytes_max: pixels * 2 + pixels / 64 + 4096,
@@ -151,6 +160,15 @@ fn runner_settings(camera: &CameraFacts, config: &Config) -> RunnerSettings {
             },
         },
     }
+}
+
+fn park(config: &Config) -> Option<Pose> {
+    let place = config.park?;
+    Some(Pose::from_deg(place.theta_c_deg, place.phi_s_deg))
+}
+
+fn lamp(config: &Config, words: &[String]) -> Option<Program> {
+    Program::of(words, config.lamp.time_limit_s)
 }
 
 fn hours(hours: f64) -> Duration {

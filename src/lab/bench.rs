@@ -44,6 +44,8 @@ pub(super) enum Work {
     },
     /// Run a scan.
     Scan(Box<ScanWork>),
+    /// Park both axes; replied to when they are parked.
+    Park,
     /// End the task.
     End,
 }
@@ -196,7 +198,7 @@ impl Owner {
     /// Returns whether the current work refuses further requests. A single axis that got a stop is about to be free.
     fn is_taken(&self, now: &Occupation, motion: Option<Motion>) -> bool {
         let stopped = motion.is_some_and(|motion| self.access.stops() != motion.asked_after);
-        now.activity.is_some() && !stopped
+        now.activity.is_some() && !now.parks && !stopped
     }
 
     fn refuse(&self, request: Request) {
@@ -267,6 +269,7 @@ impl Owner {
                     reply.send(Err(error.into())).ok();
                     return rig;
                 }
+                self.access.allow_unasked_motion();
                 self.context.occupy(Some(RigActivity::Moving), None);
                 reply.send(Ok(())).ok();
                 self.report_axis(RigActivity::Moving, axis, AxisEvent::to(target));
@@ -275,6 +278,7 @@ impl Owner {
                 self.settled(&mut rig, &stage, moved).await;
             }
             Work::Home { axis } => {
+                self.access.allow_unasked_motion();
                 self.context.occupy(Some(RigActivity::Homing), None);
                 reply.send(Ok(())).ok();
                 self.report_axis(RigActivity::Homing, axis, AxisEvent::UNKNOWN);
@@ -286,7 +290,12 @@ impl Owner {
                 self.settled(&mut rig, &stage, homed).await;
             }
             Work::Scan(work) => {
+                self.access.allow_unasked_motion();
                 self.context.run_scan(&mut rig, *work, reply).await;
+            }
+            Work::Park => {
+                self.context.park(&mut rig).await;
+                reply.send(Ok(())).ok();
             }
         }
         rig
@@ -368,6 +377,7 @@ impl Owner {
             now.failure = failure;
         });
         if let Err(error) = &outcome {
+            self.access.forbid_unasked_motion();
             rig.let_go_if_lost(error);
             if !matches!(error, StageError::Stopped) {
                 self.context.sink.report(Event::Alarm {

@@ -16,6 +16,7 @@ mod event_sink;
 mod export;
 mod failure;
 mod fits;
+mod hooks;
 mod import;
 mod import_duplicates;
 mod job_progress;
@@ -24,6 +25,7 @@ mod job_work;
 mod jobs;
 mod live_fit;
 mod maps;
+mod park;
 mod plans;
 mod recorder;
 mod request_checks;
@@ -50,6 +52,8 @@ use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
 use crate::bench::stage::{StageError, StageSettings};
 use crate::clock::Clock;
+use crate::geometry::Pose;
+use crate::program::Program;
 use crate::scan::event::RigActivity;
 use crate::scan::plan::PlanDefaults;
 use crate::scan::runner::{CommandRequest, RunEnd, RunnerSettings, ScanCommand};
@@ -67,6 +71,7 @@ use event_sink::EventSink;
 pub use export::{Exported, export, export_readable};
 use fits::Reductions;
 pub use fits::{FitRequest, Reduced};
+pub use hooks::Hooks;
 pub use import::{ImportOptions, Imported};
 pub use import_duplicates::ImportDuplicate;
 pub use job_progress::JobProgress;
@@ -100,6 +105,10 @@ pub struct RigSettings {
     pub dark_valid: Duration,
     /// How long white-reference frames are valid.
     pub flat_valid: Duration,
+    /// Where both axes are parked.
+    pub park: Option<Pose>,
+    /// Switches the lamp off.
+    pub lamp_off: Option<Program>,
     /// Time scale of a simulated rig; none for a real one.
     pub simulated: Option<f64>,
     /// Anything else that makes frames of two rigs incomparable (a simulated rig's seed).
@@ -157,6 +166,8 @@ struct RigSide {
 #[derive(Debug, Clone, Default)]
 struct Occupation {
     activity: Option<RigActivity>,
+    /// Whether the daemon parks the axes. Requests wait for it instead of being refused.
+    parks: bool,
     scan_id: Option<i64>,
     orders: Option<mpsc::Sender<CommandRequest>>,
     /// Why the last connection attempt failed.
@@ -352,7 +363,10 @@ impl Lab {
         let side = self.side()?;
         let stopped = match order {
             // Homing and connecting do not read commands; the stage does.
-            ScanCommand::Abort => side.access.stop_what_may_move().await,
+            ScanCommand::Abort => {
+                side.access.forbid_unasked_motion();
+                side.access.stop_what_may_move().await
+            }
             _ => Ok(()),
         };
         let answer = match sent {
@@ -457,13 +471,16 @@ impl Lab {
         self.inner.ends.borrow().get(&scan_id).copied()
     }
 
-    /// Stops the rig, interrupts a running scan and cancels all jobs; the store stays open for readers.
+    /// Stops the rig, interrupts a running scan, parks the axes if that is set and permitted, and cancels all jobs; the
+    /// store stays open for readers.
     ///
     /// # Errors
     /// The stages could not be reached and may be moving; everything else is done.
     pub async fn rest(&self) -> Result<(), StageError> {
         let mut stopped = Ok(());
         if let Some(side) = &self.inner.rig {
+            // Before the daemon's own stop. A link that was never opened stays closed.
+            let parks = side.access.may_move_unasked() && side.access.stage().is_some();
             let orders = side.occupation.borrow().orders.clone();
             if let Some(orders) = orders {
                 let (reply, answer) = oneshot::channel();
@@ -484,6 +501,9 @@ impl Lab {
                 .lock()
                 .expect("no holder of this lock panics")
                 .take();
+            if parks && stopped.is_ok() && side.settings.park.is_some() {
+                self.request(bench::Work::Park).await.ok();
+            }
             self.request(bench::Work::End).await.ok();
             if let Some(owner) = owner {
                 owner.await.ok();

@@ -231,6 +231,7 @@ impl Lab {
     /// [`LabError::NotStopped`] if the stages could not be reached; then they may be moving.
     pub async fn stop(&self) -> Result<(), LabError> {
         let side = self.side()?;
+        side.access.forbid_unasked_motion();
         let orders = side.occupation.borrow().orders.clone();
         if let Some(orders) = orders {
             let (reply, _) = oneshot::channel();

@@ -14,7 +14,7 @@ use crate::frame::Frame;
 use crate::geometry::Pose;
 use crate::scan::event::RigActivity;
 use crate::scan::runner::{self, CommandRequest, ScanRun};
-use crate::scan::{Event, Plan, Rig, TravelLimits};
+use crate::scan::{Event, Plan, Rig, ScanState, TravelLimits};
 use crate::store::StoreError;
 use crate::store::scans::{NewScan, Scan};
 
@@ -141,6 +141,11 @@ impl RigContext {
         let live_fit = live_fit::start(&self.sink, scan_id);
         let end = runner::run(run, rig, &mut recorder, &mut orders).await;
         drop(live_fit);
+        let parks = match &end {
+            // Parked as the daemon ends; after an abort nothing moves.
+            Ok(end) => matches!(end.state, ScanState::Completed | ScanState::Failed),
+            Err(_) => true,
+        };
         match end {
             Ok(end) => self.sink.ends.send_modify(|ends| {
                 ends.insert(scan_id, end);
@@ -169,6 +174,10 @@ impl RigContext {
             }
         }
         self.occupy(None, None);
+        self.switch_lamp_off(scan_id).await;
+        if parks {
+            self.park(rig).await;
+        }
     }
 
     /// Returns the newest accepted frames of a scan; none if they cannot be read, which the scan's end will report.

@@ -5,6 +5,7 @@
 //! say (`recovery`), then pauses the scan, so that the operator can fix it and resume (`waiting`); a contradiction to the
 //! plan fails the scan.
 
+mod lamp;
 mod recovery;
 mod waiting;
 
@@ -28,6 +29,7 @@ use crate::bench::stage::MoveTimes;
 use crate::clock::Clock;
 use crate::frame::Frame;
 use crate::geometry::Pose;
+use crate::program::Program;
 
 /// A command to a running scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,6 +69,8 @@ pub struct RunnerSettings {
     pub frame_bytes_max: u64,
     /// Rules that an accepted frame satisfies.
     pub frame: visit::FrameRules,
+    /// Switches the lamp on before the first exposure.
+    pub lamp_on: Option<Program>,
 }
 
 /// How a run ended.
@@ -254,6 +258,9 @@ impl<'a> Runner<'a> {
         self.totals = self.count_what_is_left();
         self.totals.at = at;
         let steps = std::mem::take(&mut self.run.steps);
+        if self.totals.progress.shots_done < self.totals.progress.shots_total {
+            self.switch_lamp_on().await?;
+        }
         for (i, step) in steps.iter().enumerate() {
             match step {
                 Step::Operator(action) => {

@@ -4,7 +4,7 @@
 //! until the port of the last link is closed. So the daemon never finds a port in use by itself.
 //! [`StageAccess::stop`] stops the connected stage. It connects first if the link is lost or was never opened.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use crate::bench::port::PortSeam;
@@ -38,6 +38,9 @@ struct Inner {
     opening: tokio::sync::Mutex<()>,
     /// Number of stops so far. A motion requested before a stop does not start after it.
     stops: AtomicU64,
+    /// Whether the daemon may move the axes by itself: a person has requested motion, and since then neither a person nor a
+    /// fault of the stages has stopped them.
+    may_move_unasked: AtomicBool,
 }
 
 impl StageAccess {
@@ -48,6 +51,7 @@ impl StageAccess {
                 last: Mutex::new(None),
                 opening: tokio::sync::Mutex::new(()),
                 stops: AtomicU64::new(0),
+                may_move_unasked: AtomicBool::new(false),
             }),
         }
     }
@@ -73,6 +77,23 @@ impl StageAccess {
     #[must_use]
     pub fn stops(&self) -> u64 {
         self.inner.stops.load(Ordering::SeqCst)
+    }
+
+    /// Returns whether the daemon may move the axes by itself, as for parking: a person has requested motion, and since then
+    /// neither a person nor a fault of the stages has stopped them.
+    #[must_use]
+    pub fn may_move_unasked(&self) -> bool {
+        self.inner.may_move_unasked.load(Ordering::SeqCst)
+    }
+
+    /// A person has requested motion.
+    pub fn allow_unasked_motion(&self) {
+        self.inner.may_move_unasked.store(true, Ordering::SeqCst);
+    }
+
+    /// A person or a fault of the stages has stopped the axes.
+    pub fn forbid_unasked_motion(&self) {
+        self.inner.may_move_unasked.store(false, Ordering::SeqCst);
     }
 
     /// Returns whether a link was lost. An axis that moved then may still move.

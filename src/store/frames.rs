@@ -251,6 +251,19 @@ impl Store {
         .ok_or(StoreError::NotFound { noun: "frame", id })
     }
 
+    /// Returns the last frame taken of a scan, accepted or not.
+    ///
+    /// # Errors
+    /// A database error.
+    pub async fn newest_frame(&self, scan_id: i64) -> Result<Option<FrameRecord>, StoreError> {
+        Ok(sqlx::query_as(sqlx::AssertSqlSafe(format!(
+            "SELECT {COLUMNS} FROM frames WHERE scan_id = ? ORDER BY id DESC LIMIT 1"
+        )))
+        .bind(scan_id)
+        .fetch_optional(self.readers())
+        .await?)
+    }
+
     /// Returns the frames of a scan in the order taken, optionally of one kind.
     ///
     /// # Errors
@@ -278,8 +291,9 @@ impl Store {
     /// calibrations that it uses.
     ///
     /// # Errors
-    /// A database error.
+    /// [`StoreError::BadRow`] if a frame states another pose than its shot, or a database error.
     pub async fn frames_for_reduction(&self, scan_id: i64) -> Result<Vec<FrameRecord>, StoreError> {
+        self.check_poses(scan_id).await?;
         Ok(sqlx::query_as(sqlx::AssertSqlSafe(format!(
             "SELECT {COLUMNS} FROM frames f WHERE accepted = 1 AND (scan_id = ?1 OR EXISTS (
                SELECT 1 FROM scan_calibrations u JOIN calibrations c ON c.id = u.calibration_id

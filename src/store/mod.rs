@@ -14,6 +14,7 @@
 //!   lock               held by the process that writes
 //! ```
 
+mod audit;
 pub mod calibrations;
 pub mod disk;
 mod error;
@@ -49,6 +50,7 @@ use crate::clock::Clock;
 use disk::Disk;
 use place::{Place, Writing};
 
+pub use audit::{Audit, Discrepancy};
 pub use error::StoreError;
 pub use page::{DamagedRow, Page, PageRequest};
 pub use recovery::Recovery;

@@ -25,6 +25,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("limits", &[]),
     ("robust", &[]),
     ("wording", &[]),
+    ("program", &[]),
     ("geometry", &["units"]),
     ("observation", &["units", "geometry", "material"]),
     ("model", &["units", "geometry", "material"]),
@@ -192,7 +193,8 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "scan",
         &[
-            "units", "geometry", "frame", "clock", "series", "bench", "forecast", "job", "wording",
+            "units", "geometry", "frame", "clock", "series", "bench", "forecast", "job", "program",
+            "wording",
         ],
     ),
     (
@@ -246,6 +248,7 @@ const RULES: &[(&str, &[&str])] = &[
             "forecast",
             "accuracy",
             "heights",
+            "program",
             "wording",
         ],
     ),
@@ -278,7 +281,10 @@ const RULES: &[(&str, &[&str])] = &[
             "units", "geometry", "material", "limits", "series", "bench", "scan", "wording",
         ],
     ),
-    ("daemon", &["api", "clock", "lab", "store"]),
+    (
+        "daemon",
+        &["api", "clock", "config", "lab", "scan", "store"],
+    ),
     ("cli", &["*"]),
 ];
 

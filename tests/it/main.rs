@@ -31,3 +31,4 @@ mod style;
 mod synthetic;
 mod tables;
 mod terminal;
+mod unattended;

@@ -11,7 +11,7 @@ use crate::cli::progress::Bar;
 use crate::cli::{CliError, runtime, say};
 use crate::daemon;
 use crate::lab::assembly::real_rig;
-use crate::lab::{Lab, LabError, ScanRequest};
+use crate::lab::{Hooks, Lab, LabError, ScanRequest};
 use crate::scan::runner::ScanCommand;
 use crate::scan::{Event, PlanRequest, ScanState};
 use crate::sim::operator::TRACED_SAMPLE;
@@ -44,9 +44,10 @@ pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliErr
         })?;
         (None, parts, clock)
     };
-    let lab = daemon::open_lab(&args.data, Arc::new(RealDisk), clock, Some(parts))
+    let (lab, earlier) = daemon::open_lab(&args.data, Arc::new(RealDisk), clock, Some(parts))
         .await
         .map_err(CliError::no_result)?;
+    let hooks = Hooks::start(&lab, &config.hooks, None, earlier);
     let begun = std::cell::Cell::new(None);
     let done = async {
         let hands = match &simulator {
@@ -91,15 +92,19 @@ pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliErr
         (Err(_), Some(scan_id)) => Some(how_left(&lab, scan_id, args).await),
         _ => None,
     };
+    hooks.finish().await;
     lab.store().close().await;
     if let Some(left) = left {
         say(&left);
         let stopped = stopped.map_err(|source| LabError::NotStopped { source });
         match (stopped, &outcome) {
             (Ok(()), _) => {
-                say(&format_args!(
-                    "the stages are at rest; ridged does not switch the lamp"
-                ));
+                say(match config.lamp.off.is_empty() {
+                    true => {
+                        "the stages are at rest; the settings name no command that switches the lamp"
+                    }
+                    false => "the stages are at rest",
+                });
             }
             // The stages may be moving, so exit code 130 ("safe") does not apply.
             (Err(error), Err(CliError::Interrupted)) => return Err(runtime::lab_error(error)),

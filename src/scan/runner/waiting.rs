@@ -128,6 +128,9 @@ impl Runner<'_> {
     }
 
     pub(super) async fn hold(&mut self, error: &VisitError) -> Result<(), Ending> {
+        if matches!(error, VisitError::Stage(_)) {
+            self.rig.access().forbid_unasked_motion();
+        }
         let code = error.code();
         let reason = match error {
             // Errors of stages and camera do not mention the scan that waits.
@@ -162,6 +165,8 @@ impl Runner<'_> {
         }
         self.enter(ScanState::Paused, Some(reason)).await?;
         if let Some(request) = request {
+            // The stop of a person, after which the scan may have made ready once more.
+            self.rig.access().forbid_unasked_motion();
             request.reply.send(Ok(ScanState::Paused)).ok();
         }
         self.wait_for_resume().await
@@ -172,6 +177,7 @@ impl Runner<'_> {
             let request = self.commands.recv().await.unwrap_or_else(shut_down);
             match request.command {
                 ScanCommand::Resume | ScanCommand::Continue => {
+                    self.rig.access().allow_unasked_motion();
                     self.enter(ScanState::Running, None).await?;
                     request.reply.send(Ok(self.state)).ok();
                     return Ok(());

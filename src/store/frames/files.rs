@@ -147,6 +147,13 @@ impl Store {
         Ok(())
     }
 
+    /// Returns the absolute path of a frame's file.
+    #[must_use]
+    pub fn frame_path(&self, sha256: &str) -> PathBuf {
+        let path = self.folder().join(relative_path(sha256));
+        std::path::absolute(&path).unwrap_or(path)
+    }
+
     /// Reads a frame file and checks its hash. Blocks.
     ///
     /// # Errors

@@ -1,0 +1,90 @@
+//! Parks the axes and switches the lamp off when a scan has ended and when the daemon ends.
+
+use super::scan_run::RigContext;
+use crate::bench::AxisName;
+use crate::bench::stage::StageError;
+use crate::geometry::Pose;
+use crate::scan::event::{AxisEvent, RigActivity};
+use crate::scan::visit::stage_code;
+use crate::scan::{Event, Rig};
+
+impl RigContext {
+    /// Moves both axes to the place of the settings, if there is one. Nothing moves if an axis has no reference, if the
+    /// stages are not connected, or if a person, a stop or a fault of the stages has stopped them since a person last
+    /// requested motion. Failures are alarms.
+    pub(super) async fn park(&self, rig: &mut Rig) {
+        let access = rig.access();
+        let Some(place) = self.settings.park else {
+            return;
+        };
+        let stops = access.stops();
+        let Some(stage) = access.stage() else {
+            return;
+        };
+        // Read first: a later stop cancels the motion, an earlier one shows in the permission or in the count.
+        let stops_of_stage = stage.stops();
+        if !access.may_move_unasked() || access.stops() != stops {
+            return;
+        }
+        let parked = async {
+            if !stage.status().await?.all_homed() {
+                tracing::info!("the axes are not parked, since they have no reference");
+                return Ok(());
+            }
+            self.occupation.send_modify(|now| {
+                now.activity = Some(RigActivity::Moving);
+                now.parks = true;
+            });
+            self.sink.report(Event::Rig {
+                activity: RigActivity::Moving,
+                theta_c: AxisEvent::to(place.theta_c),
+                phi_s: AxisEvent::to(place.phi_s),
+            });
+            let theta_c = stage.move_since(AxisName::ThetaC, place.theta_c, stops_of_stage);
+            let theta_c = theta_c.await?;
+            let phi_s = stage.move_since(AxisName::PhiS, place.phi_s, stops_of_stage);
+            let at = Pose {
+                theta_c,
+                phi_s: phi_s.await?,
+            };
+            self.sink.report(Event::Rig {
+                activity: RigActivity::Idle,
+                theta_c: AxisEvent::at(at.theta_c),
+                phi_s: AxisEvent::at(at.phi_s),
+            });
+            Ok(())
+        };
+        let parked: Result<(), StageError> = parked.await;
+        self.occupation.send_modify(|now| {
+            now.activity = None;
+            now.parks = false;
+        });
+        let Err(error) = parked else { return };
+        rig.let_go_if_lost(&error);
+        if matches!(error, StageError::Stopped) {
+            return;
+        }
+        access.forbid_unasked_motion();
+        self.sink.report(Event::Alarm {
+            code: stage_code(&error).into(),
+            message: format!("the axes could not be parked: {error}"),
+            scan_id: None,
+        });
+    }
+
+    /// Switches the lamp off, if the settings have a command for it. A failure is an alarm.
+    pub(super) async fn switch_lamp_off(&self, scan_id: i64) {
+        let Some(program) = &self.settings.lamp_off else {
+            return;
+        };
+        if let Err(error) = program.run(b"").await {
+            self.sink.report(Event::Alarm {
+                code: "lamp-failed".into(),
+                message: format!(
+                    "the lamp could not be switched off: {error}; switch it off by hand"
+                ),
+                scan_id: Some(scan_id),
+            });
+        }
+    }
+}

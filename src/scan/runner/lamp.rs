@@ -1,0 +1,45 @@
+//! Switches the lamp on before the first exposure.
+
+use super::waiting::{Orders, shut_down};
+use super::{Ending, Runner};
+
+impl Runner<'_> {
+    /// Runs the command that switches the lamp on. While it fails, the scan pauses. Orders are obeyed meanwhile.
+    pub(super) async fn switch_lamp_on(&mut self) -> Result<(), Ending> {
+        let Some(program) = self.run.settings.lamp_on.clone() else {
+            return Ok(());
+        };
+        loop {
+            let mut work = Box::pin(program.run(b""));
+            let ended = loop {
+                tokio::select! {
+                    biased;
+                    request = self.commands.recv() => {
+                        let orders = Orders {
+                            recorder: &mut *self.recorder,
+                            state: &mut self.state,
+                            progress: self.totals.progress,
+                        };
+                        let request = request.unwrap_or_else(shut_down);
+                        if let Some(cut) = orders.heed(request).await? {
+                            break Err(cut);
+                        }
+                    }
+                    outcome = &mut work => break Ok(outcome),
+                }
+            };
+            // A command that was cut short is killed and runs again, since what it did so far is unknown.
+            drop(work);
+            match ended {
+                Ok(Ok(())) => return self.pause_if_asked().await,
+                Ok(Err(error)) => {
+                    let why =
+                        format!("the lamp could not be switched on: {error}; fix it, then resume");
+                    self.hold_with(&why, Some("lamp-failed"), None).await?;
+                    self.make_ready().await?;
+                }
+                Err(cut) => self.cut_short(cut).await?,
+            }
+        }
+    }
+}
