@@ -160,6 +160,16 @@ impl Client {
         read(answer)
     }
 
+    /// Gets the readiness of the daemon, ready or not.
+    ///
+    /// # Errors
+    /// No result if the daemon does not answer.
+    pub fn readiness(&self) -> Result<Value, CliError> {
+        let answer = self.agent.get(format!("{}/readyz", self.url)).call();
+        let mut answer = answer.map_err(unreachable)?;
+        answer.body_mut().read_json().map_err(CliError::no_result)
+    }
+
     /// Gets a path below `/api/v1`.
     ///
     /// # Errors

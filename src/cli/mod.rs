@@ -9,6 +9,7 @@ pub mod client;
 pub mod constraint_args;
 pub mod contrast;
 pub mod demo;
+pub mod doctor;
 pub mod eval;
 pub mod explain;
 pub mod export;
@@ -34,6 +35,7 @@ pub mod score;
 pub mod serve;
 pub mod simulate_rig;
 pub mod simulated;
+mod supervision;
 
 pub mod trace;
 mod values;
@@ -68,6 +70,8 @@ pub enum Command {
     Serve(serve::Args),
     /// Show, home or stop the rig of a running daemon.
     Rig(rig::Args),
+    /// Check rig, camera, disk, clock, database and frames, and say what to do.
+    Doctor(doctor::Args),
     /// Run a scan.
     Scan(scan::Args),
     /// Import a recorded series into the store.
@@ -115,6 +119,8 @@ pub enum CliError {
     NoResult(anyhow::Error),
     /// The user stopped it and everything is safe: exit 130.
     Interrupted,
+    /// The result is printed, and is this exit code.
+    Verdict(u8),
 }
 
 impl CliError {
@@ -165,6 +171,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Demo(args) => demo::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Rig(args) => rig::run(args),
+        Command::Doctor(args) => doctor::run(&args),
         Command::Scan(args) => scan::run(args),
         Command::Import(args) => import::run(args),
         Command::Export(args) => export::run(args),
@@ -194,6 +201,7 @@ pub fn run(cli: Cli) -> ExitCode {
             say(&format!("error: {}", once(&error)));
             ExitCode::from(1)
         }
+        Err(CliError::Verdict(code)) => ExitCode::from(code),
         Err(CliError::Interrupted) => {
             say("stopped by Ctrl-C; everything is safe");
             ExitCode::from(130)

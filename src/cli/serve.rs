@@ -8,6 +8,7 @@ use super::CliError;
 use super::interrupt;
 use super::runtime;
 use super::simulated::{ConstructionArgs, FaultArgs};
+use super::supervision;
 use crate::api::server::{self, ListenError};
 use crate::daemon::{self, Daemon};
 use crate::lab::assembly::real_rig;
@@ -123,6 +124,8 @@ async fn serve(args: Args) -> Result<(), CliError> {
     let ready = writeln!(std::io::stdout(), "listening on {}", daemon.url)
         .and_then(|()| std::io::stdout().flush());
     ready.map_err(CliError::no_result)?;
+    supervision::ready();
+    supervision::report_life(&daemon.lab);
     // Connect now, so that faults of the port are reported before the first scan.
     let lab = daemon.lab.clone();
     let connecting = tokio::spawn(async move {
@@ -135,6 +138,7 @@ async fn serve(args: Args) -> Result<(), CliError> {
     end_signal.await;
     tracing::info!("stopping: rig first, then connections, then the store");
     connecting.abort();
+    supervision::stopping();
     daemon.end().await;
     if let Some(operator) = operator {
         operator.abort();

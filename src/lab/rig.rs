@@ -146,6 +146,13 @@ impl Lab {
         })
     }
 
+    /// Whether the task that owns the rig works; true for a daemon without a rig.
+    #[must_use]
+    pub fn rig_has_an_owner(&self) -> bool {
+        let side = self.inner.rig.as_ref();
+        side.is_none_or(|side| !side.requests.is_closed())
+    }
+
     /// Returns the travel limits of the axes.
     ///
     /// # Errors

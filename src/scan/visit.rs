@@ -4,7 +4,7 @@ use super::plan::Shot;
 use super::recorder::{BLACK, Rejected, TakenFrame, Visit};
 use crate::bench::port::PortError;
 use crate::bench::stage::{Flag, FlagClass, Stage, StageError, StageStatus};
-use crate::bench::{AxisName, Camera, CameraError, CaptureRequest};
+use crate::bench::{AxisName, Camera, CameraError, CaptureRequest, Captured};
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 
@@ -285,6 +285,23 @@ fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<R
             })
         }
     }
+}
+
+/// Returns what is wrong with a frame that is taken to check the camera; `None` if a scan would accept it.
+#[must_use]
+pub fn frame_fault(
+    captured: Captured,
+    exposure_s: f64,
+    kind: FrameKind,
+    rules: &FrameRules,
+) -> Option<String> {
+    let taken = TakenFrame {
+        captured,
+        exposure_s,
+        exposure_index: 0,
+        repeat: 0,
+    };
+    fault(&[taken], kind, rules).map(|why| why.to_string())
 }
 
 pub(super) fn shows_no_light(frame: &Frame, rules: &FrameRules) -> bool {

@@ -63,7 +63,8 @@ struct ShotRow {
 }
 
 /// Compares the frames with their shots; `f` is a frame and `s` its shot.
-const PAIRS: &str = "SELECT f.id, f.scan_id, f.theta_c_deg AS frame_theta_c_deg, f.phi_s_deg AS frame_phi_s_deg,
+const PAIRS: &str =
+    "SELECT f.id, f.scan_id, f.theta_c_deg AS frame_theta_c_deg, f.phi_s_deg AS frame_phi_s_deg,
        s.theta_c_deg AS shot_theta_c_deg, s.phi_s_deg AS shot_phi_s_deg,
        f.kind = s.kind AND f.accepted = s.accepted AND f.scan_id = s.scan_id AS same_otherwise
      FROM frames f JOIN shots s ON s.id = f.shot_id
@@ -143,16 +144,19 @@ impl Store {
             }
             progress(audit.frames, total as u64);
         }
-        let pairs: Vec<Pair> = sqlx::query_as(sqlx::AssertSqlSafe(format!("{PAIRS} ORDER BY f.id")))
-            .fetch_all(self.readers())
-            .await?;
+        let pairs: Vec<Pair> =
+            sqlx::query_as(sqlx::AssertSqlSafe(format!("{PAIRS} ORDER BY f.id")))
+                .fetch_all(self.readers())
+                .await?;
         audit
             .discrepancies
             .extend(pairs.iter().map(|pair| Discrepancy {
                 scan_id: pair.scan_id,
                 problem: pair.problem(),
             }));
-        audit.discrepancies.extend(self.shots_off_their_plan().await?);
+        audit
+            .discrepancies
+            .extend(self.shots_off_their_plan().await?);
         Ok(audit)
     }
 
@@ -296,7 +300,10 @@ mod tests {
         damage(&store, "shots", "theta_c_deg = 8.0", 1).await;
         let audit = store.audit(false, |_, _| ()).await.unwrap();
         let problem = &audit.discrepancies[0].problem;
-        assert!(problem.contains("the plan asks for θc 10.0000°"), "{problem}");
+        assert!(
+            problem.contains("the plan asks for θc 10.0000°"),
+            "{problem}"
+        );
     }
 
     #[tokio::test]

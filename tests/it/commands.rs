@@ -33,7 +33,7 @@ pub(crate) fn refuses(folder: &Path, args: &[&str], code: i32, words: &[&str]) {
     assert!(!message.contains("panicked"), "{message}");
 }
 
-fn example(port: &str, camera: &Path) -> String {
+pub(crate) fn example(port: &str, camera: &Path) -> String {
     include_str!("../../ridged.example.toml")
         .lines()
         .map(|line| {

@@ -9,6 +9,7 @@ mod check;
 mod commands;
 mod costs;
 mod cut_short;
+mod doctor;
 mod fuzz;
 mod height_files;
 mod http;

@@ -189,7 +189,7 @@ fn paused(client: &Client, id: i64) -> Result<(), CliError> {
     };
     let lost = |error: CliError| match error {
         CliError::BadInput(why) | CliError::NoResult(why) => unsure(why.to_string()),
-        CliError::Interrupted => CliError::Interrupted,
+        ended @ (CliError::Interrupted | CliError::Verdict(_)) => ended,
     };
     let begun = Instant::now();
     let mut is_reported = false;

@@ -1,0 +1,175 @@
+//! The data folder: space and speed of its disk, the database, and the frames against hashes and rows.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use time::OffsetDateTime;
+
+use super::findings::Findings;
+use crate::cli::progress::Bar;
+use crate::cli::runtime::real_clock;
+use crate::store::disk::{Disk, RealDisk};
+use crate::store::{Store, StoreError};
+
+/// Frames written to measure the disk.
+const TRIAL_FRAMES: u32 = 4;
+/// Largest file written to measure it.
+const TRIAL_BYTES_MAX: u64 = 64_000_000;
+/// A disk that takes longer for a frame slows a scan.
+const SLOW_S: f64 = 0.5;
+/// Fewer frames than this leave little for a night.
+const FRAMES_FEW: u64 = 1000;
+/// Damaged frames that are named one by one.
+const NAMED_MAX: usize = 10;
+
+/// Checks space and speed of the disk. `reserve_bytes` stay free in a scan; `frame_bytes` is the size of a frame's file.
+pub fn check_disk(folder: &Path, reserve_bytes: u64, frame_bytes: u64, findings: &mut Findings) {
+    if !folder.is_dir() {
+        findings.note(
+            "folder",
+            format!(
+                "{} does not exist; `ridged serve` creates it",
+                folder.display()
+            ),
+        );
+        return;
+    }
+    match RealDisk.free_bytes(folder) {
+        Err(error) => findings.error("disk", &StoreError::file("the data folder", folder, error)),
+        Ok(free) => {
+            let frames = free.saturating_sub(reserve_bytes) / frame_bytes.max(1);
+            let (free_mb, reserve_mb) = (free / 1_000_000, reserve_bytes / 1_000_000);
+            let found =
+                format!("{free_mb} MB free, {reserve_mb} MB of reserve: room for {frames} frames");
+            match frames {
+                0 => findings.fault("disk", found, "free some space: a scan would pause at once"),
+                1..FRAMES_FEW => findings.warning(
+                    "disk",
+                    found,
+                    "free some space, or plan fewer frames than that",
+                ),
+                _ => findings.ok("disk", found),
+            }
+        }
+    }
+    match write_trial(folder, frame_bytes) {
+        Ok(longest_s) => {
+            let mb = frame_bytes.min(TRIAL_BYTES_MAX) as f64 / 1e6;
+            let found = format!(
+                "a frame of {mb:.1} MB is durable after {:.0} ms at most",
+                1e3 * longest_s
+            );
+            match longest_s > SLOW_S {
+                true => findings.warning(
+                    "disk",
+                    found,
+                    "a slow disk slows the scan; move the data folder to a faster one (--data)",
+                ),
+                false => findings.ok("disk", found),
+            }
+        }
+        Err(error) => findings.error("disk", &StoreError::file("the data folder", folder, error)),
+    }
+}
+
+/// Writes frames as a scan does, removes them, and returns the longest time of one in seconds.
+fn write_trial(folder: &Path, frame_bytes: u64) -> std::io::Result<f64> {
+    let trial = folder.join(format!(".doctor-{}", std::process::id()));
+    // Not zeros, which some file systems do not store.
+    let bytes = frame_bytes.min(TRIAL_BYTES_MAX);
+    let content: Vec<u8> = (0..bytes)
+        .map(|i| (i.wrapping_mul(2_654_435_761) >> 7) as u8)
+        .collect();
+    let written = (0..TRIAL_FRAMES).try_fold(0.0_f64, |longest_s, i| {
+        let started = Instant::now();
+        RealDisk.write_durably(&trial.join(format!("{i}.png")), &content)?;
+        Ok(longest_s.max(started.elapsed().as_secs_f64()))
+    });
+    std::fs::remove_dir_all(&trial).ok();
+    written
+}
+
+/// Checks database and frames; with `deep` every frame file is read. Returns the time of the newest event.
+pub async fn check_store(
+    folder: &Path,
+    deep: bool,
+    findings: &mut Findings,
+) -> Option<OffsetDateTime> {
+    if !folder.is_dir() {
+        return None;
+    }
+    let store = match Store::open_for_reading(folder, Arc::new(RealDisk), real_clock()).await {
+        Ok(store) => store,
+        Err(StoreError::Missing { .. }) => {
+            findings.note("database", "there is none yet; `ridged serve` creates it");
+            return None;
+        }
+        Err(error) => {
+            findings.error("database", &error);
+            return None;
+        }
+    };
+    let newest = check_opened(&store, deep, findings).await;
+    store.close().await;
+    newest.unwrap_or_else(|error| {
+        findings.error("database", &error);
+        None
+    })
+}
+
+async fn check_opened(
+    store: &Store,
+    deep: bool,
+    findings: &mut Findings,
+) -> Result<Option<OffsetDateTime>, StoreError> {
+    let damage = store.check_database().await?;
+    match damage.first() {
+        None => findings.ok("database", "its integrity check finds nothing"),
+        Some(first) => {
+            findings.fault(
+                "database",
+                format!(
+                    "its integrity check finds {} problems, first {first}",
+                    damage.len()
+                ),
+                "keep the folder as it is and restore a copy of it",
+            );
+            return Ok(None);
+        }
+    }
+    let bar = Bar::new("frames");
+    let audit = store.audit(deep, |done, of| bar.at(done, of)).await?;
+    drop(bar);
+    let how = match deep {
+        true => format!("hashes of {:.0} MB and rows", audit.bytes_read as f64 / 1e6),
+        false => "sizes and rows; --deep compares the hashes too".to_owned(),
+    };
+    let damaged = audit.discrepancies.len();
+    match damaged {
+        0 => findings.ok(
+            "frames",
+            format!("{} frames are as their rows state ({how})", audit.frames),
+        ),
+        _ => {
+            for discrepancy in audit.discrepancies.iter().take(NAMED_MAX) {
+                findings.fault(
+                    "frames",
+                    format!("scan {}: {}", discrepancy.scan_id, discrepancy.problem),
+                    "restore it from a copy of the data folder; fits and exports leave it out or refuse it",
+                );
+            }
+            if damaged > NAMED_MAX {
+                let rest = damaged - NAMED_MAX;
+                findings.fault(
+                    "frames",
+                    format!("{rest} more"),
+                    "restore a copy of the data folder",
+                );
+            }
+        }
+    }
+    let last = store.last_event_id().await?;
+    let newest = store.events_after(last - 1, 1).await?;
+    Ok(newest.first().map(|event| event.at))
+}
