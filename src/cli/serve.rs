@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::path::PathBuf;
+use std::pin::pin;
 use std::sync::Arc;
 
 use super::CliError;
@@ -139,7 +140,18 @@ async fn serve(args: Args) -> Result<(), CliError> {
     tracing::info!("stopping: rig first, then connections, then the store");
     connecting.abort();
     supervision::stopping();
-    daemon.end().await;
+    // The axes may be on their way to their park position; a second signal stops them.
+    let lab = daemon.lab.clone();
+    let again = interrupt::signals().map_err(CliError::no_result)?;
+    let mut ending = pin!(daemon.end());
+    tokio::select! {
+        () = &mut ending => {}
+        () = again => {
+            // A stop that fails is in the log.
+            lab.stop().await.ok();
+            ending.await;
+        }
+    }
     if let Some(operator) = operator {
         operator.abort();
     }

@@ -27,6 +27,7 @@ mod simulate_rig;
 mod soak;
 mod stage;
 mod stop;
+mod stop_in_time;
 mod store_trouble;
 mod style;
 mod synthetic;

@@ -129,6 +129,7 @@ async fn with_a_frame(folder: &Path) -> (BenchInABox, i64, Receiver<Arc<Recorded
 }
 
 async fn is_gone(bench: &BenchInABox, scan_id: i64, alarm: &RecordedEvent) {
+    let mut events = bench.lab.events();
     assert!(!alarm.is_recorded());
     let Event::Alarm { code, message, .. } = &alarm.event else {
         panic!("{alarm:?}");
@@ -146,6 +147,14 @@ async fn is_gone(bench: &BenchInABox, scan_id: i64, alarm: &RecordedEvent) {
     assert_eq!((ready.status, &ready.body["store"]), (503, &false.into()));
     let problem = ready.body["problem"].as_str().unwrap();
     assert!(problem.contains("the daemon used it"), "{problem}");
+    // The first look raises the alarm, once.
+    bench.lab.check_folder().await.unwrap_err();
+    bench.lab.check_folder().await.unwrap_err();
+    let mut alarms = 0;
+    while let Ok(event) = events.try_recv() {
+        alarms += usize::from(matches!(&event.event, Event::Alarm { scan_id: None, .. }));
+    }
+    assert_eq!(alarms, 1);
 }
 
 #[tokio::test(flavor = "multi_thread")]

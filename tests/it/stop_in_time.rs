@@ -1,0 +1,140 @@
+//! How soon a stop is on the wire and answered, in every state of the rig.
+
+use std::io;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use axum::body::Body;
+use ridged::bench::AxisName::{PhiS, ThetaC};
+use ridged::bench::port::{NoFaults, Port, PortAddress, PortError, PortSeam};
+use ridged::clock::{Clock, ScaledClock};
+use ridged::lab::ScanRequest;
+use ridged::scan::Event;
+use ridged::scan::runner::ScanCommand;
+use ridged::units::Angle;
+
+use crate::bench_in_a_box::small;
+use crate::http::{request, send};
+use crate::stop::{disturbed_on, idle};
+
+/// 50 ms, and as much again three times, since tests share the machine.
+const ON_THE_WIRE: Duration = Duration::from_millis(200);
+const ANSWERED: Duration = Duration::from_secs(1);
+
+/// Notes when a stop is written to the port.
+#[derive(Clone, Default)]
+struct StopTimes(Arc<Mutex<Vec<Instant>>>);
+
+impl PortSeam for StopTimes {
+    fn open(&self, address: &PortAddress, baud: u32) -> Result<Box<dyn Port>, PortError> {
+        let port = NoFaults.open(address, baud)?;
+        let times = self.clone();
+        Ok(Box::new(Watched { port, times }))
+    }
+}
+
+struct Watched {
+    port: Box<dyn Port>,
+    times: StopTimes,
+}
+
+impl Port for Watched {
+    fn read(&mut self, buffer: &mut [u8], wait: Duration) -> io::Result<usize> {
+        self.port.read(buffer, wait)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        if bytes.windows(4).any(|part| part == b"stop") {
+            self.times.0.lock().unwrap().push(Instant::now());
+        }
+        self.port.write(bytes)
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_is_on_the_wire_at_once_and_answered_within_a_second_in_every_state() {
+    let clock: Arc<dyn Clock> = Arc::new(ScaledClock::new(10.0));
+    let times = StopTimes::default();
+    let seam = Arc::new(times.clone());
+    let (lab, rig, _folder) = disturbed_on(clock, |link| link.seam = seam).await;
+    rig.add_samples(&lab).await.unwrap();
+    let router = ridged::api::router(lab.clone(), Arc::new(String::new), Default::default());
+    let stop = async |state: &str| {
+        let asked = Instant::now();
+        let stop = request("POST", "/api/v1/rig/stop").body(Body::empty());
+        let answer = send(&router, stop.unwrap()).await;
+        let took = asked.elapsed();
+        let sent = times
+            .0
+            .lock()
+            .unwrap()
+            .iter()
+            .find(|at| **at >= asked)
+            .copied();
+        let sent = sent.unwrap_or_else(|| panic!("{state}: no stop was sent"));
+        let wire = sent.duration_since(asked);
+        println!("{state}: on the wire after {wire:?}, answered after {took:?}");
+        assert!(wire < ON_THE_WIRE, "{state}: on the wire after {wire:?}");
+        assert!(took < ANSWERED, "{state}: answered after {took:?}");
+        answer.status
+    };
+    let mut events = lab.events();
+    lab.have_rig().await.unwrap();
+    assert_eq!(stop("idle").await, 200);
+    lab.home(PhiS).await.unwrap();
+    assert_eq!(stop("homing").await, 200);
+    idle(&mut events).await;
+    for axis in [ThetaC, PhiS] {
+        lab.home(axis).await.unwrap();
+        idle(&mut events).await;
+    }
+    lab.move_axis(PhiS, Angle::from_deg(350.0)).await.unwrap();
+    assert_eq!(stop("moving").await, 200);
+    idle(&mut events).await;
+    assert!(!rig.world.is_moving());
+
+    let plan = small(&[-55.0, 55.0], &[0.0]);
+    let request = ScanRequest { sample_id: 2, plan };
+    let scan = lab.start_scan(&request).await.unwrap();
+    let waits = |event: &Event| {
+        matches!(
+            event,
+            Event::Scan {
+                operator: Some(_),
+                ..
+            }
+        )
+    };
+    until(&mut events, waits).await;
+    assert_eq!(stop("waiting for the operator").await, 200);
+    let paused = |event: &Event| matches!(event, Event::Scan { state, .. } if *state == ridged::scan::ScanState::Paused);
+    until(&mut events, paused).await;
+    assert_eq!(stop("paused").await, 200);
+    lab.order(scan.id, ScanCommand::Resume).await.unwrap();
+    until(&mut events, waits).await;
+    rig.world.cap_lens(true);
+    let hands = rig.operate(&lab, true);
+    lab.order(scan.id, ScanCommand::Continue).await.unwrap();
+    until(&mut events, |event| matches!(event, Event::Frame { .. })).await;
+    while !rig.world.is_moving() {
+        tokio::task::yield_now().await;
+    }
+    assert_eq!(stop("scanning").await, 200);
+    assert!(!rig.world.is_moving());
+    until(&mut events, paused).await;
+    hands.abort();
+    lab.order(scan.id, ScanCommand::Abort).await.unwrap();
+
+    for axis in [ThetaC, PhiS] {
+        rig.world.set_powered(axis, false);
+    }
+    assert_eq!(stop("silent controllers").await, 503);
+    lab.shut_down().await;
+}
+
+async fn until(
+    events: &mut tokio::sync::broadcast::Receiver<Arc<ridged::scan::RecordedEvent>>,
+    wanted: impl Fn(&Event) -> bool,
+) {
+    while !wanted(&events.recv().await.unwrap().event) {}
+}
