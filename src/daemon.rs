@@ -1,5 +1,8 @@
 //! The daemon as a process: a lab, the HTTP server in front of it, and the notice by which commands find it.
 
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -7,7 +10,8 @@ use std::time::Duration;
 use metrics_exporter_prometheus::PrometheusBuilder;
 use tokio_util::sync::CancellationToken;
 
-use crate::api::{self, RenderMetrics, server};
+use crate::access::Secret;
+use crate::api::{self, Access, RenderMetrics, server};
 use crate::clock::{Clock, SystemClock, WallWatch};
 use crate::config::HooksSection;
 use crate::lab::{Hooks, Lab, RigParts};
@@ -61,33 +65,42 @@ pub struct Daemon {
     server: tokio::task::JoinHandle<std::io::Result<()>>,
     notice: PathBuf,
     hooks: Option<Hooks>,
+    secret: PathBuf,
 }
 
 /// File in the data folder with the daemon's address, for commands.
 pub const NOTICE_FILE: &str = "daemon.json";
+/// File in the data folder with the secret of the running daemon. Only its user can read it, so commands of this user need no
+/// token.
+pub const SECRET_FILE: &str = "daemon.secret";
 
 impl Daemon {
-    /// Serves a lab on a listener and writes its address into the data folder.
+    /// Serves a lab to those who have access, and writes its address and its secret into the data folder.
     ///
     /// # Errors
-    /// What the system reports where the notice cannot be written.
-    pub fn start(lab: Lab, listener: tokio::net::TcpListener) -> std::io::Result<Daemon> {
-        let address = listener.local_addr()?;
-        let url = format!("http://{address}");
+    /// What the system reports where these files cannot be written.
+    pub fn start(lab: Lab, sockets: server::Sockets, access: Access) -> std::io::Result<Daemon> {
+        let (url, local_url) = (sockets.url()?, sockets.local_url()?);
+        let owner = Secret::random()?;
+        let access = access.with_owner(owner.fingerprint());
         let ending = CancellationToken::new();
-        let router = api::router(lab.clone(), metrics(), ending.clone());
+        let router = api::router(lab.clone(), metrics(), ending.clone(), access);
+        let folder = lab.store().folder();
+        let (notice, secret) = (folder.join(NOTICE_FILE), folder.join(SECRET_FILE));
+        let unwritten = |file: &Path, error: std::io::Error| {
+            let message = format!("cannot write {}: {error}", file.display());
+            std::io::Error::new(error.kind(), message)
+        };
+        // Before the notice: a command that finds the notice finds the secret.
+        write_secret(&secret, &owner).map_err(|error| unwritten(&secret, error))?;
+        let text = serde_json::json!({ "url": local_url, "process": std::process::id() });
+        std::fs::write(&notice, format!("{text}\n")).map_err(|error| unwritten(&notice, error))?;
         tokio::spawn(watch_the_time_of_day(ending.clone()));
         tokio::spawn(watch_the_folder(lab.clone(), ending.clone()));
         let end = ending.clone();
-        let server = tokio::spawn(server::serve(listener, router, async move {
+        let server = tokio::spawn(server::serve(sockets, router, async move {
             end.cancelled().await;
         }));
-        let notice = lab.store().folder().join(NOTICE_FILE);
-        let text = serde_json::json!({ "url": url, "process": std::process::id() });
-        std::fs::write(&notice, format!("{text}\n")).map_err(|error| {
-            let message = format!("cannot write {}: {error}", notice.display());
-            std::io::Error::new(error.kind(), message)
-        })?;
         Ok(Daemon {
             lab,
             url,
@@ -95,6 +108,7 @@ impl Daemon {
             server,
             notice,
             hooks: None,
+            secret,
         })
     }
 
@@ -109,6 +123,7 @@ impl Daemon {
         /// Time for open answers; a client that does not read its answer must not hold the daemon.
         const DRAIN: Duration = Duration::from_secs(3);
         std::fs::remove_file(&self.notice).ok();
+        std::fs::remove_file(&self.secret).ok();
         // The log has stages that could not be stopped.
         self.lab.rest().await.ok();
         if let Some(hooks) = self.hooks {
@@ -121,6 +136,18 @@ impl Daemon {
         }
         self.lab.store().close().await;
     }
+}
+
+/// Writes the secret of the daemon into a file that only its user can read. The file of a killed daemon is replaced, so that it
+/// has the right mode and owner.
+fn write_secret(file: &Path, secret: &Secret) -> std::io::Result<()> {
+    std::fs::remove_file(file).ok();
+    let mut file = OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .mode(0o600)
+        .open(file)?;
+    writeln!(file, "{}", secret.reveal())
 }
 
 /// Warns when the wall clock steps. Waits follow the monotonic clock, but the wall clock dates frames and ages

@@ -6,6 +6,7 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::caller::Caller;
 use super::extract::{Body, Id, Params, page, since};
 use super::scans::begun;
 use super::status::{ApiError, Problem};
@@ -113,7 +114,7 @@ pub(super) async fn list(
     (status = 507, description = "The disk has no room for it", body = Problem),
 ))]
 pub(super) async fn take(
-    State(app): State<App>,
+    Caller(app): Caller,
     Body(mut request): Body<ScanRequest>,
 ) -> Result<Response, ApiError> {
     if request.plan.repeats.is_some_and(|repeats| repeats > 0) {

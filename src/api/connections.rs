@@ -20,48 +20,28 @@ use axum::response::{IntoResponse, Response};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore};
+use tokio::sync::{Notify, Semaphore};
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
 
 use super::guard::is_stop;
 use super::health::is_healthz;
+use super::seats::{Limits, Seat, Seats};
 use super::status::ApiError;
+use super::via::Via;
 
 /// How long a request waits for a seat while idle connections close.
 const SEAT_WAIT: Duration = Duration::from_millis(100);
+/// How long a client may take for the handshake of TLS.
+const HANDSHAKE_WAIT: Duration = Duration::from_secs(10);
 /// How long the end of the daemon waits for a client to read an answer that is complete.
 const READ_WAIT: Duration = Duration::from_secs(5);
-
-/// What the listener accepts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Limits {
-    /// Connections that get an answer to every request.
-    pub seats: usize,
-    /// Further connections, which get an answer to the stop and to `/healthz` only.
-    pub reserve: usize,
-    /// How long the head of a request may take. An idle connection is closed after the same time.
-    pub head_timeout: Duration,
-}
-
-impl Limits {
-    /// Returns limits that leave most of the open files to the store, the frames and the devices.
-    #[must_use]
-    pub fn within(open_files: u64) -> Limits {
-        let part = |of: u64, least, most| (open_files / of).clamp(least, most) as usize;
-        Limits {
-            seats: part(2, 16, 512),
-            reserve: part(16, 4, 32),
-            head_timeout: Duration::from_secs(60),
-        }
-    }
-}
 
 /// All open connections.
 pub(super) struct Connections {
     limits: Limits,
-    seats: Arc<Semaphore>,
+    seats: Arc<Seats>,
     /// Closes the idle connections that have a seat.
     crowded: Arc<Notify>,
     ending: CancellationToken,
@@ -74,7 +54,7 @@ impl Connections {
     pub fn new(limits: Limits) -> Self {
         Connections {
             limits,
-            seats: Arc::new(Semaphore::new(limits.seats)),
+            seats: Arc::new(Seats::new(&limits)),
             crowded: Arc::default(),
             ending: CancellationToken::new(),
             reserve: VecDeque::new(),
@@ -82,23 +62,30 @@ impl Connections {
         }
     }
 
-    /// Answers the requests of a connection on a task of its own.
-    pub fn accept<S>(&mut self, stream: S, router: Router)
-    where
+    /// Answers the requests of a connection on a task of its own. `stream` completes when the connection can be used: after
+    /// the handshake of TLS, where there is one.
+    pub fn accept<S>(
+        &mut self,
+        stream: impl Future<Output = std::io::Result<S>> + Send + 'static,
+        via: Via,
+        router: Router,
+    ) where
         S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
     {
         while self.tasks.try_join_next().is_some() {}
         let connection = Arc::new(Connection {
             seat: OnceLock::new(),
             seats: Arc::clone(&self.seats),
+            of_peer: self.seats.of(via),
+            via,
             crowded: Arc::clone(&self.crowded),
             ending: self.ending.clone(),
             close: CancellationToken::new(),
             in_hand: AtomicUsize::new(0),
         });
-        match Arc::clone(&self.seats).try_acquire_owned() {
-            Ok(seat) => drop(connection.seat.set(seat)),
-            Err(_) => {
+        match self.seats.try_take(connection.of_peer.as_ref()) {
+            Some(seat) => drop(connection.seat.set(seat)),
+            None => {
                 let waits = |c: &Weak<Connection>| c.upgrade().is_some_and(|c| !c.has_seat());
                 self.reserve.retain(waits);
                 if self.reserve.len() >= self.limits.reserve {
@@ -107,8 +94,17 @@ impl Connections {
                 self.reserve.push_back(Arc::downgrade(&connection));
             }
         }
-        self.tasks
-            .spawn(connection.serve(stream, router, self.limits.head_timeout));
+        let head_timeout = self.limits.head_timeout;
+        self.tasks.spawn(async move {
+            let stream = tokio::select! {
+                stream = timeout(HANDSHAKE_WAIT, stream) => stream,
+                () = connection.must_close() => return,
+            };
+            // A client that breaks off is not an error of the daemon.
+            if let Ok(Ok(stream)) = stream {
+                connection.serve(stream, router, head_timeout).await;
+            }
+        });
     }
 
     /// Frees open files when the operating system has no more.
@@ -133,8 +129,11 @@ impl Connections {
 
 /// One connection.
 struct Connection {
-    seat: OnceLock<OwnedSemaphorePermit>,
-    seats: Arc<Semaphore>,
+    seat: OnceLock<Seat>,
+    seats: Arc<Seats>,
+    /// The seats of its peer; none for a proxy.
+    of_peer: Option<Arc<Semaphore>>,
+    via: Via,
     crowded: Arc<Notify>,
     ending: CancellationToken,
     /// Closes this connection, unless a handler is at work for it.
@@ -199,7 +198,8 @@ impl Connection {
         }
     }
 
-    async fn answer(&self, request: Request, router: Router) -> Response {
+    async fn answer(&self, mut request: Request, router: Router) -> Response {
+        request.extensions_mut().insert(self.via);
         if !is_urgent(&request) && !self.take_seat().await {
             return ApiError::too_many_connections().into_response();
         }
@@ -211,13 +211,13 @@ impl Connection {
         if self.has_seat() {
             return true;
         }
-        let seats = || Arc::clone(&self.seats);
-        let seat = match seats().try_acquire_owned() {
-            Ok(seat) => seat,
-            Err(_) => {
+        let peer = self.of_peer.as_ref();
+        let seat = match self.seats.try_take(peer) {
+            Some(seat) => seat,
+            None => {
                 self.crowded.notify_waiters();
-                match timeout(SEAT_WAIT, seats().acquire_owned()).await {
-                    Ok(Ok(seat)) => seat,
+                match timeout(SEAT_WAIT, self.seats.take(peer)).await {
+                    Ok(Some(seat)) => seat,
                     _ => return false,
                 }
             }
@@ -235,12 +235,14 @@ fn is_urgent(request: &Request) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::api::via::Listener;
     use axum::routing::{get, post};
     use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
     use tokio::sync::broadcast;
 
     const LIMITS: Limits = Limits {
         seats: 6,
+        seats_of_peer: 6,
         reserve: 2,
         head_timeout: Duration::from_secs(60),
     };
@@ -256,6 +258,10 @@ mod tests {
     }
 
     fn daemon() -> Daemon {
+        daemon_of(LIMITS)
+    }
+
+    fn daemon_of(limits: Limits) -> Daemon {
         let news = broadcast::Sender::new(16);
         let subscribe = news.clone();
         let stream = move || {
@@ -275,7 +281,7 @@ mod tests {
             .route("/long", get(async || vec![b'x'; LONG]))
             .route(crate::api::rig::STOP, post(async || "stopped"));
         Daemon {
-            connections: Connections::new(LIMITS),
+            connections: Connections::new(limits),
             router,
             news,
         }
@@ -283,14 +289,24 @@ mod tests {
 
     impl Daemon {
         fn connect(&mut self) -> DuplexStream {
+            self.connect_from(1)
+        }
+
+        fn connect_from(&mut self, peer: u8) -> DuplexStream {
             let (client, server) = tokio::io::duplex(1 << 16);
-            self.connections.accept(server, self.router.clone());
+            let via = Via::new(Listener::Public, false, ([10, 0, 0, peer], 9).into());
+            let ready = std::future::ready(Ok(server));
+            self.connections.accept(ready, via, self.router.clone());
             client
         }
 
         /// Sends a request and reads until `enough` has come, or to the end.
         async fn ask(&mut self, line: &str, enough: &str) -> (DuplexStream, String) {
-            let mut stream = self.connect();
+            self.ask_from(1, line, enough).await
+        }
+
+        async fn ask_from(&mut self, peer: u8, line: &str, enough: &str) -> (DuplexStream, String) {
+            let mut stream = self.connect_from(peer);
             let head = format!("{line} HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n");
             stream.write_all(head.as_bytes()).await.unwrap();
             let got = read(&mut stream, enough).await;
@@ -340,6 +356,36 @@ mod tests {
             assert!(read(stream, "news").await.contains("news"));
         }
         drop(idle);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn one_peer_does_not_take_the_seats_of_another() {
+        let mut daemon = daemon_of(Limits {
+            seats_of_peer: 3,
+            ..LIMITS
+        });
+        let mut busy = Vec::new();
+        for _ in 0..3 {
+            busy.push(daemon.ask("GET /events", "\r\n\r\n").await.0);
+        }
+        let (_, refused) = daemon.ask("GET /", "too-many").await;
+        assert!(refused.starts_with("HTTP/1.1 503"), "{refused}");
+        let (_, answered) = daemon.ask_from(2, "GET /", "here").await;
+        assert!(answered.starts_with("HTTP/1.1 200"), "{answered}");
+        let stop = format!("POST {}", crate::api::rig::STOP);
+        let (_, stopped) = daemon.ask(&stop, "stopped").await;
+        assert!(stopped.starts_with("HTTP/1.1 200"), "{stopped}");
+        drop(busy);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_unfinished_handshake_is_given_up() {
+        let mut daemon = daemon();
+        let via = Via::new(Listener::Public, false, ([10, 0, 0, 1], 9).into());
+        let never = std::future::pending::<std::io::Result<DuplexStream>>();
+        daemon.connections.accept(never, via, daemon.router.clone());
+        tokio::time::sleep(2 * HANDSHAKE_WAIT).await;
+        assert!(daemon.connections.tasks.try_join_next().is_some());
     }
 
     #[tokio::test(start_paused = true)]
@@ -459,15 +505,6 @@ mod tests {
             // To the end of the connection, which is not kept alive for such a client.
             let got = read(&mut stream, "never").await;
             assert!(got.ends_with("here"), "{got}");
-        }
-    }
-
-    #[test]
-    fn most_open_files_are_left_to_others() {
-        for open_files in [64, 256, 1024, 65_536] {
-            let limits = Limits::within(open_files);
-            let taken = (limits.seats + limits.reserve) as u64;
-            assert!(taken * 3 <= open_files * 2, "{open_files}: {limits:?}");
         }
     }
 }

@@ -1,16 +1,22 @@
 //! Completes the OpenAPI document with what all routes share: keys, ids, parameters and bodies.
 
+use axum::http::Method;
 use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::response::{Response, ResponseBuilder};
 use utoipa::openapi::schema::{
     AdditionalProperties, KnownFormat, ObjectBuilder, Schema, SchemaFormat, Type,
 };
+use utoipa::openapi::security::{
+    ApiKey, ApiKeyValue, HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme,
+};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, Required};
 use utoipa::{PartialSchema, ToSchema};
 
-use super::guard::KEY_LENGTH_MAX;
-use super::rig::STOP;
+use super::authentication::cookie_name;
+use super::keys::{KEY_LENGTH_MAX, UNKEYED};
+use super::lease::LEASE_HEADER;
 use super::status::PROBLEM_JSON;
+use super::table::{self, Need};
 
 /// Bytes of a file.
 pub(super) struct Binary;
@@ -33,18 +39,26 @@ impl ToSchema for Binary {
 /// Adds the answers of the guards and the extractors to each route that they apply to.
 pub(super) fn complete(document: &mut OpenApi) {
     close_kinds(document, "MaterialBody");
+    add_security_schemes(document);
     for (path, item) in &mut document.paths.paths {
-        for (method, operation) in [("get", &mut item.get), ("post", &mut item.post)] {
+        for (method, operation) in [
+            (Method::GET, &mut item.get),
+            (Method::POST, &mut item.post),
+            (Method::DELETE, &mut item.delete),
+        ] {
             if let Some(operation) = operation {
-                operation.operation_id = Some(operation_id(method, path));
+                let name = method.as_str().to_lowercase();
+                operation.operation_id = Some(operation_id(&name, path));
+                state_access(operation, table::need(&method, Some(path)));
             }
         }
-        let begins = item.post.is_some() && path != STOP;
+        let begins = item.post.is_some() && !UNKEYED.contains(&path.as_str());
         if begins && let Some(operation) = &mut item.post {
             operation.parameters.get_or_insert_default().push(key());
         }
         let asks = item.get.iter_mut().map(|get| (get, false));
-        let does = item.post.iter_mut().map(|post| (post, true));
+        let posts = item.post.iter_mut().chain(item.delete.iter_mut());
+        let does = posts.map(|post| (post, true));
         for (operation, does) in asks.chain(does) {
             let has = |place: &ParameterIn| {
                 let all = operation.parameters.iter().flatten();
@@ -61,8 +75,8 @@ pub(super) fn complete(document: &mut OpenApi) {
             answers(
                 operation,
                 "403",
-                "The request names another host than this machine (`forbidden-host`) or comes from another page \
-                 (`forbidden-origin`)",
+                "The request names another host than this machine (`forbidden-host`), comes from another page \
+                 (`forbidden-origin`) or past the proxy (`not-by-proxy`), or needs another role (`role-too-low`)",
             );
             // A body is read even if the route does not need one.
             if does {
@@ -84,6 +98,77 @@ pub(super) fn complete(document: &mut OpenApi) {
         }
     }
 }
+
+/// Describes the two ways to present a token.
+fn add_security_schemes(document: &mut OpenApi) {
+    let components = document.components.get_or_insert_default();
+    let bearer = HttpBuilder::new()
+        .scheme(HttpAuthScheme::Bearer)
+        .description(Some("A token of `ridged token create`"));
+    components.add_security_scheme(BEARER, SecurityScheme::Http(bearer.build()));
+    let cookie = ApiKeyValue::with_description(
+        cookie_name(true),
+        "Set by a login (`POST /api/v1/session`); over plain HTTP its name is `ridged-session`. A write also needs `Origin`, \
+         `Sec-Fetch-Site: same-origin` or the header `Ridged-Request`",
+    );
+    let cookie = SecurityScheme::ApiKey(ApiKey::Cookie(cookie));
+    components.add_security_scheme(COOKIE, cookie);
+}
+
+/// States which role a route needs, and its refusals.
+fn state_access(operation: &mut Operation, need: Need) {
+    let open = SecurityRequirement::default();
+    let Some(role) = need.role() else {
+        operation.security = Some(vec![open]);
+        return;
+    };
+    let scheme = |name: &str| SecurityRequirement::new(name, Vec::<String>::new());
+    // On loopback no token is needed, unless the settings ask for one.
+    operation.security = Some(vec![scheme(BEARER), scheme(COOKIE), open]);
+    let words = match need {
+        Need::Stop => "Needs any token; none on the daemon's machine.".to_owned(),
+        Need::Rig => format!(
+            "Needs the role {role}, and that no other caller holds the rig; the header `Ridged-Lease` presents a lease."
+        ),
+        Need::Nothing | Need::Role(_) => format!("Needs the role {role}."),
+    };
+    let description = operation
+        .description
+        .take()
+        .map(|text| format!("{text}\n\n"));
+    operation.description = Some(description.unwrap_or_default() + &words);
+    answers(
+        operation,
+        "401",
+        "There is no valid token (`no-token`, `wrong-token`)",
+    );
+    answers(
+        operation,
+        "429",
+        "Too many wrong tokens (`too-many-guesses`)",
+    );
+    if need == Need::Rig {
+        answers(
+            operation,
+            "409",
+            "Another caller holds the rig (`lease-held`), or the lease has ended (`lease-lost`)",
+        );
+        let lease = ParameterBuilder::new()
+            .name(LEASE_HEADER)
+            .parameter_in(ParameterIn::Header)
+            .required(Required::False)
+            .description(Some("The `id` of a lease (`POST /api/v1/lease`)"))
+            .schema(Some(ObjectBuilder::new().schema_type(Type::String)))
+            .build();
+        operation
+            .parameters
+            .get_or_insert_default()
+            .push(lease.into());
+    }
+}
+
+const BEARER: &str = "token";
+const COOKIE: &str = "session";
 
 /// Returns a unique name of an operation, for generated clients: the method and the words of the path.
 fn operation_id(method: &str, path: &str) -> String {

@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::State;
+use axum::extract::{Extension, State};
 use axum::http::HeaderMap;
 use axum::response::sse::{Event as SseEvent, KeepAlive, Sse};
 use futures::Stream;
@@ -14,10 +14,14 @@ use serde_json::{Value, json};
 use tokio::sync::broadcast;
 
 use super::App;
+use super::authentication::Access;
+use super::caller::Principal;
 use super::extract::Params;
 use super::frames::image_of;
+use super::peers::StreamPlace;
 use super::scans::{OperatorBody, ProgressBody};
 use super::status::ApiError;
+use super::via::Client;
 use crate::lab::Lab;
 use crate::scan::event::OperatorStep;
 use crate::scan::{Event, RecordedEvent, ScanState};
@@ -35,17 +39,22 @@ pub struct EventParams {
     since: Option<i64>,
 }
 
-/// Events as they happen: rig, scan, frame, fit, uncertainty, calculation, forecast, recovered, alarm, each with an id.
+/// Events as they happen: rig, scan, frame, fit, uncertainty, calculation, forecast, recovered, order, alarm, each with an id.
 #[utoipa::path(get, path = "/api/v1/events", tag = "events", params(EventParams,
     ("Last-Event-ID" = Option<i64>, Header, description = "Last id seen; later events are sent first")), responses(
-    (status = 200, description = "Server-sent events; `data` is one JSON object with id, at, type and the fields of the type", content_type = "text/event-stream", body = String),
+    (status = 200, description = "Server-sent events; `data` is one JSON object with id, at, who, type and the fields of the type", content_type = "text/event-stream", body = String),
     (status = 400, description = "Last-Event-ID is not an id", body = super::status::Problem),
+    (status = 429, description = "Too many event streams are open (`too-many-streams`)", body = super::status::Problem),
 ))]
 pub(super) async fn stream(
     State(app): State<App>,
     Params(params): Params<EventParams>,
+    Extension(client): Extension<Client>,
+    Extension(caller): Extension<Principal>,
     headers: HeaderMap,
 ) -> Result<Sse<impl Stream<Item = Result<SseEvent, Infallible>>>, ApiError> {
+    let place = app.peers.stream(client.address);
+    let place = place.ok_or_else(ApiError::too_many_streams)?;
     // Subscribe before reading the newest id, so that no event is missed.
     let listener = app.lab.events();
     let header = match headers.get("last-event-id") {
@@ -66,19 +75,30 @@ pub(super) async fn stream(
         last,
         backlog: VecDeque::new(),
         behind: last < newest,
+        _place: place,
     };
-    let ending = app.ending.clone();
+    let app = app.clone();
     let events = futures::stream::unfold(follower, move |mut follower| {
-        let ending = ending.clone();
+        let (app, caller) = (app.clone(), caller.clone());
         async move {
             let next = tokio::select! {
-                () = ending.cancelled() => None,
+                () = app.ending.cancelled() => None,
+                () = revoked(&app.access, &caller) => None,
                 next = follower.next() => next,
             };
+            // A token may have been revoked while no event came.
+            let next = next.filter(|_| app.access.is_still_valid(&caller));
             next.map(|event| (Ok(sse(&event)), follower))
         }
     });
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
+}
+
+/// Completes when the token of a caller was revoked: its event stream ends then.
+async fn revoked(access: &Access, caller: &Principal) {
+    while access.is_still_valid(caller) {
+        tokio::time::sleep(KEEP_ALIVE).await;
+    }
 }
 
 /// The events of one client: from the store while it is behind, then live.
@@ -88,6 +108,7 @@ struct Follower {
     last: i64,
     backlog: VecDeque<RecordedEvent>,
     behind: bool,
+    _place: StreamPlace,
 }
 
 impl Follower {
@@ -140,6 +161,7 @@ fn body(recorded: &RecordedEvent) -> Value {
     let mut data = serde_json::to_value(&recorded.event).unwrap_or_else(|_| json!({}));
     data["id"] = json!(recorded.id);
     data["at"] = json!(utc_text(recorded.at));
+    data["who"] = json!(recorded.who);
     match &recorded.event {
         Event::Rig { theta_c, phi_s, .. } => {
             data["axes"] = json!({ "theta_c": theta_c, "phi_s": phi_s });
@@ -168,6 +190,7 @@ fn body(recorded: &RecordedEvent) -> Value {
         | Event::Calculation { .. }
         | Event::Forecast { .. }
         | Event::Recovered { .. }
+        | Event::Order { .. }
         | Event::Alarm { .. } => {}
     }
     data
@@ -183,6 +206,7 @@ mod tests {
         let event = RecordedEvent {
             id: 7,
             at: time::macros::datetime!(2026-01-01 00:00 UTC),
+            who: Some("anna".into()),
             event: Event::Scan {
                 scan_id: 3,
                 previous: ScanState::Running,
@@ -194,6 +218,7 @@ mod tests {
         };
         let body = body(&event);
         assert_eq!(body["id"], 7);
+        assert_eq!(body["who"], "anna");
         assert_eq!(body["type"], "scan");
         assert_eq!(body["operator"]["action"], "cap-lens");
         assert!(

@@ -6,6 +6,7 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::caller::Caller;
 use super::extract::{Body, Id, Params, page, since};
 use super::job_body::{FitBody, JobBody};
 use super::status::{ApiError, Problem};
@@ -78,7 +79,7 @@ pub(super) async fn list(
     (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn begin(
-    State(app): State<App>,
+    Caller(app): Caller,
     Body(request): Body<FitRequest>,
 ) -> Result<Response, ApiError> {
     jobs::begin(&app, request).await
@@ -99,7 +100,7 @@ pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<JobBo
     (status = 404, description = "Not found", body = Problem),
     (status = 409, description = "It has ended", body = Problem),
 ))]
-pub(super) async fn cancel(State(app): State<App>, Id(id): Id) -> Result<Response, ApiError> {
+pub(super) async fn cancel(Caller(app): Caller, Id(id): Id) -> Result<Response, ApiError> {
     jobs::cancel(&app, JobKind::Fit, id).await
 }
 

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use axum::extract::State;
+use axum::extract::Extension;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::App;
+use super::caller::{Caller, Principal, Proof};
 use super::extract::Body;
 use super::status::{self, ApiError, Problem};
 use crate::lab::{ImportOptions, LabError};
@@ -16,7 +16,7 @@ use crate::lab::{ImportOptions, LabError};
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImportRequest {
-    /// Absolute path of the folder on the daemon's machine.
+    /// Absolute path of the folder on the daemon's machine, below a folder of `import.roots`.
     #[schema(value_type = String)]
     folder: PathBuf,
     /// Leave out unreadable frames instead of refusing the series.
@@ -47,22 +47,31 @@ pub struct ImportBody {
 #[utoipa::path(post, path = "/api/v1/imports", tag = "scans", request_body = ImportRequest, responses(
     (status = 201, description = "The new scan", body = ImportBody, headers(("Location" = String, description = "The scan"))),
     (status = 400, description = "The body cannot be read", body = Problem),
-    (status = 422, description = "The folder is not a series, or a frame cannot be read", body = Problem),
+    (status = 422, description = "The folder is not below a folder that imports may read (`import.roots` of the settings), is not a series, or a frame cannot be read", body = Problem),
     (status = 507, description = "The disk has no space for the series beside the reserve; nothing was imported", body = Problem),
 ))]
 pub(super) async fn add(
-    State(app): State<App>,
+    Caller(app): Caller,
+    Extension(caller): Extension<Principal>,
     Body(body): Body<ImportRequest>,
 ) -> Result<Response, ApiError> {
     if !body.folder.is_absolute() {
         return Err(ApiError::invalid("folder", "must be an absolute path"));
     }
+    let folder = match caller.proof {
+        // The daemon's user can read these files without the daemon.
+        Proof::Owner => body.folder,
+        Proof::Place | Proof::Token | Proof::Cookie => {
+            let folder = app.access.roots.admit(&body.folder);
+            folder.map_err(|problem| ApiError::invalid("folder", problem))?
+        }
+    };
     let options = ImportOptions {
         skip_unreadable: body.skip_unreadable,
         ..ImportOptions::default()
     };
     // On a task of its own, so that a client that leaves does not leave half a series in the store.
-    let import = async move { app.lab.import(&body.folder, &options, &|_, _| {}).await };
+    let import = async move { app.lab.import(&folder, &options, &|_, _| {}).await };
     let imported = tokio::spawn(import)
         .await
         .map_err(|_| ApiError::from(LabError::Stopping))??;

@@ -37,6 +37,8 @@ pub(super) struct JobBody {
     /// The request, as it was accepted.
     #[schema(value_type = Object)]
     pub request: Value,
+    /// Who started it: the name of a token, or `local`.
+    pub who: String,
     /// When it was accepted, RFC 3339 in UTC.
     pub created_at: String,
     /// When it ended, RFC 3339 in UTC; null while it runs.

@@ -7,6 +7,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::caller::Caller;
 use super::document::Binary;
 use super::extract::{Body, Id, IdAndName, Params, page, since};
 use super::job_body::{JobBody, JobError, result_of_today};
@@ -38,6 +39,7 @@ fn body(app: &App, job: Job) -> Result<JobBody, StoreError> {
         sample_name: job.sample_name,
         state: job.state,
         request,
+        who: job.who,
         created_at: job.created_at,
         ended_at: job.ended_at,
         progress,
@@ -172,7 +174,7 @@ pub(super) async fn maps(
     (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn begin_map(
-    State(app): State<App>,
+    Caller(app): Caller,
     Body(request): Body<MapRequest>,
 ) -> Result<impl IntoResponse, ApiError> {
     begin(&app, request).await
@@ -194,7 +196,7 @@ pub(super) async fn map(State(app): State<App>, Id(id): Id) -> Result<Json<JobBo
     (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel_map(
-    State(app): State<App>,
+    Caller(app): Caller,
     Id(id): Id,
 ) -> Result<impl IntoResponse, ApiError> {
     cancel(&app, JobKind::Map, id).await
@@ -238,7 +240,7 @@ pub(super) async fn contrasts(
     (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn begin_contrast(
-    State(app): State<App>,
+    Caller(app): Caller,
     Body(request): Body<ContrastRequest>,
 ) -> Result<impl IntoResponse, ApiError> {
     begin(&app, request).await
@@ -263,7 +265,7 @@ pub(super) async fn contrast(
     (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel_contrast(
-    State(app): State<App>,
+    Caller(app): Caller,
     Id(id): Id,
 ) -> Result<impl IntoResponse, ApiError> {
     cancel(&app, JobKind::Contrast, id).await
@@ -290,7 +292,7 @@ pub(super) async fn verdicts(
     (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn begin_verdict(
-    State(app): State<App>,
+    Caller(app): Caller,
     Body(request): Body<VerdictRequest>,
 ) -> Result<impl IntoResponse, ApiError> {
     begin(&app, request).await
@@ -312,7 +314,7 @@ pub(super) async fn verdict(State(app): State<App>, Id(id): Id) -> Result<Json<J
     (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel_verdict(
-    State(app): State<App>,
+    Caller(app): Caller,
     Id(id): Id,
 ) -> Result<impl IntoResponse, ApiError> {
     cancel(&app, JobKind::Verdict, id).await
@@ -338,7 +340,7 @@ pub(super) async fn traces(
     (status = 422, description = "The scene is not valid", body = Problem),
 ))]
 pub(super) async fn begin_trace(
-    State(app): State<App>,
+    Caller(app): Caller,
     Body(request): Body<TraceRequest>,
 ) -> Result<impl IntoResponse, ApiError> {
     begin(&app, request).await
@@ -361,7 +363,7 @@ pub(super) async fn trace(State(app): State<App>, Id(id): Id) -> Result<Json<Job
     (status = 409, description = "It has ended", body = Problem),
 ))]
 pub(super) async fn cancel_trace(
-    State(app): State<App>,
+    Caller(app): Caller,
     Id(id): Id,
 ) -> Result<impl IntoResponse, ApiError> {
     cancel(&app, JobKind::Trace, id).await

@@ -1,15 +1,18 @@
 //! The HTTP interface: routes with their OpenAPI description, problems, events and the page.
 //!
-//! [`router`] builds everything from a [`Lab`]; [`server::bind`] and [`server::serve`] serve it on a
-//! loopback address. There is one file per noun. Only `status` knows status codes, and only `guard`
-//! decides which requests are accepted. This module knows no hardware and no settings.
+//! [`router`] builds everything from a [`Lab`]; [`server::listen`] and [`server::serve`] serve it. There is one file per
+//! noun. Only `status` knows status codes. A request passes `origin` (host and page), `authentication` (who sends it, and whether
+//! `table` allows it), `guard` (its body) and `keys` (whether it was sent before). This module knows no hardware and no
+//! settings.
 //!
 //! To add a route, write a handler in the noun's file with `#[utoipa::path]` (each response with a
-//! description), add one line to `described`, and renew the snapshot `tests/data/openapi.json`.
+//! description), add one line to `described` and one to `table`, and renew the snapshot `tests/data/openapi.json`.
 
 mod accuracy;
+mod authentication;
 mod caching;
 mod calibrations;
+mod caller;
 mod certainty;
 mod connections;
 mod document;
@@ -19,17 +22,27 @@ mod fits;
 mod frames;
 mod guard;
 mod health;
+mod holder;
 mod imports;
 mod incidents;
 mod job_body;
 mod jobs;
+mod keys;
+mod lease;
 mod observations;
+mod origin;
 mod page;
+mod peers;
 mod rig;
 mod samples;
 mod scans;
+mod seats;
 pub mod server;
+mod session;
 mod status;
+mod table;
+mod tls;
+mod via;
 
 use std::sync::Arc;
 
@@ -47,6 +60,7 @@ use utoipa_axum::routes;
 use crate::lab::{Lab, LabError};
 use crate::store::{DamagedRow, Page, StoreError};
 
+pub use authentication::Access;
 pub use status::{ApiError, FieldProblem, OutOfRange, Problem};
 
 /// Renders the metrics as text.
@@ -61,7 +75,9 @@ pub(crate) struct App {
     /// Ends the event streams, which would otherwise keep the server running.
     ending: CancellationToken,
     /// Locks for requests with an Idempotency-Key.
-    key_locks: guard::KeyLocks,
+    key_locks: keys::KeyLocks,
+    access: Arc<Access>,
+    peers: peers::Peers,
 }
 
 /// A page of a list.
@@ -147,7 +163,7 @@ pub struct Begun {
 #[openapi(
     info(
         title = "ridged",
-        description = "Drives a rig for surfaces of fine parallel ridges, keeps its frames, fits the ridge angle and states the uncertainty. Loopback only. Errors are RFC 9457 problems with a stable `code`. POSTs except the stop may carry an `Idempotency-Key`.",
+        description = "Drives a rig for surfaces of fine parallel ridges, keeps its frames, fits the ridge angle and states the uncertainty. Errors are RFC 9457 problems with a stable `code`. POSTs except stop, login and lease may carry an `Idempotency-Key`, which is known for a day. Loopback needs no token, unless the settings ask for one; any other address needs one. `docs/access.md` describes roles and the lease of the rig.",
         license(name = "MIT OR Apache-2.0")
     ),
     tags(
@@ -163,6 +179,7 @@ pub struct Begun {
         (name = "traces", description = "Polarised light through a scene"),
         (name = "calibrations", description = "Dark and white-reference frames"),
         (name = "events", description = "Changes of scans, frames, jobs and rig, as they happen"),
+        (name = "access", description = "Who is logged in, and who holds the rig"),
         (name = "health", description = "For monitors"),
     )
 )]
@@ -211,6 +228,8 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(calibrations::get))
         .routes(routes!(accuracy::get))
         .routes(routes!(events::stream))
+        .routes(routes!(session::get, session::login, session::logout))
+        .routes(routes!(lease::get, lease::take, lease::release))
         .routes(routes!(health::healthz))
         .routes(routes!(health::readyz))
         .routes(routes!(health::metrics))
@@ -226,19 +245,29 @@ pub fn openapi_json() -> String {
         .expect("a document of text is JSON")
 }
 
-/// Builds the whole HTTP interface of a lab. Cancelling `ending` ends the event streams.
-pub fn router(lab: Lab, render_metrics: RenderMetrics, ending: CancellationToken) -> Router {
+/// Routes that the document does not describe: the document itself.
+const UNDESCRIBED: &[&str] = &["/openapi.json"];
+
+/// Builds the whole HTTP interface of a lab for those who have access. Cancelling `ending` ends the event streams.
+pub fn router(
+    lab: Lab,
+    render_metrics: RenderMetrics,
+    ending: CancellationToken,
+    access: Access,
+) -> Router {
     health::describe_metrics();
     let app = App {
         lab,
         render_metrics,
         openapi: openapi_json().into(),
         ending,
-        key_locks: guard::KeyLocks::default(),
+        key_locks: keys::KeyLocks::default(),
+        access: Arc::new(access),
+        peers: peers::Peers::new(server::limits().seats),
     };
     let (routes, _) = described().split_for_parts();
     routes
-        .route("/openapi.json", get(health::openapi))
+        .route(UNDESCRIBED[0], get(health::openapi))
         .fallback(page::page)
         .method_not_allowed_fallback(async || {
             ApiError::method_not_allowed(
@@ -246,10 +275,17 @@ pub fn router(lab: Lab, render_metrics: RenderMetrics, ending: CancellationToken
             )
             .into_response()
         })
-        .layer(from_fn_with_state(app.clone(), guard::once_per_key))
-        .layer(from_fn(guard::check_body))
+        .layer(from_fn_with_state(app.clone(), keys::once_per_key))
+        .layer(from_fn_with_state(app.clone(), guard::check_body))
         .layer(CatchPanicLayer::custom(panicked))
-        .layer(from_fn(guard::same_machine_same_page))
+        .layer(from_fn_with_state(
+            app.clone(),
+            authentication::authenticate,
+        ))
+        .layer(from_fn_with_state(
+            app.clone(),
+            origin::same_machine_same_page,
+        ))
         .layer(from_fn(guard::measure))
         .with_state(app)
 }

@@ -8,6 +8,7 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::caller::Caller;
 use super::extract::Body;
 use super::status::{self, ApiError, Problem};
 use super::{App, Begun};
@@ -240,7 +241,7 @@ pub(super) async fn get_rig(State(app): State<App>) -> Result<Json<RigBody>, Api
     (status = 503, description = "The stages are not available", body = Problem),
 ))]
 pub(super) async fn move_axis(
-    State(app): State<App>,
+    Caller(app): Caller,
     Path(axis): Path<String>,
     Body(body): Body<MoveBody>,
 ) -> Result<Response, ApiError> {
@@ -257,7 +258,7 @@ pub(super) async fn move_axis(
     (status = 503, description = "The stages are not available", body = Problem),
 ))]
 pub(super) async fn home_axis(
-    State(app): State<App>,
+    Caller(app): Caller,
     Path(axis): Path<String>,
 ) -> Result<Response, ApiError> {
     app.lab.home(axis_of(&axis)?).await?;
@@ -272,7 +273,7 @@ pub(super) async fn home_axis(
     (status = 503, description = "The stages are not available, or cannot be parked", body = Problem),
 ))]
 pub(super) async fn unpark_axis(
-    State(app): State<App>,
+    Caller(app): Caller,
     Path(axis): Path<String>,
 ) -> Result<Json<Begun>, ApiError> {
     app.lab.unpark(axis_of(&axis)?).await?;
@@ -294,7 +295,7 @@ pub(super) const STOP: &str = "/api/v1/rig/stop";
     (status = 200, description = "The stages confirmed the stop", body = Begun),
     (status = 503, description = "The stages could not be reached, or have not confirmed the stop within 0.9 s (`stop-unconfirmed`), and may be moving: use the hardware emergency switch", body = Problem),
 ))]
-pub(super) async fn stop(State(app): State<App>) -> Result<Json<Begun>, ApiError> {
+pub(super) async fn stop(Caller(app): Caller) -> Result<Json<Begun>, ApiError> {
     // The stop is executed even if the client disconnects at once.
     let stop = tokio::spawn(async move { app.lab.stop().await });
     match tokio::time::timeout(STOP_ANSWER, stop).await {

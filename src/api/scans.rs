@@ -7,6 +7,7 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::caller::Caller;
 use super::extract::{Body, Id, Params, id_of, page};
 use super::status::{self, ApiError, Problem};
 use super::{App, Begun, List};
@@ -139,6 +140,8 @@ pub struct ScanBody {
     camera: ScanCameraBody,
     /// Calibrations that it uses, including its own.
     calibration_ids: Vec<i64>,
+    /// Who started it: the name of a token, or `local`.
+    who: String,
     /// When the scan was requested, RFC 3339 in UTC.
     created_at: String,
     /// When it started, RFC 3339 in UTC.
@@ -189,6 +192,7 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
         state: scan.state,
         reason: scan.reason,
         plan,
+        who: scan.who,
         created_at: scan.created_at,
         started_at: match scan.origin {
             Origin::Rig => scan.started_at,
@@ -246,7 +250,7 @@ pub(super) async fn list(
     (status = 507, description = "The disk has no space for it", body = Problem),
 ))]
 pub(super) async fn begin(
-    State(app): State<App>,
+    Caller(app): Caller,
     Body(request): Body<ScanRequest>,
 ) -> Result<Response, ApiError> {
     let scan = app.lab.start_scan(&request).await?;
@@ -339,7 +343,7 @@ pub struct ContinueBody {
     (status = 507, description = "The disk has no space for it", body = Problem),
 ))]
 pub(super) async fn command(
-    State(app): State<App>,
+    Caller(app): Caller,
     Path((id, order)): Path<(String, String)>,
     body: Bytes,
 ) -> Result<Response, ApiError> {

@@ -4,12 +4,17 @@
 //! An error is worded where it arises and passed on unchanged, with its stable `code`. The chain of causes of an
 //! internal error goes to the log only.
 
+mod refusals;
+
+use std::time::Duration;
+
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::Begun;
+use super::holder::HolderBody;
 use crate::analysis::AnalysisError;
 use crate::lab::LabError;
 use crate::scan::plan::PlanProblem;
@@ -36,6 +41,10 @@ pub struct Problem {
     /// Each wrong value, where the problem is about values.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub errors: Vec<FieldProblem>,
+    /// Who holds the rig, where the problem is that another caller does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub holder: Option<HolderBody>,
 }
 
 /// What is wrong with one value.
@@ -86,6 +95,8 @@ pub struct ApiError {
     title: &'static str,
     detail: String,
     errors: Vec<FieldProblem>,
+    holder: Option<Box<HolderBody>>,
+    retry_after: Option<Duration>,
 }
 
 impl ApiError {
@@ -101,6 +112,8 @@ impl ApiError {
             title,
             detail: detail.into(),
             errors: Vec::new(),
+            holder: None,
+            retry_after: None,
         }
     }
 
@@ -167,7 +180,7 @@ impl ApiError {
     }
 
     /// A body that stopped coming.
-    pub(super) fn too_slow(waited: std::time::Duration) -> Self {
+    pub(super) fn too_slow(waited: Duration) -> Self {
         ApiError::new(
             StatusCode::REQUEST_TIMEOUT,
             "body-too-slow",
@@ -196,6 +209,26 @@ impl ApiError {
         ApiError::new(status, "internal", INTERNAL, INTERNAL_DETAIL)
     }
 
+    /// A request without a valid token.
+    fn unauthorized(code: &'static str, title: &'static str, detail: impl Into<String>) -> Self {
+        ApiError::new(StatusCode::UNAUTHORIZED, code, title, detail)
+    }
+
+    /// A request that is never allowed to this caller.
+    fn forbidden(code: &'static str, title: &'static str, detail: impl Into<String>) -> Self {
+        ApiError::new(StatusCode::FORBIDDEN, code, title, detail)
+    }
+
+    /// A request that is not allowed now.
+    fn conflict(code: &'static str, title: &'static str, detail: impl Into<String>) -> Self {
+        ApiError::new(StatusCode::CONFLICT, code, title, detail)
+    }
+
+    /// One request too many of a peer.
+    fn too_many(code: &'static str, title: &'static str, detail: impl Into<String>) -> Self {
+        ApiError::new(StatusCode::TOO_MANY_REQUESTS, code, title, detail)
+    }
+
     fn with(mut self, errors: Vec<FieldProblem>) -> Self {
         self.errors = errors;
         self
@@ -216,11 +249,18 @@ impl IntoResponse for ApiError {
             detail: self.detail,
             code: self.code.into(),
             errors: self.errors,
+            holder: self.holder.map(|holder| *holder),
         };
         let mut response = (self.status, axum::Json(body)).into_response();
-        response
-            .headers_mut()
-            .insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
+        let headers = response.headers_mut();
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
+        if self.status == StatusCode::UNAUTHORIZED {
+            let scheme = HeaderValue::from_static("Bearer realm=\"ridged\"");
+            headers.insert(header::WWW_AUTHENTICATE, scheme);
+        }
+        if let Some(wait) = self.retry_after {
+            headers.insert(header::RETRY_AFTER, HeaderValue::from(wait.as_secs() + 1));
+        }
         response
     }
 }
@@ -386,6 +426,11 @@ pub(super) fn ordered(body: Begun) -> Response {
 pub(super) fn created(location: String, body: impl Serialize) -> Response {
     let location = [(header::LOCATION, location)];
     (StatusCode::CREATED, location, axum::Json(body)).into_response()
+}
+
+/// Returns 201 for something new that has no place of its own.
+pub(super) fn made(body: impl Serialize) -> Response {
+    (StatusCode::CREATED, axum::Json(body)).into_response()
 }
 
 /// Returns 304 for a file that the client has.

@@ -1,19 +1,24 @@
 //! The client of a running daemon: finds it by its notice and sends JSON over HTTP.
 
-use std::path::Path;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::anyhow;
 use serde_json::Value;
 
 use super::CliError;
-use crate::daemon::NOTICE_FILE;
+use crate::daemon::{NOTICE_FILE, SECRET_FILE};
 use crate::store::Store;
 
 /// A running daemon.
 #[derive(Debug)]
 pub struct Client {
     agent: ureq::Agent,
+    /// Sent as `Authorization: Bearer`.
+    token: Option<Secrecy>,
+    /// Sent as `Ridged-Lease`.
+    lease: Option<Secrecy>,
     /// `http://ADDRESS`.
     pub url: String,
 }
@@ -47,10 +52,70 @@ impl FolderHolder {
                 .http_status_as_error(false)
                 .build()
                 .into(),
+            token: token_of(folder),
+            lease: None,
             url,
         };
         FolderHolder::Daemon(client, locked_by)
     }
+}
+
+/// A text that no message shows.
+struct Secrecy(String);
+
+impl std::fmt::Debug for Secrecy {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("(not shown)")
+    }
+}
+
+/// Returns the secret of the daemon of a folder, which only its own user can read. Other users of this machine present
+/// nothing, or the token of their token file.
+fn token_of(folder: &Path) -> Option<Secrecy> {
+    let secret = std::fs::read_to_string(folder.join(SECRET_FILE)).ok()?;
+    Some(Secrecy(secret.trim().to_owned()))
+}
+
+/// Reads a file with a token.
+///
+/// # Errors
+/// Bad input if it cannot be read, if other users can read it, or if it has no token.
+fn read_token(file: &Path) -> Result<Secrecy, CliError> {
+    let wrong = |why: String| CliError::bad_input(anyhow!("token file {}: {why}", file.display()));
+    let mode = std::fs::metadata(file).map_err(|error| wrong(error.to_string()))?;
+    let mode = mode.permissions().mode() & 0o777;
+    if mode & 0o077 != 0 {
+        let why = format!(
+            "its mode is {mode:o}, so that others can read it; run `chmod 600 {}`",
+            file.display()
+        );
+        return Err(wrong(why));
+    }
+    let text = std::fs::read_to_string(file).map_err(|error| wrong(error.to_string()))?;
+    let token = text.trim();
+    match token.is_empty() || token.chars().any(|c| c.is_whitespace() || c.is_control()) {
+        true => Err(wrong(
+            "expected one token, as `ridged token create` prints it".into(),
+        )),
+        false => Ok(Secrecy(token.to_owned())),
+    }
+}
+
+/// What a command presents to the daemon.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct CredentialArgs {
+    /// File with a token, which only its owner can read (mode 600). The daemon's own user needs none.
+    #[arg(long, value_name = "FILE", env = "RIDGED_TOKEN_FILE", global = true)]
+    pub token_file: Option<PathBuf>,
+    /// Lease of the rig, as `ridged rig lease take` prints it.
+    #[arg(
+        long,
+        value_name = "ID",
+        env = "RIDGED_LEASE",
+        hide_env_values = true,
+        global = true
+    )]
+    pub lease: Option<String>,
 }
 
 /// The error where no daemon runs.
@@ -145,6 +210,25 @@ impl Client {
         }
     }
 
+    /// Presents a token and a lease with every request.
+    ///
+    /// # Errors
+    /// Bad input for a token file or a lease that cannot be used.
+    pub fn presenting(mut self, credentials: &CredentialArgs) -> Result<Client, CliError> {
+        if let Some(file) = &credentials.token_file {
+            self.token = Some(read_token(file)?);
+        }
+        if let Some(lease) = &credentials.lease {
+            if lease.is_empty() || !lease.chars().all(|c| c.is_ascii_graphic()) {
+                return Err(CliError::bad_input(anyhow!(
+                    "--lease (RIDGED_LEASE): expected a lease as `ridged rig lease take` prints it"
+                )));
+            }
+            self.lease = Some(Secrecy(lease.clone()));
+        }
+        Ok(self)
+    }
+
     /// Stops both axes.
     ///
     /// # Errors
@@ -183,9 +267,9 @@ impl Client {
     /// # Errors
     /// As [`Client::get`].
     pub fn search(&self, path: &str, query: &[(&str, &str)]) -> Result<Value, CliError> {
+        let request = self.agent.get(format!("{}/api/v1{path}", self.url));
         let answer = self
-            .agent
-            .get(format!("{}/api/v1{path}", self.url))
+            .signed(request)
             .query_pairs(query.iter().copied())
             .call()
             .map_err(unreachable)?;
@@ -205,7 +289,7 @@ impl Client {
     /// # Errors
     /// As [`Client::get`].
     pub fn post_patiently(&self, path: &str, body: &Value) -> Result<Value, CliError> {
-        let request = self.agent.post(format!("{}/api/v1{path}", self.url));
+        let request = self.signed(self.agent.post(format!("{}/api/v1{path}", self.url)));
         let request = request.config().timeout_global(None).build();
         read(request.send_json(body).map_err(unreachable)?)
     }
@@ -226,8 +310,28 @@ impl Client {
         }
     }
 
+    /// Deletes what is at a path below `/api/v1`.
+    ///
+    /// # Errors
+    /// As [`Client::get`].
+    pub fn delete(&self, path: &str) -> Result<Value, CliError> {
+        let request = self.agent.delete(format!("{}/api/v1{path}", self.url));
+        read(self.signed(request).call().map_err(unreachable)?)
+    }
+
+    /// Adds token and lease.
+    fn signed<B>(&self, mut request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
+        if let Some(Secrecy(token)) = &self.token {
+            request = request.header("authorization", format!("Bearer {token}"));
+        }
+        if let Some(Secrecy(lease)) = &self.lease {
+            request = request.header("ridged-lease", lease);
+        }
+        request
+    }
+
     fn send(&self, path: &str, body: Option<&Value>) -> Result<Response, ureq::Error> {
-        let request = self.agent.post(format!("{}/api/v1{path}", self.url));
+        let request = self.signed(self.agent.post(format!("{}/api/v1{path}", self.url)));
         match body {
             Some(body) => request.send_json(body),
             None => request.send_empty(),
@@ -296,6 +400,8 @@ mod tests {
                 .timeout_global(timeout)
                 .build()
                 .into(),
+            token: None,
+            lease: None,
             url,
         };
         let body = serde_json::json!({});

@@ -13,7 +13,8 @@ use super::runtime;
 use super::scan::{follow, timing_words, with_times};
 use super::serve::listen_error;
 use super::simulated::ConstructionArgs;
-use crate::api::server::{self, ListenError};
+use crate::api::Access;
+use crate::api::server::{self, ListenError, ListenSettings, Sockets};
 use crate::daemon::{self, Daemon};
 use crate::job::JobState;
 use crate::lab::{FitRequest, Lab, ScanRequest};
@@ -91,7 +92,7 @@ async fn demo(args: Args) -> Result<(), CliError> {
         tilt_offset: Angle::from_deg(args.tilt_offset_deg),
         construction: args.construction.into(),
     })?;
-    let listener = listen(args.port).await?;
+    let sockets = listen(args.port).await?;
     let (lab, _) = daemon::open_lab(
         &args.data,
         Arc::new(RealDisk),
@@ -102,7 +103,8 @@ async fn demo(args: Args) -> Result<(), CliError> {
     .map_err(CliError::no_result)?;
     rig.add_samples(&lab).await.map_err(runtime::lab_error)?;
     let operator = rig.operate(&lab, true);
-    let daemon = Daemon::start(lab, listener).map_err(CliError::no_result)?;
+    let access = Access::of_folder(&args.data);
+    let daemon = Daemon::start(lab, sockets, access).map_err(CliError::no_result)?;
     tracing::info!("page: {}", daemon.url);
     let work = async {
         let shown = show(&daemon, &args).await?;
@@ -130,14 +132,10 @@ async fn demo(args: Args) -> Result<(), CliError> {
     outcome
 }
 
-async fn listen(port: Option<u16>) -> Result<tokio::net::TcpListener, CliError> {
-    match (
-        server::bind(&format!("127.0.0.1:{}", port.unwrap_or(8787))).await,
-        port,
-    ) {
-        (Err(ListenError::Bind { .. }), None) => {
-            server::bind("127.0.0.1:0").await.map_err(listen_error)
-        }
+async fn listen(port: Option<u16>) -> Result<Sockets, CliError> {
+    let on = |port: u16| ListenSettings::loopback(format!("127.0.0.1:{port}"));
+    match (server::listen(&on(port.unwrap_or(8787))).await, port) {
+        (Err(ListenError::Bind { .. }), None) => server::listen(&on(0)).await.map_err(listen_error),
         (bound, _) => bound.map_err(listen_error),
     }
 }

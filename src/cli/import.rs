@@ -11,7 +11,7 @@ use anyhow::anyhow;
 use serde_json::{Value, json};
 
 use super::CliError;
-use super::client::Client;
+use super::client::{Client, CredentialArgs};
 use super::interrupt;
 use super::progress::Bar;
 use super::runtime;
@@ -37,6 +37,9 @@ pub struct Args {
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
+    /// Token, for a running daemon.
+    #[command(flatten)]
+    pub credentials: CredentialArgs,
 }
 
 /// Runs the command; a daemon that runs on the folder does the import.
@@ -48,6 +51,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let cancel = interrupt::flag()?;
     let answer = match Client::find(&args.data)? {
         Some(client) => {
+            let client = client.presenting(&args.credentials)?;
             // A missing folder has an absolute path too, and the refusal names it.
             let folder = args
                 .dir

@@ -36,6 +36,7 @@ pub mod serve;
 pub mod simulate_rig;
 pub mod simulated;
 mod supervision;
+pub mod token;
 
 pub mod trace;
 mod values;
@@ -72,6 +73,8 @@ pub enum Command {
     Rig(rig::Args),
     /// Check rig, camera, disk, clock, database and frames, and say what to do.
     Doctor(doctor::Args),
+    /// Make, list and revoke tokens for callers on other machines.
+    Token(token::Args),
     /// Run a scan.
     Scan(scan::Args),
     /// Import a recorded series into the store.
@@ -172,6 +175,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Serve(args) => serve::run(args),
         Command::Rig(args) => rig::run(args),
         Command::Doctor(args) => doctor::run(&args),
+        Command::Token(args) => token::run(args),
         Command::Scan(args) => scan::run(args),
         Command::Import(args) => import::run(args),
         Command::Export(args) => export::run(args),

@@ -7,8 +7,11 @@ use std::time::Duration;
 use anyhow::anyhow;
 use serde_json::Value;
 
+mod lease;
+
 use super::CliError;
-use super::client::Client;
+use super::client::{Client, CredentialArgs};
+use lease::LeaseAction;
 
 /// Shows, homes, unparks or stops the rig of a running daemon.
 #[derive(Debug, clap::Args)]
@@ -25,10 +28,13 @@ pub struct Args {
     /// One JSON object on stdout.
     #[arg(long, global = true)]
     pub json: bool,
+    /// Token and lease.
+    #[command(flatten)]
+    pub credentials: CredentialArgs,
 }
 
 /// An action on the rig.
-#[derive(Debug, Clone, Copy, clap::Subcommand)]
+#[derive(Debug, Clone, clap::Subcommand)]
 pub enum Action {
     /// Show the positions of both axes.
     #[command(after_help = "Example:\n  ridged rig status --json")]
@@ -42,6 +48,13 @@ pub enum Action {
     /// Stop both axes at once; never refused.
     #[command(after_help = "Example:\n  ridged rig stop --data /var/lib/ridged")]
     Stop,
+    /// Show, take or return the lease: while it lasts, only orders that present it are accepted.
+    #[command(after_help = "Example:\n  ridged rig lease show")]
+    Lease {
+        /// The action.
+        #[command(subcommand)]
+        action: LeaseAction,
+    },
 }
 
 /// Runs the command.
@@ -49,11 +62,14 @@ pub enum Action {
 /// # Errors
 /// No result if no daemon runs or the rig refuses.
 pub fn run(args: Args) -> Result<(), CliError> {
-    let answer = match args.action {
-        Action::Status => Client::require(&args.data)?.get("/rig")?,
+    let client = || Client::require(&args.data)?.presenting(&args.credentials);
+    let answer = match &args.action {
+        Action::Status => client()?.get("/rig")?,
+        // A token file that cannot be read must not prevent the stop, which needs none here.
         Action::Stop => Client::noticed(&args.data)?.stop()?,
+        Action::Lease { action } => lease::run(&client()?, action)?,
         Action::Home => {
-            let client = Client::require(&args.data)?;
+            let client = client()?;
             for axis in ["theta_c", "phi_s"] {
                 client.post(&format!("/rig/axes/{axis}/home"), None)?;
                 until_homed(&client, axis)?;
@@ -61,7 +77,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             client.get("/rig")?
         }
         Action::Unpark => {
-            let client = Client::require(&args.data)?;
+            let client = client()?;
             for axis in ["theta_c", "phi_s"] {
                 client.post(&format!("/rig/axes/{axis}/unpark"), None)?;
             }
@@ -113,8 +129,10 @@ fn homed(rig: &Value, axis: &str) -> Option<Result<(), String>> {
 }
 
 fn words(action: &Action, answer: &Value) -> String {
-    if matches!(action, Action::Stop) {
-        return "stopped\n".into();
+    match action {
+        Action::Stop => return "stopped\n".into(),
+        Action::Lease { action } => return lease::words(action, answer),
+        Action::Status | Action::Home | Action::Unpark => {}
     }
     let mut text = match answer["problem"]["detail"].as_str() {
         Some(problem) => format!("not connected: {problem}\n"),

@@ -7,7 +7,7 @@ use anyhow::{Context, anyhow};
 use serde_json::{Value, json};
 
 use super::CliError;
-use super::client::Client;
+use super::client::{Client, CredentialArgs};
 use super::runtime;
 use crate::material::{Material, tables};
 use crate::scan::PlanRequest;
@@ -78,6 +78,9 @@ pub struct Args {
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
+    /// Token and lease, for a running daemon.
+    #[command(flatten)]
+    pub credentials: CredentialArgs,
 }
 
 fn preset(word: &str) -> Result<Preset, String> {
@@ -100,7 +103,10 @@ pub fn run(args: Args) -> Result<(), CliError> {
         plan.reuse_calibrations = None;
     }
     let answer = match Client::find(&args.data)? {
-        Some(client) => by_daemon::scan(&client, &args, &plan)?,
+        Some(client) => {
+            let client = client.presenting(&args.credentials)?;
+            by_daemon::scan(&client, &args, &plan)?
+        }
         None => runtime::block_on(by_itself::scan(&args, plan))?,
     };
     let text = match args.json {

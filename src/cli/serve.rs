@@ -1,7 +1,7 @@
 //! `ridged serve`: the daemon.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::pin::pin;
 use std::sync::Arc;
 
@@ -10,7 +10,10 @@ use super::interrupt;
 use super::runtime;
 use super::simulated::{ConstructionArgs, FaultArgs};
 use super::supervision;
-use crate::api::server::{self, ListenError};
+use crate::access::TokenFile;
+use crate::api::Access;
+use crate::api::server::{self, ListenError, ListenSettings, TlsFiles};
+use crate::config::{Config, ServerSection};
 use crate::daemon::{self, Daemon};
 use crate::lab::assembly::real_rig;
 use crate::sim::faults::disk::FaultyDisk;
@@ -22,14 +25,25 @@ use crate::store::disk::{Disk, RealDisk};
 #[command(after_help = "Examples:
   ridged serve --simulated-rig                 a simulated rig to play with
   ridged serve --config rig.toml               a real one (copy ridged.example.toml)
+  ridged serve --config rig.toml --listen 0.0.0.0:8787 --tls-cert cert.pem --tls-key key.pem
 When it is ready it prints one line: listening on http://127.0.0.1:8787")]
 pub struct Args {
     /// Settings of the rig (TOML).
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Loopback address to listen on; port 0 picks a free one [default: 127.0.0.1:8787].
+    /// Address to listen on; port 0 picks a free one [default: 127.0.0.1:8787]. One that other machines can reach needs a token
+    /// (`ridged token create`), and --tls-cert or --behind-proxy.
     #[arg(long, value_name = "ADDR")]
     pub listen: Option<String>,
+    /// Certificate for TLS with those that signed it (PEM).
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    pub tls_cert: Option<PathBuf>,
+    /// Private key of the certificate (PEM).
+    #[arg(long, value_name = "FILE", requires = "tls_cert")]
+    pub tls_key: Option<PathBuf>,
+    /// Answer only a proxy on this machine, which has TLS and sets X-Forwarded-For and X-Forwarded-Proto.
+    #[arg(long)]
+    pub behind_proxy: bool,
     /// Data folder [default: ridged-data].
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
@@ -77,9 +91,12 @@ async fn serve(args: Args) -> Result<(), CliError> {
         )));
     }
     let config = runtime::read_config(args.config.as_deref())?;
-    let listen = args.listen.unwrap_or_else(|| config.server.listen.clone());
-    let listener = server::bind(&listen).await.map_err(listen_error)?;
-    let folder = args.data.unwrap_or_else(|| config.store.folder.clone());
+    let folder = args
+        .data
+        .clone()
+        .unwrap_or_else(|| config.store.folder.clone());
+    let settings = listen_settings(&args, &config.server, &folder)?;
+    let sockets = server::listen(&settings).await.map_err(listen_error)?;
     let mut disk: Arc<dyn Disk> = Arc::new(RealDisk);
     let (simulator, parts, clock) = if args.simulated_rig {
         let (rig, mut parts) = SimulatedRig::build(Simulation {
@@ -120,7 +137,8 @@ async fn serve(args: Args) -> Result<(), CliError> {
     };
     // Before the line with the address, since a reader of it may send the signal at once.
     let end_signal = interrupt::signals().map_err(CliError::no_result)?;
-    let mut daemon = Daemon::start(lab, listener).map_err(CliError::no_result)?;
+    let access = access(&config, &folder);
+    let mut daemon = Daemon::start(lab, sockets, access).map_err(CliError::no_result)?;
     daemon.run_hooks(&config.hooks, earlier);
     let ready = writeln!(std::io::stdout(), "listening on {}", daemon.url)
         .and_then(|()| std::io::stdout().flush());
@@ -158,12 +176,56 @@ async fn serve(args: Args) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Maps an error of the listener: an invalid address, or one that is not loopback, is the user's mistake; one in use is not.
+/// Returns where to listen. An option replaces its setting.
+fn listen_settings(
+    args: &Args,
+    server: &ServerSection,
+    folder: &Path,
+) -> Result<ListenSettings, CliError> {
+    let file = |option: &Option<PathBuf>, setting: &Option<PathBuf>| {
+        option.clone().or_else(|| setting.clone())
+    };
+    let certificate = file(&args.tls_cert, &server.tls_cert);
+    let key = file(&args.tls_key, &server.tls_key);
+    let tokens = TokenFile::of_folder(folder).count_valid();
+    Ok(ListenSettings {
+        address: args.listen.clone().unwrap_or_else(|| server.listen.clone()),
+        tls: certificate
+            .zip(key)
+            .map(|(certificate, key)| TlsFiles { certificate, key }),
+        behind_proxy: args.behind_proxy || server.behind_proxy,
+        tokens: tokens.map_err(CliError::bad_input)?,
+        data_option: format!(" --data {}", folder.display()),
+    })
+}
+
+/// Returns who has access by the settings.
+fn access(config: &Config, folder: &Path) -> Access {
+    let server = &config.server;
+    let by_default = || std::env::home_dir().into_iter().chain([folder.to_owned()]);
+    let roots = config.import.roots.clone();
+    let hosts = server.hosts.clone();
+    Access::of_folder(folder)
+        .with_import_roots(roots.unwrap_or_else(|| by_default().collect()))
+        .with_tokens_on_loopback(server.token_on_loopback)
+        .with_hosts(hosts.unwrap_or_else(|| name_of_machine().into_iter().collect()))
+        .with_proxies(server.proxies.clone())
+}
+
+/// Returns the name of this machine, if the system states it.
+fn name_of_machine() -> Option<String> {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok()?;
+    let name = name.trim();
+    (!name.is_empty()).then(|| name.to_owned())
+}
+
+/// Maps an error of the listener: an address that cannot or must not be used is the user's mistake; one in use is not.
 pub fn listen_error(error: ListenError) -> CliError {
     match error {
         ListenError::Bind { .. } => CliError::no_result(error),
-        ListenError::Malformed { .. } | ListenError::NotLoopback { .. } => {
-            CliError::bad_input(error)
-        }
+        ListenError::Malformed { .. }
+        | ListenError::NotEncrypted { .. }
+        | ListenError::NoToken { .. }
+        | ListenError::Tls(_) => CliError::bad_input(error),
     }
 }

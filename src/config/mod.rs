@@ -19,7 +19,8 @@ use crate::series::{CameraFacts, FlatFacts, RigFacts, misaimed};
 use crate::wording::toml_text::{self, Refused};
 
 pub use sections::{
-    CameraSection, DarkSection, FlatSection, RigSection, ScanSection, ServerSection, StoreSection,
+    CameraSection, DarkSection, FlatSection, ImportSection, RigSection, ScanSection, ServerSection,
+    StoreSection,
 };
 pub use unattended::{HooksSection, LampSection, ParkSection};
 
@@ -33,6 +34,8 @@ pub struct Config {
     pub server: ServerSection,
     /// The data folder.
     pub store: StoreSection,
+    /// What imports may read.
+    pub import: ImportSection,
     /// The two axes. Required for a real rig, since only the lab knows how far they may travel.
     pub stage: Option<StageSettings>,
     /// Positions of lamp and camera.
@@ -163,7 +166,8 @@ impl Config {
             .and_then(|()| self.check_exposures())
             .and_then(|()| self.check_camera())
             .and_then(|()| self.check_stage())
-            .and_then(|()| self.check_park());
+            .and_then(|()| self.check_park())
+            .and_then(|()| self.check_access());
         checked.map_err(|wrong| ConfigError::OutOfRange {
             origin: origin_of(&wrong.key),
             key: wrong.key,
@@ -290,6 +294,38 @@ impl Config {
             )),
             _ => Ok(()),
         }
+    }
+
+    fn check_access(&self) -> Result<(), WrongSetting> {
+        let server = &self.server;
+        for (key, given, other) in [
+            ("server.tls_key", &server.tls_key, &server.tls_cert),
+            ("server.tls_cert", &server.tls_cert, &server.tls_key),
+        ] {
+            if given.is_none() && other.is_some() {
+                let allowed = "the files of both: server.tls_cert and server.tls_key";
+                return Err(WrongSetting::new(key, "missing", allowed));
+            }
+        }
+        let hosts = server.hosts.iter().flatten();
+        let is_name = |host: &&String| {
+            let part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '.' | '_');
+            !host.is_empty() && host.chars().all(part)
+        };
+        if let Some(host) = hosts.clone().find(|host| !is_name(host)) {
+            let allowed = "names without scheme and port, like lab-pc.example.org";
+            return Err(WrongSetting::new(
+                "server.hosts",
+                format!("{host:?}"),
+                allowed,
+            ));
+        }
+        let roots = self.import.roots.iter().flatten();
+        if let Some(root) = roots.clone().find(|root| !root.is_absolute()) {
+            let found = root.display().to_string();
+            return Err(WrongSetting::new("import.roots", found, "absolute paths"));
+        }
+        Ok(())
     }
 
     /// `[rig]` of the manifests of this rig's scans.
@@ -454,8 +490,8 @@ mod tests {
         let config = read(text, &[]).unwrap();
         assert!(config.port.is_some() && config.camera.folder.is_some());
         for section in [
-            "server", "store", "stage", "rig", "camera", "flat", "dark", "scan", "hooks", "lamp",
-            "park",
+            "server", "import", "store", "stage", "rig", "camera", "flat", "dark", "scan", "hooks",
+            "lamp", "park",
         ] {
             assert!(text.contains(&format!("[{section}]")), "{section}");
         }
@@ -557,6 +593,33 @@ mod tests {
         for part in ["line 2", "rig.phi_s_std_deg is 11", "0 to 10"] {
             assert!(error.contains(part), "{part} is not in: {error}");
         }
+    }
+
+    #[test]
+    fn settings_of_access_that_protect_nothing_are_refused() {
+        for (text, words) in [
+            (
+                "[server]\ntls_cert = \"a.pem\"\n",
+                ["server.tls_key", "tls_cert and server.tls_key"],
+            ),
+            (
+                "[server]\nhosts = [\"https://lab:8787\"]\n",
+                ["server.hosts", "without scheme"],
+            ),
+            (
+                "[import]\nroots = [\"data\"]\n",
+                ["import.roots", "absolute"],
+            ),
+            ("[server]\nproxies = [\"proxy\"]\n", ["line 2", "proxies"]),
+        ] {
+            let error = read(text, &[]).unwrap_err().to_string();
+            for part in words {
+                assert!(error.contains(part), "{part} is not in: {error}");
+            }
+        }
+        let roots = ("RIDGED_IMPORT__ROOTS", "[\"/srv\"]");
+        let config = read("", &[roots]).unwrap();
+        assert_eq!(config.import.roots, Some(vec!["/srv".into()]));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The sections of the settings: each key with unit, default and range.
 
+use std::net::IpAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -11,16 +12,44 @@ use crate::scan::faults::{FaultPolicy, Reactions};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ServerSection {
-    /// Address to listen on; loopback only. Default 127.0.0.1:8787, port 0 takes a free one.
+    /// Address to listen on. Default 127.0.0.1:8787, port 0 takes a free one. An address that other machines can reach needs a
+    /// token, and TLS or a proxy.
     pub listen: String,
+    /// Certificate for TLS, PEM, with those that signed it. Default: none (no TLS).
+    pub tls_cert: Option<PathBuf>,
+    /// Its private key, PEM. Required beside `tls_cert`.
+    pub tls_key: Option<PathBuf>,
+    /// Whether a proxy with TLS forwards all requests to this address. Default false.
+    pub behind_proxy: bool,
+    /// Addresses of the proxies. Default: this machine.
+    pub proxies: Vec<IpAddr>,
+    /// Names under which clients on other machines reach the daemon, without port. Default: the name of this machine.
+    pub hosts: Option<Vec<String>>,
+    /// Whether callers on this machine need a token, too; the stop never does. Default false.
+    pub token_on_loopback: bool,
 }
 
 impl Default for ServerSection {
     fn default() -> Self {
         ServerSection {
             listen: "127.0.0.1:8787".into(),
+            tls_cert: None,
+            tls_key: None,
+            behind_proxy: false,
+            proxies: Vec::new(),
+            hosts: None,
+            token_on_loopback: false,
         }
     }
+}
+
+/// `[import]`
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ImportSection {
+    /// Folders below which an import over HTTP may read, as absolute paths. Default: the home of the daemon's user and the data
+    /// folder.
+    pub roots: Option<Vec<PathBuf>>,
 }
 
 /// `[store]`

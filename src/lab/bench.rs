@@ -60,6 +60,8 @@ impl Work {
 /// Work and its reply, which is sent when the work starts, not when it is done.
 pub(super) struct Request {
     pub work: Work,
+    /// The caller.
+    pub who: Arc<str>,
     /// Number of stops before the request.
     pub stops: u64,
     pub reply: oneshot::Sender<Result<(), LabError>>,
@@ -241,7 +243,12 @@ impl Owner {
     }
 
     async fn work_with(self, stage: Stage, mut rig: Rig, request: Request) -> Rig {
-        let Request { work, stops, reply } = request;
+        let Request {
+            work,
+            who,
+            stops,
+            reply,
+        } = request;
         // Read first: a later stop cancels the motion that starts with this count, and an earlier one shows in the owner's
         // count.
         let stops_of_stage = stage.stops();
@@ -270,28 +277,28 @@ impl Owner {
                     return rig;
                 }
                 self.access.allow_unasked_motion();
-                self.context.occupy(Some(RigActivity::Moving), None);
+                self.context.begin(RigActivity::Moving, &who);
                 reply.send(Ok(())).ok();
-                self.report_axis(RigActivity::Moving, axis, AxisEvent::to(target));
+                self.report_axis(&who, RigActivity::Moving, axis, AxisEvent::to(target));
                 let moved = stage.move_since(axis, target, stops_of_stage).await;
                 let moved = moved.map(|_| ());
-                self.settled(&mut rig, &stage, moved).await;
+                self.settled(&mut rig, &stage, &who, moved).await;
             }
             Work::Home { axis } => {
                 self.access.allow_unasked_motion();
-                self.context.occupy(Some(RigActivity::Homing), None);
+                self.context.begin(RigActivity::Homing, &who);
                 reply.send(Ok(())).ok();
-                self.report_axis(RigActivity::Homing, axis, AxisEvent::UNKNOWN);
+                self.report_axis(&who, RigActivity::Homing, axis, AxisEvent::UNKNOWN);
                 let homed = async {
                     stage.release(axis).await?;
                     stage.home_since(axis, stops_of_stage).await
                 };
                 let homed = homed.await;
-                self.settled(&mut rig, &stage, homed).await;
+                self.settled(&mut rig, &stage, &who, homed).await;
             }
             Work::Scan(work) => {
                 self.access.allow_unasked_motion();
-                self.context.run_scan(&mut rig, *work, reply).await;
+                self.context.run_scan(&mut rig, *work, &who, reply).await;
             }
             Work::Park => {
                 self.context.park(&mut rig).await;
@@ -365,7 +372,13 @@ impl Owner {
         }
     }
 
-    async fn settled(&self, rig: &mut Rig, stage: &Stage, outcome: Result<(), StageError>) {
+    async fn settled(
+        &self,
+        rig: &mut Rig,
+        stage: &Stage,
+        who: &Arc<str>,
+        outcome: Result<(), StageError>,
+    ) {
         let status = stage.status().await.ok();
         let failure = outcome
             .as_ref()
@@ -380,11 +393,12 @@ impl Owner {
             self.access.forbid_unasked_motion();
             rig.let_go_if_lost(error);
             if !matches!(error, StageError::Stopped) {
-                self.context.sink.report(Event::Alarm {
+                let alarm = Event::Alarm {
                     code: crate::scan::visit::stage_code(error).into(),
                     message: error.to_string(),
                     scan_id: None,
-                });
+                };
+                self.context.sink.report_by(who, alarm);
             }
         }
         let at = |axis: Option<Angle>| axis.map_or(AxisEvent::UNKNOWN, AxisEvent::at);
@@ -393,11 +407,11 @@ impl Owner {
             theta_c: at(status.as_ref().map(|s| s.theta_c.position)),
             phi_s: at(status.as_ref().map(|s| s.phi_s.position)),
         };
-        self.context.sink.report(event);
+        self.context.sink.report_by(who, event);
     }
 
     /// Does not wait for the database: a motion that was requested must not begin much later.
-    fn report_axis(&self, activity: RigActivity, axis: AxisName, event: AxisEvent) {
+    fn report_axis(&self, who: &Arc<str>, activity: RigActivity, axis: AxisName, event: AxisEvent) {
         let (theta_c, phi_s) = match axis {
             AxisName::ThetaC => (event, AxisEvent::UNKNOWN),
             AxisName::PhiS => (AxisEvent::UNKNOWN, event),
@@ -407,7 +421,7 @@ impl Owner {
             theta_c,
             phi_s,
         };
-        self.context.sink.report(event);
+        self.context.sink.report_by(who, event);
     }
 }
 

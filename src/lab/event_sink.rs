@@ -33,7 +33,8 @@ pub(super) struct EventSink {
 
 /// What the recording task is asked for.
 enum Report {
-    Event(Event),
+    /// An event, and who caused it.
+    Event(Box<Event>, Option<Arc<str>>),
     /// Answered once everything before it is recorded.
     Flush(oneshot::Sender<()>),
 }
@@ -79,8 +80,9 @@ impl EventSink {
         tokio::spawn(async move {
             while let Some(report) = inbox.recv().await {
                 match report {
-                    Report::Event(event) => {
-                        record(&to_store, &to_events, its_clock.as_ref(), event).await;
+                    Report::Event(event, who) => {
+                        let clock = its_clock.as_ref();
+                        record(&to_store, &to_events, clock, *event, who.as_deref()).await;
                     }
                     Report::Flush(done) => drop(done.send(())),
                 }
@@ -98,12 +100,22 @@ impl EventSink {
 
     /// Records an event, then sends it to all listeners. Waits for the database.
     pub(super) async fn record(&self, event: Event) {
-        record(&self.store, &self.events, self.clock.as_ref(), event).await;
+        record(&self.store, &self.events, self.clock.as_ref(), event, None).await;
     }
 
-    /// Records an event after those reported before it, then sends it to all listeners. Does not wait.
+    /// Records an event of a scan or of the daemon itself after those reported before it, then sends it to all listeners. Does
+    /// not wait.
     pub(super) fn report(&self, event: Event) {
-        if let Err(refused) = self.reports.try_send(Report::Event(event)) {
+        self.pass_on(Report::Event(Box::new(event), None));
+    }
+
+    /// Records an event that `who` caused after those reported before it, then sends it to all listeners. Does not wait.
+    pub(super) fn report_by(&self, who: &Arc<str>, event: Event) {
+        self.pass_on(Report::Event(Box::new(event), Some(Arc::clone(who))));
+    }
+
+    fn pass_on(&self, report: Report) {
+        if let Err(refused) = self.reports.try_send(report) {
             tracing::error!("an event is lost, since too many wait for the database: {refused}");
         }
     }
@@ -139,20 +151,29 @@ impl EventSink {
     }
 }
 
-/// Records an event and sends it to all listeners. An alarm that cannot be recorded is sent all the same: it may be about
+/// Records an event, which `who` caused, and sends it to all listeners. An alarm that cannot be recorded is sent all the same: it may be about
 /// the disk that cannot store it.
 pub(super) async fn record(
     store: &Store,
     events: &broadcast::Sender<Arc<RecordedEvent>>,
     clock: &dyn Clock,
     event: Event,
+    who: Option<&str>,
 ) {
-    match store.record(event.clone()).await {
+    let recorded = match who {
+        Some(who) => store.record_by(who, event.clone()).await,
+        None => store.record(event.clone()).await,
+    };
+    match recorded {
         Ok(event) => publish(events, event),
         Err(error) => {
             tracing::error!(%error, "an event could not be recorded: {error}");
             if matches!(event, Event::Alarm { .. }) {
-                publish(events, RecordedEvent::unrecorded(clock.utc(), event));
+                let event = RecordedEvent {
+                    who: who.map(str::to_owned),
+                    ..RecordedEvent::unrecorded(clock.utc(), event)
+                };
+                publish(events, event);
             }
         }
     }

@@ -122,6 +122,7 @@ impl Lab {
             variant: request.variant(),
             request: serde_json::to_string(request).map_err(not_json)?,
             options: work.options().map_err(not_json)?,
+            who: self.who.to_string(),
         };
         let (id, event) = self.store().start_job(&new).await?;
         self.publish(event);

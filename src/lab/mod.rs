@@ -50,6 +50,7 @@ use std::time::Duration;
 
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
+use crate::access::LOCAL;
 use crate::bench::stage::{StageError, StageSettings};
 use crate::clock::Clock;
 use crate::geometry::Pose;
@@ -127,6 +128,8 @@ pub struct RigParts {
 #[derive(Clone)]
 pub struct Lab {
     inner: Arc<Inner>,
+    /// The caller that this handle acts for.
+    who: Arc<str>,
 }
 
 struct Inner {
@@ -162,6 +165,15 @@ struct RigSide {
     sink: EventSink,
 }
 
+/// Who uses the rig now.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RigUser {
+    /// The caller that started the scan or the motion.
+    pub who: String,
+    /// The scan; none for a motion of an axis.
+    pub scan_id: Option<i64>,
+}
+
 /// What the rig is doing.
 #[derive(Debug, Clone, Default)]
 struct Occupation {
@@ -170,6 +182,8 @@ struct Occupation {
     parks: bool,
     scan_id: Option<i64>,
     orders: Option<mpsc::Sender<CommandRequest>>,
+    /// Who started the present activity.
+    who: Option<Arc<str>>,
     /// Why the last connection attempt failed.
     problem: Option<(String, String)>,
     /// Why the last motion of a single axis failed; none once another motion starts.
@@ -231,6 +245,7 @@ impl Lab {
                 ends,
                 folder_gone: AtomicBool::new(false),
             }),
+            who: LOCAL.into(),
         };
         Ok((lab, recovery))
     }
@@ -242,6 +257,49 @@ impl Lab {
 
     fn reserve_bytes(&self) -> u64 {
         self.inner.reserve_bytes.load(Ordering::Relaxed)
+    }
+
+    /// Returns a handle that acts for a caller: what it starts and causes is recorded under this name.
+    #[must_use]
+    pub fn by(&self, who: &str) -> Lab {
+        Lab {
+            inner: Arc::clone(&self.inner),
+            who: who.into(),
+        }
+    }
+
+    /// Returns who uses the rig now, and for what; `None` while it is free.
+    #[must_use]
+    pub fn rig_user(&self) -> Option<RigUser> {
+        let side = self.inner.rig.as_ref()?;
+        let now = side.occupation.borrow();
+        now.activity?;
+        Some(RigUser {
+            who: now.who.as_deref()?.to_owned(),
+            scan_id: now.scan_id,
+        })
+    }
+
+    /// Records an order of this handle's caller.
+    pub async fn record_order(&self, order: impl Into<String>, scan_id: Option<i64>) {
+        let order = order.into();
+        let event = Event::Order { order, scan_id };
+        let inner = &self.inner;
+        match &inner.rig {
+            // The answer to an order does not wait for the database.
+            Some(side) => side.sink.report_by(&self.who, event),
+            None => {
+                let who = Some(&*self.who);
+                event_sink::record(
+                    &inner.store,
+                    &inner.events,
+                    inner.clock.as_ref(),
+                    event,
+                    who,
+                )
+                .await;
+            }
+        }
     }
 
     /// Returns the store, for reading.
@@ -302,7 +360,14 @@ impl Lab {
                     message: gone.to_string(),
                     scan_id: None,
                 };
-                event_sink::record(&inner.store, &inner.events, inner.clock.as_ref(), alarm).await;
+                event_sink::record(
+                    &inner.store,
+                    &inner.events,
+                    inner.clock.as_ref(),
+                    alarm,
+                    None,
+                )
+                .await;
             }
             Ok(()) if was_gone => tracing::info!("the data folder is back"),
             _ => {}
@@ -323,6 +388,12 @@ impl Lab {
     /// # Errors
     /// [`LabError::NotNow`] if the scan's state does not allow it, [`LabError::AbortedInMotion`], or a store error.
     pub async fn order(&self, scan_id: i64, order: ScanCommand) -> Result<ScanState, LabError> {
+        let state = self.carry_out(scan_id, order).await?;
+        self.record_order(asked(order), Some(scan_id)).await;
+        Ok(state)
+    }
+
+    async fn carry_out(&self, scan_id: i64, order: ScanCommand) -> Result<ScanState, LabError> {
         let not_now = |state| LabError::NotNow {
             scan_id,
             state,

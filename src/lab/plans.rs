@@ -204,6 +204,7 @@ impl Lab {
             manifest: manifest.to_toml(),
             frames_csv: None,
             calibration_ids: estimated.calibration_ids,
+            who: self.who.to_string(),
         };
         let (reply, row) = oneshot::channel();
         let work = ScanWork {

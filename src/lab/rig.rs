@@ -1,5 +1,7 @@
 //! Rig operations: status, motions, homing, and the stop, which is never refused.
 
+use std::sync::Arc;
+
 use tokio::sync::oneshot;
 
 use super::bench;
@@ -170,7 +172,12 @@ impl Lab {
         let side = self.side()?;
         let stops = side.access.stops();
         side.requests
-            .send(bench::Request { work, stops, reply })
+            .send(bench::Request {
+                work,
+                who: Arc::clone(&self.who),
+                stops,
+                reply,
+            })
             .await
             .map_err(|_| side.gone())?;
         let answer = answer.await.map_err(|_| side.gone())?;
@@ -266,7 +273,7 @@ impl Lab {
             },
         };
         // Recorded behind the answer, which must not wait for the database.
-        side.sink.report(event);
+        side.sink.report_by(&self.who, event);
         stopped.map_err(|source| LabError::NotStopped { source })
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{Lab, LabError};
 use crate::store::StoreError;
-use crate::store::idempotency::KeptAnswer;
+use crate::store::idempotency::{KeptAnswer, KeyedRequest};
 use crate::store::samples::{NewSample, Sample};
 
 impl Lab {
@@ -26,10 +26,9 @@ impl Lab {
     /// What the store reports.
     pub async fn keep_answer(
         &self,
-        key: &str,
-        request: &str,
+        asked: KeyedRequest<'_>,
         answer: &KeptAnswer,
     ) -> Result<(), StoreError> {
-        self.store().keep_answer(key, request, answer).await
+        self.store().keep_answer(asked, answer).await
     }
 }

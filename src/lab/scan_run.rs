@@ -51,6 +51,13 @@ pub(super) struct RigContext {
 }
 
 impl RigContext {
+    /// Publishes what the rig begins to do, and who started it.
+    pub(super) fn begin(&self, activity: RigActivity, who: &Arc<str>) {
+        self.occupation
+            .send_modify(|now| now.who = Some(Arc::clone(who)));
+        self.occupy(Some(activity), None);
+    }
+
     /// Publishes what the rig is doing.
     pub(super) fn occupy(&self, activity: Option<RigActivity>, scan_id: Option<i64>) {
         self.occupation.send_modify(|now| {
@@ -68,9 +75,10 @@ impl RigContext {
         &self,
         rig: &mut Rig,
         work: ScanWork,
+        who: &Arc<str>,
         reply: oneshot::Sender<Result<(), LabError>>,
     ) {
-        self.occupy(Some(RigActivity::Scanning), None);
+        self.begin(RigActivity::Scanning, who);
         let scan_id = match work.row {
             ScanRow::Kept(scan_id) => scan_id,
             ScanRow::New(new, reply_row) => match self.sink.store.add_scan(&new).await {
@@ -158,7 +166,7 @@ impl RigContext {
                     Ok(()) => "scan-unrecorded",
                     Err(gone) => store_code(&gone),
                 };
-                self.sink.report(Event::Alarm {
+                self.sink.report_by(who, Event::Alarm {
                     code: code.into(),
                     message: format!(
                         "scan {scan_id} has ended, since it can no longer be recorded: {error}; resume it once the \

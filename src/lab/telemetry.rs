@@ -28,7 +28,10 @@ pub(super) fn count(event: &Event) {
         Event::Alarm { code, .. } => {
             counter!("ridged_alarms_total", "code" => code.clone()).increment(1);
         }
-        Event::Rig { .. } | Event::Uncertainty { .. } | Event::Forecast { .. } => {}
+        Event::Rig { .. }
+        | Event::Uncertainty { .. }
+        | Event::Forecast { .. }
+        | Event::Order { .. } => {}
     }
 }
 
@@ -87,6 +90,10 @@ pub(super) fn log(event: &RecordedEvent) {
             points,
             ..
         } => tracing::warn!(id, code, scan_id, took_s, ?points, "recovered: {message}"),
+        Event::Order { order, scan_id } => {
+            let who = event.who.as_deref().unwrap_or_default();
+            tracing::info!(id, scan_id, who, "{who}: {order}");
+        }
         Event::Alarm {
             code,
             message,

@@ -318,6 +318,13 @@ pub enum Event {
         /// Whether a person resumed the scan in between.
         attended: bool,
     },
+    /// A caller gave an order to a scan, or took or returned the lease of the rig.
+    Order {
+        /// What was ordered: pause, resume, abort, continue, or a change of the lease.
+        order: String,
+        /// Scan concerned.
+        scan_id: Option<i64>,
+    },
     /// Something needs a person's attention.
     Alarm {
         /// Stable word.
@@ -342,6 +349,7 @@ impl Event {
             Event::Calculation { .. } => "calculation",
             Event::Forecast { .. } => "forecast",
             Event::Recovered { .. } => "recovered",
+            Event::Order { .. } => "order",
             Event::Alarm { .. } => "alarm",
         }
     }
@@ -361,6 +369,21 @@ impl Event {
         }
     }
 
+    /// Kind and number of the job that the event is about, as the store names them.
+    #[must_use]
+    pub fn job_number(&self) -> Option<(&str, i64)> {
+        match self {
+            Event::Fit { fit_id, .. } => Some((JobKind::Fit.as_str(), *fit_id)),
+            Event::Calculation {
+                kind,
+                calculation_id,
+                ..
+            } => Some((kind.as_str(), *calculation_id)),
+            Event::Forecast { of, number, .. } => Some((of, *number)),
+            _ => None,
+        }
+    }
+
     /// Scan it belongs to.
     #[must_use]
     pub const fn scan_id(&self) -> Option<i64> {
@@ -373,6 +396,7 @@ impl Event {
             | Event::Calculation { scan_id, .. }
             | Event::Forecast { scan_id, .. }
             | Event::Recovered { scan_id, .. }
+            | Event::Order { scan_id, .. }
             | Event::Alarm { scan_id, .. } => *scan_id,
         }
     }
@@ -387,6 +411,8 @@ pub struct RecordedEvent {
     pub at: OffsetDateTime,
     /// What happened.
     pub event: Event,
+    /// Who caused it: a token's name, `local` or `daemon`; `None` for an event of a program that did not record it.
+    pub who: Option<String>,
 }
 
 impl RecordedEvent {
@@ -396,7 +422,12 @@ impl RecordedEvent {
     pub fn unrecorded(at: OffsetDateTime, event: Event) -> RecordedEvent {
         static LAST: AtomicI64 = AtomicI64::new(0);
         let id = LAST.fetch_sub(1, Ordering::Relaxed) - 1;
-        RecordedEvent { id, at, event }
+        RecordedEvent {
+            id,
+            at,
+            event,
+            who: None,
+        }
     }
 
     /// Whether the store has it.

@@ -4,6 +4,7 @@ use sqlx::FromRow;
 use sqlx::sqlite::SqliteConnection;
 
 use super::{Store, StoreError, utc_of, utc_text};
+use crate::access::DAEMON;
 use crate::scan::{Event, Progress, RecordedEvent};
 
 #[derive(FromRow)]
@@ -11,6 +12,7 @@ struct Row {
     id: i64,
     at: String,
     body: String,
+    who: Option<String>,
 }
 
 impl TryFrom<Row> for RecordedEvent {
@@ -21,12 +23,13 @@ impl TryFrom<Row> for RecordedEvent {
             id: row.id,
             at: utc_of(&row.at).ok_or_else(|| StoreError::bad_row("events", &row.at))?,
             event: serde_json::from_str(&row.body).map_err(|e| StoreError::bad_row("events", e))?,
+            who: row.who,
         })
     }
 }
 
 impl Store {
-    /// Commits one event in a transaction of its own.
+    /// Commits one event in a transaction of its own. It is of the caller that started its scan or job, else of the daemon.
     ///
     /// # Errors
     /// A database error.
@@ -37,11 +40,44 @@ impl Store {
         Ok(recorded)
     }
 
+    /// Commits one event that `who` caused.
+    ///
+    /// # Errors
+    /// A database error.
+    pub async fn record_by(&self, who: &str, event: Event) -> Result<RecordedEvent, StoreError> {
+        let mut transaction = self.writing().await?;
+        let recorded = self
+            .insert(&mut transaction, event, Some(who), None)
+            .await?;
+        transaction.commit().await?;
+        Ok(recorded)
+    }
+
     /// Adds an event to the transaction of the change that it reports.
     pub(super) async fn record_in(
         &self,
         transaction: &mut SqliteConnection,
         event: Event,
+    ) -> Result<RecordedEvent, StoreError> {
+        self.insert(transaction, event, None, None).await
+    }
+
+    /// The same for an event that a scan causes and does not name.
+    pub(super) async fn record_of_scan(
+        &self,
+        transaction: &mut SqliteConnection,
+        scan_id: i64,
+        event: Event,
+    ) -> Result<RecordedEvent, StoreError> {
+        self.insert(transaction, event, None, Some(scan_id)).await
+    }
+
+    async fn insert(
+        &self,
+        transaction: &mut SqliteConnection,
+        event: Event,
+        who: Option<&str>,
+        of_scan: Option<i64>,
     ) -> Result<RecordedEvent, StoreError> {
         let clock = &self.inner.clock;
         let at = match &event {
@@ -51,18 +87,28 @@ impl Store {
             | Event::Frame { .. }
             | Event::Uncertainty { .. }
             | Event::Recovered { .. }
+            | Event::Order { .. }
             | Event::Alarm { .. } => clock.utc(),
         };
         let body = serde_json::to_string(&event).map_err(|e| StoreError::bad_row("events", e))?;
-        let id = sqlx::query("INSERT INTO events (at, kind, scan_id, body) VALUES (?, ?, ?, ?)")
-            .bind(utc_text(at))
-            .bind(event.kind())
-            .bind(event.scan_id())
-            .bind(body)
-            .execute(&mut *transaction)
-            .await?
-            .last_insert_rowid();
-        Ok(RecordedEvent { id, at, event })
+        let (job_kind, job_number) = event.job_number().unzip();
+        let (id, who) = sqlx::query_as(
+            "INSERT INTO events (at, kind, scan_id, body, who) VALUES (?1, ?2, ?3, ?4, COALESCE(?5,
+               (SELECT who FROM jobs WHERE kind = ?6 AND number = ?7), (SELECT who FROM scans WHERE id = COALESCE(?3, ?9)), ?8))
+             RETURNING id, who",
+        )
+        .bind(utc_text(at))
+        .bind(event.kind())
+        .bind(event.scan_id())
+        .bind(body)
+        .bind(who)
+        .bind(job_kind)
+        .bind(job_number)
+        .bind(DAEMON)
+        .bind(of_scan)
+        .fetch_one(&mut *transaction)
+        .await?;
+        Ok(RecordedEvent { id, at, event, who })
     }
 
     /// Returns events with numbers above `after`, oldest first, at most `limit`.
@@ -74,14 +120,16 @@ impl Store {
         after: i64,
         limit: u32,
     ) -> Result<Vec<RecordedEvent>, StoreError> {
-        sqlx::query_as::<_, Row>("SELECT id, at, body FROM events WHERE id > ? ORDER BY id LIMIT ?")
-            .bind(after)
-            .bind(limit)
-            .fetch_all(self.readers())
-            .await?
-            .into_iter()
-            .map(RecordedEvent::try_from)
-            .collect()
+        sqlx::query_as::<_, Row>(
+            "SELECT id, at, body, who FROM events WHERE id > ? ORDER BY id LIMIT ?",
+        )
+        .bind(after)
+        .bind(limit)
+        .fetch_all(self.readers())
+        .await?
+        .into_iter()
+        .map(RecordedEvent::try_from)
+        .collect()
     }
 
     /// Returns the progress in a scan's newest event; all zero before the first.
@@ -106,6 +154,7 @@ impl Store {
             | Event::Calculation { .. }
             | Event::Forecast { .. }
             | Event::Recovered { .. }
+            | Event::Order { .. }
             | Event::Alarm { .. } => Ok(Progress::default()),
         }
     }
@@ -122,7 +171,7 @@ impl Store {
         limit: u32,
     ) -> Result<Vec<RecordedEvent>, StoreError> {
         sqlx::query_as::<_, Row>(
-            "SELECT id, at, body FROM events WHERE scan_id = ? AND kind = 'uncertainty' AND id > ? ORDER BY id LIMIT ?",
+            "SELECT id, at, body, who FROM events WHERE scan_id = ? AND kind = 'uncertainty' AND id > ? ORDER BY id LIMIT ?",
         )
         .bind(scan_id)
         .bind(after)
@@ -145,7 +194,7 @@ impl Store {
         limit: u32,
     ) -> Result<Vec<RecordedEvent>, StoreError> {
         sqlx::query_as::<_, Row>(
-            "SELECT id, at, body FROM events WHERE scan_id = ? AND kind IN ('alarm', 'recovered') AND id > ?
+            "SELECT id, at, body, who FROM events WHERE scan_id = ? AND kind IN ('alarm', 'recovered') AND id > ?
              ORDER BY id LIMIT ?",
         )
         .bind(scan_id)
@@ -174,6 +223,9 @@ impl Store {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::job::JobKind;
+    use crate::store::jobs::{JobEnd, NewJob};
+    use crate::store::scans::tests::planned;
     use crate::store::tests::open;
 
     fn alarm(code: &str) -> Event {
@@ -194,5 +246,36 @@ mod tests {
         let missed = store.events_after(first.id, 10).await.unwrap();
         let events: Vec<Event> = missed.into_iter().map(|e| e.event).collect();
         assert_eq!(events, [alarm("b"), alarm("c")]);
+    }
+
+    #[tokio::test]
+    async fn an_event_is_of_the_caller_that_caused_it_or_started_its_scan_or_job() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        let who = async |event| store.record(event).await.unwrap().who.unwrap();
+        let of_scan = Event::Alarm {
+            code: "a".into(),
+            message: "look".into(),
+            scan_id: Some(scan.id),
+        };
+        assert_eq!(who(of_scan).await, scan.who);
+        assert_eq!(who(alarm("a")).await, DAEMON);
+        let new = NewJob {
+            kind: JobKind::Map,
+            scan_id: Some(scan.id),
+            variant: None,
+            request: "{}".into(),
+            options: None,
+            who: "anna".into(),
+        };
+        let (id, started) = store.start_job(&new).await.unwrap();
+        assert_eq!(started.who.as_deref(), Some("anna"));
+        let ended = store.end_job(id, &JobEnd::Cancelled).await.unwrap();
+        assert_eq!(ended.who.as_deref(), Some("anna"));
+        let by = store.record_by("bert", alarm("b")).await.unwrap();
+        assert_eq!(by.who.as_deref(), Some("bert"));
+        let read = store.events_after(by.id - 1, 1).await.unwrap();
+        assert_eq!(read[0].who, by.who);
     }
 }

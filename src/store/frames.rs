@@ -160,7 +160,8 @@ impl Store {
             theta_c: AxisEvent::at(shot.pose.theta_c),
             phi_s: AxisEvent::at(shot.pose.phi_s),
         };
-        events.push(self.record_in(&mut transaction, arrived).await?);
+        let arrived = self.record_of_scan(&mut transaction, shot.scan_id, arrived);
+        events.push(arrived.await?);
         for frame in frames {
             let (theta_c_deg, phi_s_deg) = (shot.pose.theta_c.deg(), shot.pose.phi_s.deg());
             let id = insert_frame(

@@ -1,8 +1,13 @@
-//! Answers stored by Idempotency-Key, so that a request that is sent twice acts once.
+//! Answers stored by caller and Idempotency-Key, so that a request that is sent twice acts once.
+
+use std::time::Duration;
 
 use sqlx::FromRow;
 
-use super::{Store, StoreError};
+use super::{Store, StoreError, utc_text};
+
+/// How long a key is known. Sent again later, the request acts again.
+pub const KEY_AGE_MAX: Duration = Duration::from_secs(24 * 3600);
 
 /// The first answer to a request.
 #[derive(Debug, Clone, PartialEq, Eq, FromRow)]
@@ -15,25 +20,42 @@ pub struct KeptAnswer {
     pub body: String,
 }
 
+/// A request with a key.
+#[derive(Debug, Clone, Copy)]
+pub struct KeyedRequest<'a> {
+    /// The caller: the key of another caller is another key.
+    pub who: &'a str,
+    /// The key.
+    pub key: &'a str,
+    /// Hash of the request.
+    pub sha256: &'a str,
+}
+
 impl Store {
-    /// Returns the answer stored under `key` for this request (`request` is its hash).
+    /// Time before which keys are forgotten.
+    fn oldest_key(&self) -> String {
+        utc_text(self.inner.clock.wall() - KEY_AGE_MAX)
+    }
+
+    /// Returns the answer stored for this request.
     ///
     /// # Errors
-    /// [`StoreError::KeyReused`] if the key belongs to another request.
+    /// [`StoreError::KeyReused`] if the caller used the key for another request.
     pub async fn kept_answer(
         &self,
-        key: &str,
-        request: &str,
+        asked: KeyedRequest<'_>,
     ) -> Result<Option<KeptAnswer>, StoreError> {
         let row = sqlx::query_as::<_, (String, u16, Option<String>, String)>(
-            "SELECT request, status, location, body FROM idempotency_keys WHERE key = ?",
+            "SELECT request, status, location, body FROM idempotency_keys WHERE who = ? AND key = ? AND at >= ?",
         )
-        .bind(key)
+        .bind(asked.who)
+        .bind(asked.key)
+        .bind(self.oldest_key())
         .fetch_optional(self.readers())
         .await?;
         match row {
             None => Ok(None),
-            Some((kept, ..)) if kept != request => Err(StoreError::KeyReused),
+            Some((kept, ..)) if kept != asked.sha256 => Err(StoreError::KeyReused),
             Some((_, status, location, body)) => Ok(Some(KeptAnswer {
                 status,
                 location,
@@ -42,27 +64,31 @@ impl Store {
         }
     }
 
-    /// Stores an answer; the first one under a key stays.
+    /// Stores an answer and forgets old keys; the first answer under a key stays.
     ///
     /// # Errors
     /// A database error.
     pub async fn keep_answer(
         &self,
-        key: &str,
-        request: &str,
+        asked: KeyedRequest<'_>,
         answer: &KeptAnswer,
     ) -> Result<(), StoreError> {
         let mut transaction = self.writing().await?;
+        sqlx::query("DELETE FROM idempotency_keys WHERE at < ?")
+            .bind(self.oldest_key())
+            .execute(&mut *transaction)
+            .await?;
         sqlx::query(
-            "INSERT OR IGNORE INTO idempotency_keys (key, request, status, location, body, at)
-             VALUES (?, ?, ?, ?, ?, ?)",
+            "INSERT OR IGNORE INTO idempotency_keys (who, key, request, status, location, body, at)
+             VALUES (?, ?, ?, ?, ?, ?, ?)",
         )
-        .bind(key)
-        .bind(request)
+        .bind(asked.who)
+        .bind(asked.key)
+        .bind(asked.sha256)
         .bind(answer.status)
         .bind(&answer.location)
         .bind(&answer.body)
-        .bind(self.now_text())
+        .bind(self.wall_text())
         .execute(&mut *transaction)
         .await?;
         transaction.commit().await
@@ -74,8 +100,16 @@ mod tests {
     use super::*;
     use crate::store::tests::open;
 
+    fn asked<'a>(who: &'a str, sha256: &'a str) -> KeyedRequest<'a> {
+        KeyedRequest {
+            who,
+            key: "k",
+            sha256,
+        }
+    }
+
     #[tokio::test]
-    async fn a_key_answers_its_own_request_and_refuses_another() {
+    async fn a_key_answers_its_own_request_and_refuses_another_of_the_same_caller() {
         let folder = tempfile::tempdir().unwrap();
         let (store, _) = open(folder.path()).await.unwrap();
         let answer = KeptAnswer {
@@ -83,12 +117,47 @@ mod tests {
             location: Some("/api/v1/scans/1".into()),
             body: "{}".into(),
         };
-        assert_eq!(store.kept_answer("k", "r").await.unwrap(), None);
-        store.keep_answer("k", "r", &answer).await.unwrap();
-        assert_eq!(store.kept_answer("k", "r").await.unwrap(), Some(answer));
+        assert_eq!(store.kept_answer(asked("anna", "r")).await.unwrap(), None);
+        store
+            .keep_answer(asked("anna", "r"), &answer)
+            .await
+            .unwrap();
+        let kept = store.kept_answer(asked("anna", "r")).await.unwrap();
+        assert_eq!(kept, Some(answer));
         assert!(matches!(
-            store.kept_answer("k", "other").await,
+            store.kept_answer(asked("anna", "other")).await,
             Err(StoreError::KeyReused)
         ));
+        for request in ["r", "other"] {
+            let of_another = store.kept_answer(asked("bert", request)).await;
+            assert_eq!(of_another.unwrap(), None);
+        }
+    }
+
+    #[tokio::test]
+    async fn an_old_key_is_forgotten() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let answer = KeptAnswer {
+            status: 202,
+            location: None,
+            body: "{}".into(),
+        };
+        store
+            .keep_answer(asked("anna", "r"), &answer)
+            .await
+            .unwrap();
+        let clock = &store.inner.clock;
+        clock.sleep(KEY_AGE_MAX + Duration::from_secs(1)).await;
+        assert_eq!(store.kept_answer(asked("anna", "r")).await.unwrap(), None);
+        store
+            .keep_answer(asked("bert", "r"), &answer)
+            .await
+            .unwrap();
+        let rows: i64 = sqlx::query_scalar("SELECT count(*) FROM idempotency_keys")
+            .fetch_one(store.readers())
+            .await
+            .unwrap();
+        assert_eq!(rows, 1);
     }
 }

@@ -23,6 +23,8 @@ pub struct NewJob {
     pub request: String,
     /// JSON of all options with their defaults, where they differ from the request.
     pub options: Option<String>,
+    /// Who started it.
+    pub who: String,
 }
 
 /// How a job ended.
@@ -88,6 +90,8 @@ pub struct Job {
     pub error_code: Option<String>,
     /// Cause and remedy.
     pub error_detail: Option<String>,
+    /// Who started it.
+    pub who: String,
     /// RFC 3339 UTC.
     pub created_at: String,
     /// RFC 3339 UTC.
@@ -126,7 +130,7 @@ pub struct JobFilter {
 const SELECT: &str =
     "SELECT j.kind, j.number, j.scan_id, s.sample_id, p.name AS sample_name, j.request,
        COALESCE(e.state, 'running') AS state, e.set_id, e.result, e.error_code, e.error_detail,
-       j.created_at, e.at AS ended_at
+       j.who, j.created_at, e.at AS ended_at
      FROM jobs j LEFT JOIN job_ends e ON e.job_id = j.id
      LEFT JOIN scans s ON s.id = j.scan_id LEFT JOIN samples p ON p.id = s.sample_id";
 
@@ -150,8 +154,8 @@ impl Store {
         let mut transaction = self.writing().await?;
         // Rows are never deleted, so no number is used twice.
         let number = sqlx::query_scalar(
-            "INSERT INTO jobs (kind, number, scan_id, variant, request, options, program, created_at)
-             VALUES (?1, (SELECT COALESCE(MAX(number), 0) + 1 FROM jobs WHERE kind = ?1), ?2, ?3, ?4, ?5, ?6, ?7)
+            "INSERT INTO jobs (kind, number, scan_id, variant, request, options, program, created_at, who)
+             VALUES (?1, (SELECT COALESCE(MAX(number), 0) + 1 FROM jobs WHERE kind = ?1), ?2, ?3, ?4, ?5, ?6, ?7, ?8)
              RETURNING number",
         )
         .bind(new.kind.as_str())
@@ -161,6 +165,7 @@ impl Store {
         .bind(&new.options)
         .bind(PROGRAM)
         .bind(self.wall_text())
+        .bind(&new.who)
         .fetch_one(&mut *transaction)
         .await?;
         let id = JobId::new(new.kind, number);
@@ -372,6 +377,7 @@ mod tests {
             variant: (kind == JobKind::Fit).then(|| "auto".into()),
             request: "{}".into(),
             options: None,
+            who: "local".into(),
         }
     }
 

@@ -27,6 +27,9 @@ pub enum SimulatedSurface {
     },
 }
 
+/// Longest note of a sample, in characters: lists return the notes of many samples.
+pub const NOTE_LENGTH_MAX: usize = 4000;
+
 /// A sample to add.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewSample {
@@ -46,6 +49,11 @@ impl NewSample {
     pub fn fault(&self) -> Option<(&'static str, String)> {
         if self.name.trim().is_empty() || self.name.chars().count() > 200 {
             return Some(("name", "must have 1 to 200 characters".to_owned()));
+        }
+        let note = self.note.as_deref().unwrap_or_default();
+        if note.chars().count() > NOTE_LENGTH_MAX {
+            let problem = format!("must have at most {NOTE_LENGTH_MAX} characters");
+            return Some(("note", problem));
         }
         let material: &[_] = match self.material {
             Material::Dielectric { eta, eta_std } => &[

@@ -43,6 +43,8 @@ pub struct NewScan {
     pub frames_csv: Option<String>,
     /// Calibrations of other scans that this one uses.
     pub calibration_ids: Vec<i64>,
+    /// Who started it.
+    pub who: String,
 }
 
 /// A stored scan with its latest state.
@@ -68,6 +70,8 @@ pub struct Scan {
     pub reason: Option<String>,
     /// Step that the operator has to do.
     pub operator: Option<OperatorAction>,
+    /// Who started it.
+    pub who: String,
     /// RFC 3339 UTC.
     pub created_at: String,
     /// Time of its first action.
@@ -105,6 +109,7 @@ struct Row {
     state: String,
     reason: Option<String>,
     operator: Option<String>,
+    who: String,
     created_at: String,
     started_at: Option<String>,
     state_at: String,
@@ -133,6 +138,7 @@ impl TryFrom<Row> for Scan {
             state: state_of(&row.state)?,
             reason: row.reason,
             operator: row.operator.as_deref().and_then(OperatorAction::from_word),
+            who: row.who,
             created_at: row.created_at,
             started_at: row.started_at,
             state_at: row.state_at,
@@ -147,7 +153,7 @@ fn state_of(word: &str) -> Result<ScanState, StoreError> {
 
 const SELECT: &str =
     "SELECT s.id, s.sample_id, p.name AS sample_name, s.rig_id, s.origin, s.name, s.plan,
-       t.state, t.reason, t.operator, s.created_at, t.at AS state_at,
+       t.state, t.reason, t.operator, s.who, s.created_at, t.at AS state_at,
        (SELECT MIN(at) FROM scan_states WHERE scan_id = s.id AND state <> 'planned') AS started_at
      FROM scans s
      JOIN samples p ON p.id = s.sample_id
@@ -225,8 +231,8 @@ impl Store {
             .transpose()
             .map_err(|e| StoreError::bad_row("scans", e))?;
         let id = sqlx::query(
-            "INSERT INTO scans (sample_id, rig_id, origin, name, plan, manifest, frames_csv, program, created_at)
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            "INSERT INTO scans (sample_id, rig_id, origin, name, plan, manifest, frames_csv, program, created_at, who)
+             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         )
         .bind(new.sample_id)
         .bind(new.rig_id)
@@ -237,6 +243,7 @@ impl Store {
         .bind(&new.frames_csv)
         .bind(PROGRAM)
         .bind(self.now_text())
+        .bind(&new.who)
         .execute(&mut *transaction)
         .await?
         .last_insert_rowid();
@@ -405,6 +412,7 @@ pub(crate) mod tests {
             manifest: "schema = \"gonio-series-1\"".into(),
             frames_csv: None,
             calibration_ids: vec![],
+            who: "anna".into(),
         };
         store.add_scan(&new).await.unwrap().0
     }

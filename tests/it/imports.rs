@@ -14,6 +14,7 @@ use code::Code;
 /// A module and the modules it may name. `*` means every module.
 const RULES: &[(&str, &[&str])] = &[
     ("units", &[]),
+    ("access", &[]),
     ("material", &[]),
     ("frame", &[]),
     ("clock", &[]),
@@ -207,6 +208,7 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "store",
         &[
+            "access",
             "units",
             "geometry",
             "material",
@@ -225,6 +227,7 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "lab",
         &[
+            "access",
             "units",
             "geometry",
             "material",
@@ -255,6 +258,7 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "api",
         &[
+            "access",
             "units",
             "geometry",
             "material",
@@ -283,7 +287,7 @@ const RULES: &[(&str, &[&str])] = &[
     ),
     (
         "daemon",
-        &["api", "clock", "config", "lab", "scan", "store"],
+        &["access", "api", "clock", "config", "lab", "scan", "store"],
     ),
     ("cli", &["*"]),
 ];

@@ -3,6 +3,7 @@
 // Helpers outside #[test] functions are tests too.
 #![allow(clippy::unwrap_used)]
 
+mod access;
 mod again;
 mod bench_in_a_box;
 mod check;

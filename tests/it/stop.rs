@@ -23,7 +23,7 @@ use tower::ServiceExt;
 
 use crate::bench_in_a_box::{BenchInABox, small};
 use crate::cut_short::by_hand;
-use crate::http::{is_problem, opened, request, send};
+use crate::http::{is_problem, opened, request, router_of, send};
 
 /// A lab whose line to the stages can be disturbed. Time stands still while no task waits, so what moves goes on moving.
 async fn disturbed(change: impl FnOnce(&mut StageLink)) -> (Lab, SimulatedRig, tempfile::TempDir) {
@@ -80,7 +80,7 @@ async fn a_stop_reaches_what_moves_on_after_its_link_was_lost() {
     assert!(!rig.world.is_moving());
     // Without a line, no answer says that the stage stands.
     faults.unplug();
-    let router = ridged::api::router(lab.clone(), Arc::new(String::new), Default::default());
+    let router = router_of(&lab);
     // The first question finds the line gone; the next finds none.
     for _ in 0..2 {
         let rig = request("GET", "/api/v1/rig").body(Body::empty()).unwrap();
@@ -123,7 +123,7 @@ async fn a_daemon_that_ends_stops_what_it_lost() {
 async fn a_stop_without_a_port_says_that_it_reached_nothing() {
     let nowhere = |link: &mut StageLink| link.port = "/dev/there-is-no-such-port".parse().unwrap();
     let (lab, _rig, _folder) = disturbed(nowhere).await;
-    let router = ridged::api::router(lab.clone(), Arc::new(String::new), Default::default());
+    let router = router_of(&lab);
     let stop = request("POST", "/api/v1/rig/stop").body(Body::empty());
     let answer = send(&router, stop.unwrap()).await;
     is_problem(&answer, 503, "port-missing");

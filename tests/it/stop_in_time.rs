@@ -14,7 +14,7 @@ use ridged::scan::runner::ScanCommand;
 use ridged::units::Angle;
 
 use crate::bench_in_a_box::small;
-use crate::http::{request, send};
+use crate::http::{request, router_of, send};
 use crate::stop::{disturbed_on, idle};
 
 /// 50 ms, and as much again three times, since tests share the machine.
@@ -58,7 +58,7 @@ async fn a_stop_is_on_the_wire_at_once_and_answered_within_a_second_in_every_sta
     let seam = Arc::new(times.clone());
     let (lab, rig, _folder) = disturbed_on(clock, |link| link.seam = seam).await;
     rig.add_samples(&lab).await.unwrap();
-    let router = ridged::api::router(lab.clone(), Arc::new(String::new), Default::default());
+    let router = router_of(&lab);
     let stop = async |state: &str| {
         let asked = Instant::now();
         let stop = request("POST", "/api/v1/rig/stop").body(Body::empty());

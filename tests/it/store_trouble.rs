@@ -17,7 +17,7 @@ use sqlx::{ConnectOptions, Connection, SqliteConnection};
 use tokio::sync::broadcast::Receiver;
 
 use crate::bench_in_a_box::{BenchInABox, small};
-use crate::http::{request, send};
+use crate::http::{request, router_of, send};
 use crate::stop::{disturbed_on, idle};
 
 /// Holds the write lock of the database, as another program does.
@@ -51,7 +51,7 @@ async fn neither_a_stop_nor_a_motion_waits_for_a_locked_database() {
     let mut events = lab.events();
     lab.home(PhiS).await.unwrap();
     idle(&mut events).await;
-    let router = ridged::api::router(lab.clone(), Arc::new(String::new), Default::default());
+    let router = router_of(&lab);
     let locked = lock(folder.path()).await;
 
     let began = Instant::now();
@@ -141,7 +141,7 @@ async fn is_gone(bench: &BenchInABox, scan_id: i64, alarm: &RecordedEvent) {
     assert_eq!(scan.state, ScanState::Interrupted);
     assert!(scan.reason.unwrap().contains("while the daemon used it"));
     assert!(!bench.rig.world.is_moving());
-    let router = ridged::api::router(bench.lab.clone(), Arc::new(String::new), Default::default());
+    let router = router_of(&bench.lab);
     let ready = request("GET", "/readyz").body(Body::empty()).unwrap();
     let ready = send(&router, ready).await;
     assert_eq!((ready.status, &ready.body["store"]), (503, &false.into()));

@@ -19,7 +19,8 @@ use serde_json::{Value, json};
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
 
-use ridged::api;
+use ridged::api::{self, Access};
+use ridged::lab::Lab;
 use ridged::scan::Event;
 use ridged::store::disk::RealDisk;
 
@@ -28,12 +29,17 @@ use crate::bench_in_a_box::BenchInABox;
 /// A lab without hands, and the interface to it.
 pub(crate) async fn opened() -> (BenchInABox, Router) {
     let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
-    let router = api::router(
-        bench.lab.clone(),
-        Arc::new(String::new),
-        CancellationToken::new(),
-    );
+    let router = router_of(&bench.lab);
     (bench, router)
+}
+
+/// The interface of a lab to callers on this machine, who may import the series that come with the tests and others in
+/// temporary folders.
+pub(crate) fn router_of(lab: &Lab) -> Router {
+    let roots = vec![env!("CARGO_MANIFEST_DIR").into(), std::env::temp_dir()];
+    let access = Access::of_folder(lab.store().folder()).with_import_roots(roots);
+    let ending = CancellationToken::new();
+    api::router(lab.clone(), Arc::new(String::new), ending, access)
 }
 
 /// An answer: status, headers, JSON (null if it is none).

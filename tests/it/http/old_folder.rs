@@ -7,16 +7,14 @@ use axum::body::Body;
 use serde_json::{Value, json};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Connection, SqliteConnection};
-use tokio_util::sync::CancellationToken;
 
-use ridged::api;
 use ridged::clock::SteppedClock;
 use ridged::job::{JobId, JobKind};
 use ridged::lab::Lab;
 use ridged::store::disk::RealDisk;
 use ridged::store::jobs::NewJob;
 
-use super::{download, get, is_problem, post, request, send};
+use super::{download, get, is_problem, post, request, router_of, send};
 
 /// `sqlite3 ridged.sqlite .dump` of a folder of ridged 0.1.0, killed while fit 4 and trace 6 ran. It had one table of fits
 /// and one of all other calculations.
@@ -78,8 +76,7 @@ async fn jobs_of_an_older_program_keep_their_numbers_answers_files_cursors_and_k
         assert!(interrupted.contains(&id), "{interrupted:?}");
     }
     assert_eq!(interrupted.len(), 4);
-    let metrics = Arc::new(String::new);
-    let router = api::router(lab.clone(), metrics, CancellationToken::new());
+    let router = router_of(&lab);
 
     let mut finished = 0;
     for (path, request, result) in &rows {
@@ -143,6 +140,7 @@ async fn jobs_of_an_older_program_keep_their_numbers_answers_files_cursors_and_k
             variant: None,
             request: "{}".into(),
             options: None,
+            who: "local".into(),
         };
         let (id, _) = lab.store().start_job(&new).await.unwrap();
         assert_eq!(id, JobId::new(kind, next));

@@ -147,7 +147,7 @@ async fn bad_input_is_refused_by_name_and_nothing_happens() {
             "/api/v1/imports",
         ),
         (
-            r#"{"folder": "/nowhere/at/all"}"#,
+            r#"{"folder": "/tmp/nowhere/at/all"}"#,
             422,
             "series-invalid",
             "/api/v1/imports",

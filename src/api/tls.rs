@@ -1,0 +1,127 @@
+//! TLS of the listener: rustls with ring, and the certificate of two PEM files.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use tokio_rustls::TlsAcceptor;
+use tokio_rustls::rustls::ServerConfig;
+use tokio_rustls::rustls::crypto::ring;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
+
+/// Files of a certificate.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TlsFiles {
+    /// The certificate and those that signed it, PEM.
+    pub certificate: PathBuf,
+    /// Its private key, PEM.
+    pub key: PathBuf,
+}
+
+/// Why the certificate cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum TlsError {
+    /// A file cannot be read or has no PEM of its kind.
+    #[error("{} is not a PEM file with a {what}: {detail}", file.display())]
+    Unusable {
+        /// The file.
+        file: PathBuf,
+        /// What it should have.
+        what: &'static str,
+        /// What is wrong.
+        detail: String,
+    },
+    /// Certificate and key do not belong together, or cannot be used.
+    #[error(
+        "the certificate {} cannot be used with the key {}: {detail}",
+        files.certificate.display(), files.key.display()
+    )]
+    Pair {
+        /// The files.
+        files: TlsFiles,
+        /// What is wrong.
+        detail: String,
+    },
+}
+
+/// Reads the certificate, and returns what accepts connections with it.
+///
+/// # Errors
+/// [`TlsError`] with file and reason.
+pub(super) fn acceptor(files: &TlsFiles) -> Result<TlsAcceptor, TlsError> {
+    let wrong = |file: &Path, what, detail: String| TlsError::Unusable {
+        file: file.to_owned(),
+        what,
+        detail,
+    };
+    let chain = CertificateDer::pem_file_iter(&files.certificate)
+        .and_then(Iterator::collect::<Result<Vec<_>, _>>)
+        .map_err(|error| wrong(&files.certificate, "certificate", error.to_string()))?;
+    if chain.is_empty() {
+        let detail = "it has none".to_owned();
+        return Err(wrong(&files.certificate, "certificate", detail));
+    }
+    let key = PrivateKeyDer::from_pem_file(&files.key)
+        .map_err(|error| wrong(&files.key, "private key", error.to_string()))?;
+    let pair = |detail: String| TlsError::Pair {
+        files: files.clone(),
+        detail,
+    };
+    let mut config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
+        .with_safe_default_protocol_versions()
+        .map_err(|error| pair(error.to_string()))?
+        .with_no_client_auth()
+        .with_single_cert(chain, key)
+        .map_err(|error| pair(error.to_string()))?;
+    config.alpn_protocols = vec![b"http/1.1".to_vec()];
+    Ok(TlsAcceptor::from(Arc::new(config)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Writes a certificate of its own, and returns its files.
+    fn written(folder: &Path) -> TlsFiles {
+        let made = rcgen::generate_simple_self_signed(["localhost".to_owned()]).unwrap();
+        let files = TlsFiles {
+            certificate: folder.join("cert.pem"),
+            key: folder.join("key.pem"),
+        };
+        std::fs::write(&files.certificate, made.cert.pem()).unwrap();
+        std::fs::write(&files.key, made.signing_key.serialize_pem()).unwrap();
+        files
+    }
+
+    #[test]
+    fn a_pair_is_accepted_and_every_other_file_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = written(folder.path());
+        assert!(acceptor(&files).is_ok());
+        let refusal = |files: &TlsFiles| acceptor(files).err().unwrap().to_string();
+        let swapped = TlsFiles {
+            certificate: files.key.clone(),
+            key: files.certificate.clone(),
+        };
+        assert!(
+            refusal(&swapped).contains("key.pem"),
+            "{}",
+            refusal(&swapped)
+        );
+        let missing = TlsFiles {
+            key: folder.path().join("none.pem"),
+            ..files.clone()
+        };
+        assert!(refusal(&missing).contains("none.pem"));
+        let other = tempfile::tempdir().unwrap();
+        let mixed = TlsFiles {
+            key: written(other.path()).key,
+            ..files
+        };
+        assert!(
+            refusal(&mixed).contains("cannot be used"),
+            "{}",
+            refusal(&mixed)
+        );
+    }
+}
