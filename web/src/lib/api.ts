@@ -16,12 +16,15 @@ import type {
   FrameRow,
   Incident,
   JobKind,
+  LeaseState,
+  LeaseTaken,
   OperatorStep,
   Page,
   Rig,
   Sample,
   Scan,
   ScanJob,
+  Session,
   Trace,
   TracePlane,
 } from './types';
@@ -31,16 +34,40 @@ const PREFIX = '/api/v1';
 /** A fit has about 20 kB, so a store of thousands is read page by page. */
 const FITS_PER_PAGE = 100;
 
-async function ask(path: string, init?: RequestInit): Promise<Response> {
+/** The lease of this page. It ends with its tab. */
+export const ownLease = {
+  id: (): string | null => sessionStorage.getItem('ridged-lease'),
+  keep: (id: string): void => sessionStorage.setItem('ridged-lease', id),
+  forget: (): void => sessionStorage.removeItem('ridged-lease'),
+};
+
+let askForLogin = (): void => undefined;
+
+/** Calls `then` when the daemon asks for a token. */
+export function whenLoginIsNeeded(then: () => void): void {
+  askForLogin = then;
+}
+
+/** Shows the daemon that the page, and not a form of another one, sends the request; presents the lease of this page. */
+function withOwnHeaders(init: RequestInit): RequestInit {
+  const headers = new Headers(init.headers);
+  headers.set('ridged-request', '1');
+  const id = ownLease.id();
+  if (id !== null) headers.set('ridged-lease', id);
+  return { ...init, headers };
+}
+
+async function ask(path: string, init: RequestInit = {}): Promise<Response> {
   let response: Response;
   try {
-    response = await fetch(path, init);
+    response = await fetch(path, withOwnHeaders(init));
   } catch (cause) {
     if (cause instanceof DOMException && cause.name === 'AbortError') throw cause;
     throw new Problem(0, 'no-answer', 'The daemon does not answer. Is “ridged serve” still running?');
   }
   if (response.ok) return response;
   const body: unknown = await response.json().catch(() => null);
+  if (response.status === 401) askForLogin();
   throw problemOf(response.status, body, `the daemon answered ${response.status} ${response.statusText}`);
 }
 
@@ -49,8 +76,8 @@ async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
   return (await response.json()) as T;
 }
 
-async function post<T>(path: string, body?: unknown): Promise<T> {
-  const init: RequestInit = { method: 'POST' };
+async function post<T>(path: string, body?: unknown, method: 'POST' | 'DELETE' = 'POST'): Promise<T> {
+  const init: RequestInit = { method };
   if (body !== undefined) {
     init.headers = { 'content-type': 'application/json' };
     init.body = JSON.stringify(body);
@@ -105,6 +132,13 @@ export interface TraceRequest {
 }
 
 export const api = {
+  session: (): Promise<Session> => get('/session'),
+  login: (token: string): Promise<Session> => post('/session', { token }),
+  logout: (): Promise<unknown> => post('/session', undefined, 'DELETE'),
+  lease: (): Promise<LeaseState> => get('/lease'),
+  takeLease: (name: string, take_over: boolean): Promise<LeaseTaken> => post('/lease', { name, take_over }),
+  returnLease: (): Promise<unknown> => post('/lease', undefined, 'DELETE'),
+
   rig: (): Promise<Rig> => get('/rig'),
   move: (axis: AxisName, position_deg: number): Promise<unknown> => post(`/rig/axes/${axis}/move`, { position_deg }),
   home: (axis: AxisName): Promise<unknown> => post(`/rig/axes/${axis}/home`),

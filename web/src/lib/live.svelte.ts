@@ -62,10 +62,13 @@ class Live {
   notices = $state.raw<readonly Notice[]>([]);
   /** True once scans and fits have been read at least once. */
   loaded = $state(false);
+  /** Increases with each look at the rig, and when a caller gives an order: the holder of the rig may be another one. */
+  looks = $state(0);
 
   #source: EventSource | null = null;
   #reconnectMs = 500;
   #rigTimer: ReturnType<typeof setTimeout> | undefined;
+  #connectTimer: ReturnType<typeof setTimeout> | undefined;
   #noticeId = 0;
   /** Number of events of each scan so far. */
   readonly #scanEvents = new Map<number, number>();
@@ -94,6 +97,7 @@ class Live {
       this.#stopped = true;
       this.#source?.close();
       clearTimeout(this.#rigTimer);
+      clearTimeout(this.#connectTimer);
       clearTimeout(this.#framesTimer);
     };
   }
@@ -241,9 +245,11 @@ class Live {
       this.link = 'lost';
       // EventSource gives up for good after some answers; a new one is made in any case, with growing delays.
       source.close();
+      // It does not say that the daemon asks for a login; this request does.
+      void this.#pollRig();
       const wait = this.#reconnectMs;
       this.#reconnectMs = Math.min(RECONNECT_MS_MAX, 2 * wait);
-      setTimeout(() => this.#connect(), wait);
+      this.#connectTimer = setTimeout(() => this.#connect(), wait);
     };
     const on = <T>(type: string, take: (data: T) => void): void => {
       source.addEventListener(type, (event) => {
@@ -259,6 +265,7 @@ class Live {
     on<Certainty & { readonly scan_id: number }>('uncertainty', (row) => {
       if (!this.freshCertainties.some((c) => c.id === row.id)) this.freshCertainties = [...this.freshCertainties, row].slice(-2000);
     });
+    on('order', () => (this.looks += 1));
     on('calculation', () => (this.jobsChanged += 1));
     on<{ of: string; number: number }>('forecast', (job) => {
       if (job.of === 'fit') void this.reloadFit(job.number).catch(() => undefined);
@@ -329,6 +336,7 @@ class Live {
     // An event may be lost; a fit that has ended must not be shown as running.
     for (const fit of this.fits.filter((f) => f.state === 'running').slice(0, POLLED_MAX)) void this.reloadFit(fit.id).catch(() => undefined);
     this.#rigAgain = false;
+    this.looks += 1;
     try {
       this.rig = await api.rig();
       this.rigProblem = this.rig.connected ? null : (this.rig.problem?.detail ?? 'The stages are not connected.');

@@ -356,6 +356,8 @@ export interface components {
             /** @description Sentences on what the user has to check or change. */
             readonly warnings?: readonly string[];
             readonly wedge_across?: components["schemas"]["FitAcross"] | null;
+            /** @description Who started it: the name of a token, or `local`. */
+            readonly who: string;
         };
         /** @description Azimuth of the facets from the stage's zero, and its possible causes; degrees. */
         readonly FitAcross: {
@@ -991,6 +993,15 @@ export interface components {
              */
             readonly to: number;
         };
+        /** @description Who holds the rig. */
+        readonly HolderBody: {
+            /** @description Name of the lease, or the scan or motion that holds the rig without one. */
+            readonly name: string;
+            /** @description When the lease expires if it is not used, RFC 3339 in UTC; null for a scan or motion, which holds the rig until its end. */
+            readonly until?: string | null;
+            /** @description Name of the caller: of its token, or `local`. */
+            readonly who: string;
+        };
         /** @description Result of an import. */
         readonly ImportBody: {
             /** @description Values of the description that differ. Both scans are kept. */
@@ -1022,7 +1033,7 @@ export interface components {
         };
         /** @description A series to import. */
         readonly ImportRequest: {
-            /** @description Absolute path of the folder on the daemon's machine. */
+            /** @description Absolute path of the folder on the daemon's machine, below a folder of `import.roots`. */
             readonly folder: string;
             /** @description Leave out unreadable frames instead of refusing the series. */
             readonly skip_unreadable?: boolean;
@@ -1087,6 +1098,38 @@ export interface components {
             readonly scan_id?: number | null;
             /** @description State of the job. */
             readonly state: components["schemas"]["TaskState"];
+            /** @description Who started it: the name of a token, or `local`. */
+            readonly who: string;
+        };
+        /** @description A lease that was taken. */
+        readonly LeaseBody: {
+            /** @description When it expires if it is not used, RFC 3339 in UTC. Every request that presents it renews it. */
+            readonly expires_at: string;
+            /** @description The lease: send it as `Ridged-Lease` with every order. It is shown only now. */
+            readonly id: string;
+            /** @description Its name. */
+            readonly name: string;
+            readonly taken_from?: components["schemas"]["HolderBody"] | null;
+            /** @description Name of the caller. */
+            readonly who: string;
+        };
+        /** @description A lease to take. */
+        readonly LeaseRequest: {
+            /** @description Name that others are shown, 1 to 100 characters. */
+            readonly name: string;
+            /**
+             * Format: int64
+             * @description Seconds after its last use at which it expires, 10 to 86 400; 600 if omitted.
+             */
+            readonly seconds?: number | null;
+            /** @description Take it from the caller that holds it. */
+            readonly take_over?: boolean;
+        };
+        /** @description State of the lease. */
+        readonly LeaseStateBody: {
+            readonly holder?: components["schemas"]["HolderBody"] | null;
+            /** @description Whether the request presents the lease that holds the rig. */
+            readonly own: boolean;
         };
         /** @description A page of a list. */
         readonly List_CalibrationBody: {
@@ -1267,6 +1310,8 @@ export interface components {
                 /** @description Sentences on what the user has to check or change. */
                 readonly warnings?: readonly string[];
                 readonly wedge_across?: components["schemas"]["FitAcross"] | null;
+                /** @description Who started it: the name of a token, or `local`. */
+                readonly who: string;
             }[];
             /** @description `cursor` of the next page; null at the end. */
             readonly next_cursor?: string | null;
@@ -1423,6 +1468,8 @@ export interface components {
                 readonly scan_id?: number | null;
                 /** @description State of the job. */
                 readonly state: components["schemas"]["TaskState"];
+                /** @description Who started it: the name of a token, or `local`. */
+                readonly who: string;
             }[];
             /** @description `cursor` of the next page; null at the end. */
             readonly next_cursor?: string | null;
@@ -1498,9 +1545,16 @@ export interface components {
                 readonly started_at?: string | null;
                 /** @description State of the scan. */
                 readonly state: components["schemas"]["ScanState"];
+                /** @description Who started it: the name of a token, or `local`. */
+                readonly who: string;
             }[];
             /** @description `cursor` of the next page; null at the end. */
             readonly next_cursor?: string | null;
+        };
+        /** @description A login. */
+        readonly LoginRequest: {
+            /** @description The token that `ridged token create` printed. */
+            readonly token: string;
         };
         /**
          * @description How residuals count.
@@ -1769,6 +1823,8 @@ export interface components {
             readonly detail: string;
             /** @description Each wrong value, where the problem is about values. */
             readonly errors?: readonly components["schemas"]["FieldProblem"][];
+            /** @description Who holds the rig, where the problem is that another caller does. */
+            readonly holder?: components["schemas"]["HolderBody"];
             /**
              * Format: int32
              * @description HTTP status.
@@ -1931,6 +1987,11 @@ export interface components {
             /** @description Cause and remedy. */
             readonly detail: string;
         };
+        /**
+         * @description What the holder of a token may do. Every role may stop the rig.
+         * @enum {string}
+         */
+        readonly Role: "viewer" | "analyst" | "operator" | "admin";
         /** @description A sample. */
         readonly SampleBody: {
             /** @description When the sample was added, RFC 3339 in UTC. */
@@ -2005,6 +2066,8 @@ export interface components {
             readonly started_at?: string | null;
             /** @description State of the scan. */
             readonly state: components["schemas"]["ScanState"];
+            /** @description Who started it: the name of a token, or `local`. */
+            readonly who: string;
         };
         /** @description Properties of the camera that displaying its frames needs. */
         readonly ScanCameraBody: {
@@ -2044,6 +2107,15 @@ export interface components {
          * @enum {string}
          */
         readonly ScanState: "planned" | "waiting-for-operator" | "running" | "pausing" | "paused" | "interrupted" | "completed" | "aborted" | "failed";
+        /** @description Who sends requests. */
+        readonly SessionBody: {
+            /** @description Whether a login made this session, so that a logout ends it. */
+            readonly logged_in: boolean;
+            /** @description What this caller may do. */
+            readonly role: components["schemas"]["Role"];
+            /** @description Name of the token; `local` for a caller on the daemon's machine without one. */
+            readonly who: string;
+        };
         /** @description The sample's own shape, measured: a profile or a height map (see `docs/height-maps.md`). */
         readonly ShapeFile: {
             /** @description Content, base64. */
@@ -2234,11 +2306,15 @@ export type FrameKind = components['schemas']['FrameKind'];
 export type FrameRejected = components['schemas']['FrameRejected'];
 export type GeometryBody = components['schemas']['GeometryBody'];
 export type Grid = components['schemas']['Grid'];
+export type HolderBody = components['schemas']['HolderBody'];
 export type ImportBody = components['schemas']['ImportBody'];
 export type ImportRequest = components['schemas']['ImportRequest'];
 export type IncidentBody = components['schemas']['IncidentBody'];
 export type IncidentKind = components['schemas']['IncidentKind'];
 export type Job = components['schemas']['Job'];
+export type LeaseBody = components['schemas']['LeaseBody'];
+export type LeaseRequest = components['schemas']['LeaseRequest'];
+export type LeaseStateBody = components['schemas']['LeaseStateBody'];
 export type ListCalibrationBody = components['schemas']['List_CalibrationBody'];
 export type ListCertaintyBody = components['schemas']['List_CertaintyBody'];
 export type ListFit = components['schemas']['List_Fit'];
@@ -2247,6 +2323,7 @@ export type ListIncidentBody = components['schemas']['List_IncidentBody'];
 export type ListJob = components['schemas']['List_Job'];
 export type ListSampleBody = components['schemas']['List_SampleBody'];
 export type ListScanBody = components['schemas']['List_ScanBody'];
+export type LoginRequest = components['schemas']['LoginRequest'];
 export type Loss = components['schemas']['Loss'];
 export type MapRequest = components['schemas']['MapRequest'];
 export type MaterialBody = components['schemas']['MaterialBody'];
@@ -2270,6 +2347,7 @@ export type ReadyBody = components['schemas']['ReadyBody'];
 export type RidgeFacts = components['schemas']['RidgeFacts'];
 export type RigBody = components['schemas']['RigBody'];
 export type RigProblem = components['schemas']['RigProblem'];
+export type Role = components['schemas']['Role'];
 export type SampleBody = components['schemas']['SampleBody'];
 export type SampleRequest = components['schemas']['SampleRequest'];
 export type ScanBody = components['schemas']['ScanBody'];
@@ -2277,6 +2355,7 @@ export type ScanCameraBody = components['schemas']['ScanCameraBody'];
 export type ScanOrigin = components['schemas']['ScanOrigin'];
 export type ScanRequest = components['schemas']['ScanRequest'];
 export type ScanState = components['schemas']['ScanState'];
+export type SessionBody = components['schemas']['SessionBody'];
 export type ShapeFile = components['schemas']['ShapeFile'];
 export type TaskState = components['schemas']['TaskState'];
 export type TraceRequest = components['schemas']['TraceRequest'];

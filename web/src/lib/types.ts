@@ -9,6 +9,10 @@ type Sent<T> = T extends object ? { readonly [K in keyof T]-?: Sent<T[K]> } : T;
 /** A body some of whose fields are omitted without a value. */
 type SentBut<T, K extends keyof T> = Sent<Omit<T, K>> & Partial<Pick<T, K>>;
 
+export type Session = Sent<openapi.SessionBody>;
+export type Holder = Sent<openapi.HolderBody>;
+export type LeaseState = { readonly holder: Holder | null; readonly own: boolean };
+export type LeaseTaken = Pick<Sent<openapi.LeaseBody>, 'id'>;
 export type AxisName = keyof openapi.AxesBody;
 export type Axis = Sent<openapi.AxisBody>;
 export type Rig = Sent<openapi.RigBody>;
@@ -58,6 +62,8 @@ export interface Job {
   readonly id: number;
   readonly scan_id: number | null;
   readonly state: JobState;
+  /** Who started it. */
+  readonly who?: string;
   readonly created_at: string;
   readonly progress?: JobProgress;
   readonly forecast?: Forecast;

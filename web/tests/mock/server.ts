@@ -71,6 +71,12 @@ export class MockDaemon {
   fitMs: number | null = 150;
   /** Results of `ridged accuracy` in the folder, if any. */
   accuracy: Json | null = null;
+  /** Tokens and the role of each; none: the daemon asks for no token. */
+  readonly tokens = new Map<string, { who: string; role: string }>();
+  /** Who holds the rig. */
+  holder: Json | null = null;
+  #lease: string | null = null;
+  #session: { who: string; role: string } | null = null;
   /** Newest first; a new one runs until `finishTrace`. */
   readonly traces: Json[] = [];
 
@@ -348,6 +354,27 @@ export class MockDaemon {
     const problem = (status: number, code: string, detail: string): void => send(status, { status, code, title: code, detail }, 'application/problem+json');
     const refusal = this.refusals.get(`${method} ${path}`);
     if (refusal) return send(refusal.status, refusal.body, 'application/problem+json');
+
+    if (path === '/session' && method === 'POST') {
+      this.#session = this.tokens.get(String(body['token'])) ?? null;
+      if (this.#session === null) return problem(401, 'wrong-token', 'the token is not valid, or was revoked');
+      return send(200, { ...this.#session, logged_in: true });
+    }
+    if (path === '/session' && method === 'DELETE') {
+      this.#session = null;
+      return send(200, { id: null, state: 'logged-out' });
+    }
+    if (this.tokens.size > 0 && this.#session === null && path !== '/rig/stop') return problem(401, 'no-token', 'send a token, or log in');
+    if (path === '/session') return send(200, { who: 'local', role: 'admin', ...this.#session, logged_in: this.#session !== null });
+    if (path === '/lease') {
+      const own = this.#lease !== null && request.headers['ridged-lease'] === this.#lease;
+      if (method === 'GET') return send(200, { holder: this.holder, own });
+      if (method === 'POST' && this.holder !== null && !own && body['take_over'] !== true) return problem(409, 'lease-held', 'another caller holds the rig');
+      this.#lease = method === 'POST' ? `lease ${this.requests.length}` : null;
+      this.holder = method === 'POST' ? { who: this.#session?.who ?? 'local', name: body['name'], until: new Date(Date.now() + 600_000).toISOString() } : null;
+      this.event('order', {});
+      return method === 'POST' ? send(201, { id: this.#lease, ...this.holder }) : send(200, { id: null, state: 'free' });
+    }
 
     if (path === '/events') {
       response.writeHead(200, { 'content-type': 'text/event-stream', 'cache-control': 'no-store' });

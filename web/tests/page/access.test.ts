@@ -1,0 +1,56 @@
+// Login, logout, and the lease of the rig.
+
+import { expect, it } from 'vitest';
+
+import { daemon, page, posts, text, url } from './stage';
+
+async function loggedIn(token: string): Promise<void> {
+  await page.locator('input[type=password]').fill(token);
+  await page.getByRole('button', { name: 'Log in' }).click();
+}
+
+it('asks for a token, refuses a wrong one, and shows who is logged in', async () => {
+  daemon.tokens.set('ridged_anna', { who: 'anna', role: 'operator' });
+  daemon.addScan(1, 'paper');
+  await page.goto(url);
+  await page.getByRole('heading', { name: 'Log in to ridged' }).waitFor();
+  // Nothing is shown or asked before, and the stop works.
+  expect(await page.locator('#scans-title').count()).toBe(0);
+  expect(daemon.reads.filter((path) => path.startsWith('/scans'))).toEqual([]);
+  await page.keyboard.press('Escape');
+  await expect.poll(posts).toContain('/rig/stop');
+  await loggedIn('ridged_wrong');
+  await page.getByText('The token is not valid, or was revoked.').waitFor();
+  expect(await page.locator('input[type=password]').inputValue()).toBe('');
+  await loggedIn('ridged_anna');
+  await page.locator('#scans-title').waitFor();
+  await expect.poll(() => text('header .user')).toContain('anna operator');
+  await page.getByRole('button', { name: 'Log out' }).click();
+  await page.getByRole('heading', { name: 'Log in to ridged' }).waitFor();
+  expect(page.url()).not.toContain('ridged_');
+});
+
+it('shows who holds the rig and takes it over after a confirmation only', async () => {
+  daemon.holder = { who: 'bert', name: 'night run', until: new Date(Date.now() + 60_000).toISOString() };
+  await page.goto(url);
+  await page.getByText('holds the rig: night run').waitFor();
+  const home = page.getByRole('button', { name: 'Home' }).first();
+  await expect.poll(() => home.isDisabled()).toBe(true);
+  await page.getByRole('button', { name: 'Take over …' }).click();
+  expect(posts()).not.toContain('/lease');
+  await page.getByRole('button', { name: 'Take over from bert' }).click();
+  await page.getByText('This page holds the rig.').waitFor();
+  expect(daemon.requests.find((r) => r.path === '/lease')?.body).toEqual({ name: 'page of local', take_over: true });
+  await expect.poll(() => home.isDisabled()).toBe(false);
+  await page.getByRole('button', { name: 'Give back' }).click();
+  await page.getByRole('button', { name: 'Hold the rig' }).waitFor();
+});
+
+it('offers no lease to a viewer', async () => {
+  daemon.tokens.set('ridged_vera', { who: 'vera', role: 'viewer' });
+  daemon.holder = { who: 'bert', name: 'night run', until: null };
+  await page.goto(url);
+  await loggedIn('ridged_vera');
+  await page.getByText('holds the rig: night run, until its end.').waitFor();
+  expect(await page.getByRole('button', { name: 'Take over …' }).count()).toBe(0);
+});
