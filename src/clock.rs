@@ -35,6 +35,13 @@ pub trait Clock: Send + Sync + 'static {
     fn wall(&self) -> OffsetDateTime {
         self.utc()
     }
+    /// Time of the machine since it was switched on, the time it was suspended included; `None` if it is unknown. Used only to
+    /// find gaps in which the program did not run.
+    fn machine_uptime(&self) -> Option<Duration> {
+        let text = std::fs::read_to_string("/proc/uptime").ok()?;
+        let seconds: f64 = text.split_whitespace().next()?.parse().ok()?;
+        Duration::try_from_secs_f64(seconds).ok()
+    }
     /// Completes after `duration` on this clock.
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()>;
 }
@@ -123,6 +130,7 @@ impl Clock for ScaledClock {
 #[derive(Debug)]
 pub struct SteppedClock {
     now: Mutex<Duration>,
+    suspended: Mutex<Duration>,
     epoch: OffsetDateTime,
 }
 
@@ -132,8 +140,17 @@ impl SteppedClock {
     pub fn new() -> Self {
         SteppedClock {
             now: Mutex::new(Duration::ZERO),
+            suspended: Mutex::new(Duration::ZERO),
             epoch: time::macros::datetime!(2026-01-01 00:00 UTC),
         }
+    }
+
+    /// Suspends the machine for `duration`; the time itself stands still.
+    pub fn suspend_machine(&self, duration: Duration) {
+        *self
+            .suspended
+            .lock()
+            .expect("no holder of this lock panics") += duration;
     }
 
     /// Advances the time by `duration`.
@@ -155,6 +172,11 @@ impl Clock for SteppedClock {
 
     fn utc(&self) -> OffsetDateTime {
         self.epoch + self.now()
+    }
+
+    fn machine_uptime(&self) -> Option<Duration> {
+        let suspended = self.suspended.lock();
+        Some(*suspended.expect("no holder of this lock panics"))
     }
 
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
@@ -179,6 +201,35 @@ impl WallWatch {
     }
 }
 
+/// Finds gaps in which this program did not run: the machine was suspended, or the process stopped.
+#[derive(Debug)]
+pub struct GapWatch {
+    last: Option<Duration>,
+}
+
+impl GapWatch {
+    /// Time between two looks.
+    pub const LOOK_EVERY: Duration = Duration::from_millis(500);
+    /// Shortest gap that counts; a busy machine makes shorter ones.
+    const GAP_MIN: Duration = Duration::from_secs(5);
+
+    /// Starts to watch.
+    #[must_use]
+    pub fn new(clock: &dyn Clock) -> GapWatch {
+        GapWatch {
+            last: clock.machine_uptime(),
+        }
+    }
+
+    /// Returns the gap since the last look, if there was one.
+    pub fn gap(&mut self, clock: &dyn Clock) -> Option<Duration> {
+        let now = clock.machine_uptime()?;
+        let last = self.last.replace(now)?;
+        let gap = now.saturating_sub(last);
+        (gap >= Self::GAP_MIN).then_some(gap)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -198,6 +249,17 @@ mod tests {
         assert_eq!(look(30, 3631.0), Some(3600.0));
         assert_eq!(look(40, 3641.0), None);
         assert_eq!(look(50, 41.0), Some(-3610.0));
+    }
+
+    #[test]
+    fn a_gap_is_reported_once_and_a_busy_machine_makes_none() {
+        let clock = SteppedClock::new();
+        let mut watch = GapWatch::new(&clock);
+        clock.suspend_machine(Duration::from_secs(2));
+        assert_eq!(watch.gap(&clock), None);
+        clock.suspend_machine(Duration::from_secs(30));
+        assert_eq!(watch.gap(&clock), Some(Duration::from_secs(30)));
+        assert_eq!(watch.gap(&clock), None);
     }
 
     #[test]

@@ -1,11 +1,14 @@
 //! A camera frame of 16-bit grey counts, its lossless PNG, and the TIFF that camera programs write.
 
+mod tag;
 mod tiff;
 
 use std::io::Cursor;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
+
+pub use tag::{FrameTag, TagError};
 
 /// Kind of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]

@@ -12,9 +12,9 @@ use super::document::Binary;
 use super::extract::{Id, Params, page};
 use super::status::{ApiError, Problem};
 use super::{App, List};
-use crate::frame::{Frame, FrameKind};
-use crate::store::StoreError;
+use crate::frame::{Frame, FrameKind, FrameTag};
 use crate::store::frames::FrameRecord;
+use crate::store::{StoreError, utc_text};
 
 /// A frame.
 #[derive(Debug, Serialize, ToSchema)]
@@ -57,8 +57,40 @@ pub struct FrameBody {
     reason: Option<String>,
     /// SHA-256 of the imported file, hexadecimal; null if that is the PNG itself.
     original_sha256: Option<String>,
+    /// What the camera's program stated with the frame; null if nothing.
+    tag: Option<TagBody>,
     /// Path of the PNG on this server.
     image: String,
+}
+
+/// What a camera's program states with a frame.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct TagBody {
+    /// The camera's count of frames.
+    counter: Option<u64>,
+    /// Start of the exposure, RFC 3339 in UTC.
+    exposure_start: Option<String>,
+    /// Exposure read back, s.
+    exposure_s: Option<f64>,
+    /// Gain read back, in the camera's unit.
+    gain: Option<f64>,
+    /// Serial number of the camera.
+    serial: Option<String>,
+    /// Temperature of the sensor, °C.
+    temperature_c: Option<f64>,
+}
+
+impl TagBody {
+    fn of(tag: FrameTag) -> TagBody {
+        TagBody {
+            counter: tag.counter,
+            exposure_start: tag.exposure_start.map(utc_text),
+            exposure_s: tag.exposure_s,
+            gain: tag.gain,
+            serial: tag.serial,
+            temperature_c: tag.temperature_c,
+        }
+    }
 }
 
 impl From<FrameRecord> for FrameBody {
@@ -84,6 +116,7 @@ impl From<FrameRecord> for FrameBody {
             accepted: frame.accepted,
             reason: frame.reason,
             original_sha256: frame.original_sha256,
+            tag: None,
         }
     }
 }
@@ -120,9 +153,15 @@ pub(super) async fn of_scan(
     let store = app.lab.store();
     store.scan(id).await?;
     let page = page(params.limit, params.cursor.as_deref())?;
-    Ok(Json(
-        store.frames_of_scan(id, params.kind, page).await?.into(),
-    ))
+    let found = store.frames_of_scan(id, params.kind, page).await?;
+    let ids = || found.items.iter().map(|frame| frame.id);
+    let (first, last) = (ids().min().unwrap_or(0), ids().max().unwrap_or(0));
+    let mut tags = store.tags_of_scan(id, first, last).await?;
+    let mut list: List<FrameBody> = found.into();
+    for frame in &mut list.items {
+        frame.tag = tags.remove(&frame.id).map(TagBody::of);
+    }
+    Ok(Json(list))
 }
 
 /// One frame.
@@ -131,7 +170,12 @@ pub(super) async fn of_scan(
     (status = 404, description = "Not found", body = Problem),
 ))]
 pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<FrameBody>, ApiError> {
-    Ok(Json(app.lab.store().frame(id).await?.into()))
+    let store = app.lab.store();
+    let frame = store.frame(id).await?;
+    let mut tags = store.tags_of_scan(frame.scan_id, id, id).await?;
+    let mut body = FrameBody::from(frame);
+    body.tag = tags.remove(&id).map(TagBody::of);
+    Ok(Json(body))
 }
 
 /// The 16-bit grey PNG of a frame; it never changes.

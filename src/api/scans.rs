@@ -159,6 +159,9 @@ pub struct ScanCameraBody {
     height_px: u32,
     /// Count at which a pixel is full, DN.
     saturation_dn: f64,
+    /// Whether its program states when each frame of the sample was exposed. If not, the scan could compare pictures only, and
+    /// cannot exclude a frame of an earlier pose. Null before the first frame, and for an import.
+    states_exposure_start: Option<bool>,
 }
 
 pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
@@ -176,6 +179,10 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
             width_px: manifest.camera.width_px,
             height_px: manifest.camera.height_px,
             saturation_dn: manifest.saturation_dn(),
+            states_exposure_start: match scan.origin {
+                Origin::Rig => store.frames_are_timed(scan.id).await?,
+                Origin::Import => None,
+            },
         },
         progress: ProgressBody::new(&progress, scan.state),
         frames_rejected: store.frames_rejected(scan.id).await?,

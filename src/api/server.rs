@@ -4,15 +4,16 @@ use std::future::Future;
 use std::io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset};
 use std::net::{Ipv4Addr, SocketAddr, ToSocketAddrs};
 use std::pin::pin;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use axum::Router;
 use futures::future::select_all;
 use tokio::net::{TcpListener, TcpStream};
+use tokio_rustls::TlsAcceptor;
 
 use super::connections::Connections;
 use super::seats::Limits;
-use super::tls::{Tls, TlsError};
+use super::tls::{TlsError, acceptor};
 use super::via::{Listener, Via};
 
 pub use super::tls::TlsFiles;
@@ -98,7 +99,7 @@ pub enum ListenError {
 struct Socket {
     listener: TcpListener,
     kind: Listener,
-    tls: Option<Tls>,
+    tls: Option<TlsAcceptor>,
 }
 
 /// All sockets of a daemon.
@@ -182,7 +183,7 @@ fn check(settings: &ListenSettings) -> Result<(SocketAddr, Listener), ListenErro
 /// [`ListenError`] with the reason.
 pub async fn listen(settings: &ListenSettings) -> Result<Sockets, ListenError> {
     let (address, kind) = check(settings)?;
-    let tls = settings.tls.as_ref().map(Tls::new).transpose()?;
+    let tls = settings.tls.as_ref().map(acceptor).transpose()?;
     let bind = async |address| {
         let bound = TcpListener::bind(address).await;
         bound.map_err(|source| ListenError::Bind { address, source })
@@ -268,12 +269,9 @@ fn accept(
     router: Router,
 ) {
     let via = Via::new(socket.kind, socket.tls.is_some(), peer);
-    match &socket.tls {
+    match socket.tls.clone() {
         None => connections.accept(std::future::ready(Ok(stream)), via, router),
-        Some(tls) => {
-            let tls = tls.acceptor(Instant::now());
-            connections.accept(async move { tls.accept(stream).await }, via, router);
-        }
+        Some(tls) => connections.accept(async move { tls.accept(stream).await }, via, router),
     }
 }
 

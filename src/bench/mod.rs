@@ -9,8 +9,10 @@
 mod capture_program;
 pub mod line;
 pub mod port;
+mod side_file;
 pub mod stage;
 pub mod watched_folder;
+pub mod watched_value;
 pub mod wire;
 
 use std::fmt;
@@ -20,7 +22,7 @@ use std::time::Duration;
 use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 
-use crate::frame::{Frame, FrameKind};
+use crate::frame::{Frame, FrameKind, FrameTag, TagError};
 use crate::geometry::Pose;
 
 /// The two axes of a rig, by the names used in files, requests and messages.
@@ -91,6 +93,8 @@ pub struct Captured {
     pub started_at: Duration,
     /// Start of the exposure in UTC.
     pub started_utc: time::OffsetDateTime,
+    /// What the camera's program states about the frame.
+    pub tag: FrameTag,
 }
 
 /// A device that takes frames.
@@ -119,6 +123,9 @@ pub enum CameraError {
     /// The camera delivered a file or buffer that is not a frame.
     #[error("the camera's output is not a frame: {0}")]
     NotAFrame(#[from] crate::frame::FrameError),
+    /// The camera's program states something about the frame that cannot be read.
+    #[error("{0}")]
+    BadTag(#[from] TagError),
     /// The camera's program or device failed.
     #[error("the camera failed: {0}")]
     Failed(String),

@@ -12,6 +12,9 @@
 //! A frame is complete when it decodes as a whole 16-bit grey PNG, or as a TIFF that has not
 //! changed between two reads of the folder; until then it is read again. The program must end
 //! within the frame's time limit. Poses are only printed into the template.
+//!
+//! The program may state counter, start of the exposure, settings, serial number and temperature with the frame
+//! ([`FrameTag`]); a scan then checks them.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -22,9 +25,9 @@ use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 
 use super::capture_program::CaptureProgram;
-use super::{Camera, CameraError, CaptureRequest, Captured};
+use super::{Camera, CameraError, CaptureRequest, Captured, side_file};
 use crate::clock::Clock;
-use crate::frame::{FileKind, Frame, FrameError};
+use crate::frame::{FileKind, Frame, FrameError, FrameTag, TagError};
 
 /// Interval between two reads of the folder.
 const LOOK_EVERY: Duration = Duration::from_millis(25);
@@ -188,8 +191,8 @@ impl WatchedFolder {
                     .is_some_and(|(p, s, _)| *p == path && *s == stamp);
                 if !unchanged {
                     match decoded(&path).await? {
-                        Ok((_, FileKind::Tiff)) if !rests => {}
-                        Ok((frame, _)) => {
+                        Ok((_, FileKind::Tiff, _)) if !rests => {}
+                        Ok((frame, _, tag)) => {
                             if let Some(program) = program {
                                 let limit =
                                     Duration::try_from_secs_f64(limit_s).unwrap_or_default();
@@ -197,14 +200,17 @@ impl WatchedFolder {
                                 let left = limit.saturating_sub(waited);
                                 program.let_end(left, &*self.clock).await?;
                             }
+                            let tag = side_file::add(tag?, &path)?;
                             if self.settings.delete_read_frames {
                                 // A file that cannot be deleted must not cost the frame.
                                 let _ = std::fs::remove_file(&path);
+                                let _ = std::fs::remove_file(side_file::name(&path));
                             }
                             return Ok(Captured {
                                 frame,
                                 started_at,
-                                started_utc,
+                                started_utc: tag.exposure_start.unwrap_or(started_utc),
+                                tag,
                             });
                         }
                         Err(error) => last_error = Some((path, stamp, error)),
@@ -345,13 +351,16 @@ fn newest(
         .max_by(|a, b| (a.1.1, &a.0).cmp(&(b.1.1, &b.0))))
 }
 
+/// A frame, the kind of its file, and what the file states about it.
+type Decoded = (Frame, FileKind, Result<FrameTag, TagError>);
+
 /// Reads and decodes a file on a blocking thread. A file that has vanished counts as unreadable.
-async fn decoded(path: &Path) -> Result<Result<(Frame, FileKind), FrameError>, CameraError> {
+async fn decoded(path: &Path) -> Result<Result<Decoded, FrameError>, CameraError> {
     let path = path.to_owned();
     tokio::task::spawn_blocking(move || {
         let bytes = std::fs::read(path).unwrap_or_default();
         let frame = Frame::read(&bytes)?;
-        Ok((frame, FileKind::of(&bytes)))
+        Ok((frame, FileKind::of(&bytes), FrameTag::of_png(&bytes)))
     })
     .await
     .map_err(|error| CameraError::Failed(format!("reading the frame was interrupted: {error}")))

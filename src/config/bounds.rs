@@ -56,6 +56,16 @@ pub(super) const BOUNDED: &[Bounded] = &[
     ("scan.retry_after_s", within(0.0, 3600.0), |c| Some(c.scan.retry_after_s)),
     ("scan.retry_after_max_s", within(0.0, 3600.0), |c| Some(c.scan.retry_after_max_s)),
     ("scan.reconnect_for_s", within(0.0, 86_400.0), |c| Some(c.scan.reconnect_for_s)),
+    ("scan.reference_every", within(0.0, 1e6), |c| Some(f64::from(c.scan.reference_every))),
+    ("scan.reference_time_share", within(0.0, 10.0), |c| Some(c.scan.reference_time_share)),
+    ("scan.reference_change_max", within(0.001, 1.0), |c| Some(c.scan.reference_change_max)),
+    ("scan.unlit_share_max", within(0.01, 10.0), |c| Some(c.scan.unlit_share_max)),
+    ("scan.suspend_times_max", within(0.0, 1000.0), |c| Some(f64::from(c.scan.suspend_times_max))),
+    ("scan.suspend_calm_s", within(0.0, 3600.0), |c| Some(c.scan.suspend_calm_s)),
+    ("scan.suspend_for_max_s", within(1.0, 86_400.0), |c| Some(c.scan.suspend_for_max_s)),
+    ("camera.clock_tolerance_s", within(0.0, 3600.0), |c| Some(c.camera.clock_tolerance_s)),
+    ("camera.temperature_c", within(-273.0, 200.0), |c| c.camera.temperature_c),
+    ("camera.temperature_tolerance_k", within(0.01, 100.0), |c| Some(c.camera.temperature_tolerance_k)),
     ("scan.capped_mean_dn_max", within(0.0, 65535.0), |c| Some(c.scan.capped_mean_dn_max)),
 ];
 

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::bench::stage::{PortAddress, StageError, StageSettings};
+use crate::bench::watched_value::WatchedValue;
 use crate::geometry::Pose;
 use crate::scan::plan::{EXPOSURE_S_MAX, EXPOSURE_S_MIN, PlanDefaults};
 use crate::series::{CameraFacts, FlatFacts, RigFacts, misaimed};
@@ -54,6 +55,8 @@ pub struct Config {
     pub lamp: LampSection,
     /// Where the axes are parked. Default: they stay where they are.
     pub park: Option<ParkSection>,
+    /// Values of external programs outside whose limits a scan is suspended.
+    pub suspend: Vec<WatchedValue>,
 }
 
 /// Why the settings cannot be used.
@@ -167,7 +170,8 @@ impl Config {
             .and_then(|()| self.check_camera())
             .and_then(|()| self.check_stage())
             .and_then(|()| self.check_park())
-            .and_then(|()| self.check_access());
+            .and_then(|()| self.check_access())
+            .and_then(|()| self.check_suspend());
         checked.map_err(|wrong| ConfigError::OutOfRange {
             origin: origin_of(&wrong.key),
             key: wrong.key,
@@ -328,6 +332,20 @@ impl Config {
         Ok(())
     }
 
+    fn check_suspend(&self) -> Result<(), WrongSetting> {
+        for (i, value) in self.suspend.iter().enumerate() {
+            if let Some((key, allowed)) = value.invalid() {
+                let found = format!("invalid in {:?}", value.name);
+                return Err(WrongSetting::new(
+                    format!("suspend[{i}].{key}"),
+                    found,
+                    allowed,
+                ));
+            }
+        }
+        Ok(())
+    }
+
     /// `[rig]` of the manifests of this rig's scans.
     #[must_use]
     pub fn rig_facts(&self) -> RigFacts {
@@ -410,6 +428,7 @@ impl Config {
                 .unwrap_or_else(|| self.camera.exposures_s.clone()),
             dark_repeats: self.dark.repeats,
             flat_repeats: self.flat.repeats,
+            reference_every: self.scan.reference_every,
         }
     }
 }

@@ -23,8 +23,7 @@ pub struct ServerSection {
     pub behind_proxy: bool,
     /// Addresses of the proxies. Default: this machine.
     pub proxies: Vec<IpAddr>,
-    /// Names under which clients on other machines reach the daemon, without port. Default: the name of this machine; behind a
-    /// proxy, every name that it forwards.
+    /// Names under which clients on other machines reach the daemon, without port. Default: the name of this machine.
     pub hosts: Option<Vec<String>>,
     /// Whether callers on this machine need a token, too; the stop never does. Default false.
     pub token_on_loopback: bool,
@@ -158,6 +157,16 @@ pub struct CameraSection {
     pub timeout_s: f64,
     /// Whether a frame's file is deleted from the folder once it is in the store. Default false.
     pub delete_read_frames: bool,
+    /// Serial number of the camera, as its program states it with the frames; another one is refused. Default: that of a scan's
+    /// first frame.
+    pub serial: Option<String>,
+    /// Deviation of the camera's clock that a stated start of the exposure may have, s. Default 0.05, 0 to 3600.
+    pub clock_tolerance_s: f64,
+    /// Set point of the sensor's temperature, °C; a scan is suspended while the camera states another one. Default: not checked,
+    /// −273 to 200.
+    pub temperature_c: Option<f64>,
+    /// Largest deviation from it, K; the scan resumes at half of it. Default 1, 0.01 to 100.
+    pub temperature_tolerance_k: f64,
     /// Columns of a frame. Default 128, 1 to 65535.
     pub width_px: u32,
     /// Rows of a frame. Default 128, 1 to 65535.
@@ -194,6 +203,10 @@ impl Default for CameraSection {
             command: Vec::new(),
             timeout_s: 30.0,
             delete_read_frames: false,
+            serial: None,
+            clock_tolerance_s: 0.05,
+            temperature_c: None,
+            temperature_tolerance_k: 1.0,
             width_px: 128,
             height_px: 128,
             field_width_mm: None,
@@ -275,6 +288,20 @@ pub struct ScanSection {
     pub home_after_power_cycle: bool,
     /// What follows when retries did not help: pause, skip (the point) or abort.
     pub reactions: Reactions,
+    /// Points of the sample between two checks of a reference pose. Default 20, 0 (none) to 1 000 000.
+    pub reference_every: u32,
+    /// Largest time of such a check as a share of the time of the points that it covers. Default 0.2, 0 to 10.
+    pub reference_time_share: f64,
+    /// Largest change of the picture at a reference pose, of level or pattern. Default 0.02, 0.001 to 1.
+    pub reference_change_max: f64,
+    /// Share of a picture without light from which the frame is rejected. Default 0.4, 0.01 to 1; above 1 never.
+    pub unlit_share_max: f64,
+    /// Times that a scan is suspended and resumes by itself before it pauses for a person. Default 10, 0 to 1000.
+    pub suspend_times_max: u32,
+    /// How long the condition of a suspension has to be over, s. Default 10, 0 to 3600.
+    pub suspend_calm_s: f64,
+    /// Longest suspension, s; then the scan waits for a person. Default 3600, 1 to 86 400.
+    pub suspend_for_max_s: f64,
     /// Counts above the black level that a frame under the cap may show in addition to dark current. Default 100, 0 to 65535.
     pub capped_mean_dn_max: f64,
 }
@@ -288,6 +315,13 @@ impl Default for ScanSection {
             reconnect_for_s: 20.0,
             home_after_power_cycle: false,
             reactions: Reactions::default(),
+            reference_every: 20,
+            reference_time_share: 0.2,
+            reference_change_max: 0.02,
+            unlit_share_max: 0.4,
+            suspend_times_max: 10,
+            suspend_calm_s: 10.0,
+            suspend_for_max_s: 3600.0,
             capped_mean_dn_max: 100.0,
         }
     }

@@ -10,9 +10,11 @@ use crate::clock::Clock;
 use crate::config::{CameraSection, Config};
 use crate::geometry::Pose;
 use crate::program::Program;
+use crate::scan::frame_rules::{CappedLimit, Confirmed, FrameRules};
 use crate::scan::plan::PlanDefaults;
-use crate::scan::runner::RunnerSettings;
-use crate::scan::visit::{CappedLimit, Confirmed, FrameRules};
+use crate::scan::reference::ReferenceRules;
+use crate::scan::runner::{RunnerSettings, SuspendRules};
+use crate::scan::tag_history::TagRules;
 use crate::scan::{Rig, StageLink};
 use crate::series::{CameraFacts, Manifest};
 
@@ -94,6 +96,7 @@ impl RigSettings {
                 exposures_s,
                 dark_repeats: config.dark.repeats,
                 flat_repeats: config.flat.repeats,
+                reference_every: config.scan.reference_every,
             },
             runner: runner_settings(&manifest.camera, &config),
             rig: manifest.rig,
@@ -123,6 +126,7 @@ impl RigSettings {
         self.flat_valid = hours(flat.valid_h);
         self.defaults.dark_repeats = dark.repeats;
         self.defaults.flat_repeats = flat.repeats;
+        self.defaults.reference_every = config.scan.reference_every;
         // The default exposures are those of no camera in particular; the rig's own fit it better.
         if camera.exposures_s != CameraSection::default().exposures_s {
             self.defaults.exposures_s.clone_from(&camera.exposures_s);
@@ -145,11 +149,30 @@ fn runner_settings(camera: &CameraFacts, config: &Config) -> RunnerSettings {
         disk_reserve_bytes: config.store.reserve_mb * 1_000_000,
         // Noise does not compress: two bytes per pixel, and PNG's own.
         frame_bytes_max: pixels * 2 + pixels / 64 + 4096,
+        tags: TagRules {
+            serial: config.camera.serial.clone(),
+            clock_tolerance: seconds(config.camera.clock_tolerance_s),
+            temperature_c: config.camera.temperature_c,
+            temperature_tolerance_k: config.camera.temperature_tolerance_k,
+        },
+        reference: ReferenceRules {
+            every: config.scan.reference_every,
+            time_share_max: config.scan.reference_time_share,
+            change_max: config.scan.reference_change_max,
+        },
+        suspend: SuspendRules {
+            times_max: config.scan.suspend_times_max,
+            calm: seconds(config.scan.suspend_calm_s),
+            longest: seconds(config.scan.suspend_for_max_s),
+            watched: config.suspend.clone(),
+        },
         frame: FrameRules {
             size_px: (camera.width_px, camera.height_px),
             black_level_dn: camera.black_level_dn.unwrap_or(0.0),
             read_noise_dn: camera.read_noise_electrons_rms.unwrap_or(2.0)
                 * camera.gain_dn_per_electron,
+            gain_dn_per_electron: camera.gain_dn_per_electron,
+            unlit_share_max: config.scan.unlit_share_max,
             dark_sigmas: 10.0,
             saturation_dn: camera.full_count(),
             confirmed: Confirmed::default(),
@@ -169,6 +192,10 @@ fn park(config: &Config) -> Option<Pose> {
 
 fn lamp(config: &Config, words: &[String]) -> Option<Program> {
     Program::of(words, config.lamp.time_limit_s)
+}
+
+fn seconds(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }
 
 fn hours(hours: f64) -> Duration {

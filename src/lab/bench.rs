@@ -13,6 +13,7 @@ use serde_json::json;
 use tokio::sync::{mpsc, oneshot, watch};
 
 use super::event_sink::EventSink;
+use super::hands::Hands;
 use super::scan_run::{RigContext, ScanWork};
 use super::{Holder, LabError, Occupation, RigParts, RigSide};
 use crate::bench::stage::{AxisName, Stage, StageError};
@@ -82,6 +83,7 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
     let id = sink.store.rig(&fingerprint.to_string()).await?;
     let (requests, inbox) = mpsc::channel(16);
     let (occupation, occupied) = watch::channel(Occupation::default());
+    let hands = Hands::default();
     let side = RigSide {
         id,
         stage_settings: link.settings.clone(),
@@ -92,6 +94,7 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
         occupation: occupied,
         owner: Mutex::new(None),
         settings: settings.clone(),
+        hands: hands.clone(),
         sink: sink.clone(),
     };
     let owner = Owner {
@@ -100,6 +103,7 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
             rig_id: id,
             settings,
             occupation: Arc::new(occupation),
+            hands,
             sink,
         },
     };

@@ -16,6 +16,7 @@ mod event_sink;
 mod export;
 mod failure;
 mod fits;
+mod hands;
 mod hooks;
 mod import;
 mod import_duplicates;
@@ -72,6 +73,7 @@ use event_sink::EventSink;
 pub use export::{Exported, export, export_readable};
 use fits::Reductions;
 pub use fits::{FitRequest, Reduced};
+pub use hands::OperatorCall;
 pub use hooks::Hooks;
 pub use import::{ImportOptions, Imported};
 pub use import_duplicates::ImportDuplicate;
@@ -162,6 +164,7 @@ struct RigSide {
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
     access: StageAccess,
+    hands: hands::Hands,
     sink: EventSink,
 }
 

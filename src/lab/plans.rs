@@ -15,6 +15,7 @@ use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::material::Material;
 use crate::scan::plan::{self, Estimate};
+use crate::scan::reference::ReferenceRules;
 use crate::scan::{OperatorAction, Plan, PlanRequest, ScanState, Step};
 use crate::series::{DarkFacts, FlatFacts, Manifest, SCHEMA, SampleFacts, SampleKind};
 use crate::store::samples::Sample;
@@ -70,6 +71,10 @@ impl Lab {
         let start = self.last_pose().await;
         let (stage, settings) = (side.access.stage(), side.stage_settings.clone());
         let frame_bytes_max = side.settings.runner.frame_bytes_max;
+        let reference = ReferenceRules {
+            every: plan.reference_every,
+            ..side.settings.runner.reference
+        };
         let alone = Arc::clone(&self.inner.estimating).lock_owned().await;
         let free_bytes = self.store().free_bytes()?;
         blocking(move || {
@@ -83,8 +88,11 @@ impl Lab {
                 Step::Operator(action) => Some(*action),
                 Step::Shot(_) => None,
             };
+            let mut estimate = plan::estimate(&steps, start, &move_time, frame_bytes_max);
+            let checks = reference.predicted(&steps, start, &move_time);
+            estimate.duration_s += checks.as_secs_f64();
             Estimated {
-                estimate: plan::estimate(&steps, start, &move_time, frame_bytes_max),
+                estimate,
                 free_bytes,
                 operator_steps: steps.iter().filter_map(of_a_person).collect(),
                 calibration_ids,

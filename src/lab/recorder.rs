@@ -7,6 +7,7 @@ use futures::{StreamExt, TryStreamExt};
 use tokio::sync::watch;
 
 use super::event_sink::{EventSink, FirstState};
+use super::hands::Hands;
 use super::{Occupation, publish};
 use crate::frame::FrameKind;
 use crate::scan::recorder::{RecordError, Recorder, Recovery, Visit};
@@ -27,6 +28,7 @@ pub(super) struct LabRecorder {
     pub plan: Plan,
     pub first_state: Option<FirstState>,
     pub occupation: Arc<watch::Sender<Occupation>>,
+    pub hands: Hands,
 }
 
 impl From<&StoreError> for RecordError {
@@ -69,7 +71,7 @@ impl LabRecorder {
                     Some(_) => format!("_rejected{}", shot.attempt),
                 }
             );
-            let taken_at = taken.captured.started_utc;
+            let (taken_at, tag) = (taken.captured.started_utc, taken.captured.tag);
             let kept = store.keep_frame(taken.captured.frame, self.saturation_dn);
             async move {
                 Ok::<_, StoreError>(NewFrame {
@@ -78,6 +80,7 @@ impl LabRecorder {
                     exposure_s: taken.exposure_s,
                     repeat: taken.repeat,
                     taken_at,
+                    tag,
                 })
             }
         });
@@ -102,6 +105,10 @@ impl Recorder for LabRecorder {
         progress: Progress,
     ) -> BoxFuture<'a, Result<(), RecordError>> {
         Box::pin(async move {
+            // Before the state: a client may confirm the step as soon as it sees the scan wait.
+            if let Some(action) = operator {
+                self.hands.act(self.scan_id, action).await;
+            }
             // First, so that a client that sees the scan end can get the rig.
             if next.is_end() || next == ScanState::Interrupted {
                 self.occupation.send_modify(|now| now.activity = None);
@@ -135,6 +142,18 @@ impl Recorder for LabRecorder {
         progress: Progress,
     ) -> BoxFuture<'_, Result<(), RecordError>> {
         Box::pin(async move { Ok(self.keep(visit, progress).await?) })
+    }
+
+    fn withdraw<'a>(
+        &'a mut self,
+        points: &'a [u32],
+        why: &'a str,
+    ) -> BoxFuture<'a, Result<(), RecordError>> {
+        Box::pin(async move {
+            let store = &self.sink.store;
+            store.withdraw_shots(self.scan_id, points, why).await?;
+            Ok(())
+        })
     }
 
     fn phase_done(&mut self, kind: FrameKind) -> BoxFuture<'_, Result<(), RecordError>> {

@@ -8,11 +8,15 @@ use tokio::sync::{mpsc, oneshot, watch};
 
 use super::error::store_code;
 use super::event_sink::{EventSink, FirstState};
+use super::hands::Hands;
 use super::recorder::LabRecorder;
 use super::{LabError, Occupation, RigSettings, live_fit, publish};
 use crate::frame::Frame;
+use crate::frame::FrameTag;
 use crate::geometry::Pose;
 use crate::scan::event::RigActivity;
+use crate::scan::look::Look;
+use crate::scan::reference::ReferenceRules;
 use crate::scan::runner::{self, CommandRequest, ScanRun};
 use crate::scan::{Event, Plan, Rig, ScanState, TravelLimits};
 use crate::store::StoreError;
@@ -47,6 +51,7 @@ pub(super) struct RigContext {
     pub rig_id: i64,
     pub settings: RigSettings,
     pub occupation: Arc<watch::Sender<Occupation>>,
+    pub hands: Hands,
     pub sink: EventSink,
 }
 
@@ -124,6 +129,10 @@ impl RigContext {
         let steps = tokio::task::spawn_blocking(in_order)
             .await
             .expect("ordering poses does not panic");
+        let reference = ReferenceRules {
+            every: work.plan.reference_every,
+            ..self.settings.runner.reference
+        };
         let mut recorder = LabRecorder {
             sink: self.sink.clone(),
             scan_id,
@@ -132,18 +141,27 @@ impl RigContext {
             plan: work.plan,
             first_state: work.first_state,
             occupation: Arc::clone(&self.occupation),
+            hands: self.hands.clone(),
         };
-        let last_frames = match work.done.is_empty() {
-            true => Vec::new(),
-            false => self.last_frames(scan_id).await,
+        let (last_frames, unchecked) = match work.done.is_empty() {
+            true => Default::default(),
+            false => (
+                self.last_frames(scan_id).await,
+                self.unchecked(scan_id, reference.every).await,
+            ),
         };
+        let stated = self.stated(scan_id).await;
+        let mut settings = self.settings.runner.clone();
+        settings.reference = reference;
         let run = ScanRun {
             steps,
             done: work.done,
             full: work.full,
             last_frames,
+            unchecked,
+            stated,
             elapsed_s: work.elapsed_s,
-            settings: self.settings.runner.clone(),
+            settings,
             clock: Arc::clone(&self.sink.clock),
         };
         let live_fit = live_fit::start(&self.sink, scan_id);
@@ -186,6 +204,54 @@ impl RigContext {
         if parks {
             self.park(rig).await;
         }
+    }
+
+    /// Returns what the camera stated about the newest frame that a reduction of the scan reads, calibrations included; nothing
+    /// if it cannot be read, which the scan's end will report.
+    async fn stated(&self, scan_id: i64) -> FrameTag {
+        let store = &self.sink.store;
+        let records = store.frames_for_reduction(scan_id).await;
+        let mut scans: Vec<i64> = Vec::new();
+        for record in records.unwrap_or_default() {
+            if !scans.contains(&record.scan_id) {
+                scans.push(record.scan_id);
+            }
+        }
+        for scan_id in scans {
+            let tags = store
+                .tags_of_scan(scan_id, 0, i64::MAX)
+                .await
+                .unwrap_or_default();
+            if let Some((_, newest)) = tags.into_iter().next_back() {
+                return newest;
+            }
+        }
+        FrameTag::default()
+    }
+
+    /// Returns the newest accepted points of the sample with the look of their frames, in the order taken; none if they cannot
+    /// be read, which the scan's end will report.
+    async fn unchecked(&self, scan_id: i64, limit: u32) -> Vec<(u32, Vec<Look>)> {
+        let store = self.sink.store.clone();
+        let rules = self.settings.runner.frame.clone();
+        let newest = store.newest_sample_shots(scan_id, limit).await;
+        let mut points = Vec::new();
+        for (index, shot_id) in newest.unwrap_or_default().into_iter().rev() {
+            let frames = store.frames_of_shot(shot_id).await.unwrap_or_default();
+            let (store, rules) = (store.clone(), rules.clone());
+            let look = move || -> Vec<Look> {
+                let first = frames.iter().filter(|frame| frame.repeat == 0);
+                let looks = first.filter_map(|record| {
+                    let png = store.read_png(&record.sha256).ok()?;
+                    let frame = Frame::from_png(&png).ok()?;
+                    Some(Look::of(&frame, record.exposure_s, &rules))
+                });
+                looks.collect()
+            };
+            let looks = tokio::task::spawn_blocking(look).await.unwrap_or_default();
+            points.push((index, looks));
+        }
+        points
     }
 
     /// Returns the newest accepted frames of a scan; none if they cannot be read, which the scan's end will report.

@@ -212,6 +212,7 @@ impl Lab {
                 repeats: repeats(FrameKind::Flat),
             },
             reuse_calibrations: false,
+            reference_every: 0,
         })
     }
 

@@ -150,8 +150,14 @@ impl VisitError {
         match self {
             VisitError::Stage(error) => kind_of_stage(error),
             VisitError::Camera(
-                CameraError::TimedOut { .. } | CameraError::NotAFrame(_) | CameraError::Failed(_),
+                CameraError::TimedOut { .. }
+                | CameraError::NotAFrame(_)
+                | CameraError::BadTag(_)
+                | CameraError::Failed(_),
             ) => FaultKind::Camera,
+            VisitError::OtherCamera { .. } => FaultKind::Person,
+            // What happened to the stages meanwhile is unknown.
+            VisitError::Suspended { .. } => FaultKind::Link,
             VisitError::Frames(_) => FaultKind::Frames,
         }
     }

@@ -6,9 +6,9 @@
 
 use std::collections::BTreeSet;
 
+use super::frame_rules::{FrameRules, shows_no_light};
 use super::plan::{Shot, Step};
 use super::recorder::{Rejected, Visit};
-use super::visit::{FrameRules, shows_no_light};
 use crate::frame::{Frame, FrameKind};
 use crate::geometry::Pose;
 
@@ -61,6 +61,20 @@ impl FrameSummary {
                 .collect(),
             full: shortest.is_some_and(|(_, frame)| full(frame) > 0.5),
         }
+    }
+}
+
+impl FrameSummary {
+    /// Adds the fingerprints of a further visit to the same pose; returns whether the camera returned one of its frames
+    /// before.
+    pub fn takes_in(&mut self, further: FrameSummary, rules: &FrameRules) -> bool {
+        let noisy = rules.read_noise_dn > 0.0;
+        let again = further
+            .prints
+            .iter()
+            .any(|print| self.prints.contains(print));
+        self.prints.extend(further.prints);
+        noisy && again
     }
 }
 
@@ -244,8 +258,8 @@ fn share(frame: &Frame, is: impl Fn(u16) -> bool) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scan::frame_rules::tests::{rules, shown, taken};
     use crate::scan::recorder::TakenFrame;
-    use crate::scan::visit::tests::{rules, shown, taken};
 
     fn summary(kind: FrameKind, phi_s_deg: f64, frames: &[(u16, f64)]) -> FrameSummary {
         let frames = frames.iter().map(|(dn, s)| taken(*dn, *s));
@@ -267,6 +281,7 @@ mod tests {
             pose,
             frames,
             rejected: None,
+            discarded: None,
             taken_at: time::macros::datetime!(2026-01-01 00:00 UTC),
         };
         FrameSummary::at(&visit, &rules())

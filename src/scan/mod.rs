@@ -7,12 +7,16 @@
 pub mod event;
 pub mod faults;
 mod frame_history;
+pub mod frame_rules;
+pub mod look;
 pub mod plan;
 pub mod recorder;
+pub mod reference;
 pub mod rig;
 pub mod runner;
 pub mod stage_access;
 pub mod state;
+pub mod tag_history;
 pub mod visit;
 
 pub use event::{Event, OperatorAction, Progress, RecordedEvent};

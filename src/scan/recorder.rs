@@ -23,12 +23,21 @@ pub struct Visit {
     pub frames: Vec<TakenFrame>,
     /// Why it is rejected.
     pub rejected: Option<Rejected>,
+    /// Why frames were discarded before these; `None` if none were.
+    pub discarded: Option<String>,
     /// Start of the first exposure.
     pub taken_at: OffsetDateTime,
 }
 
 pub(super) const BLACK: &str =
     "black: no light in the longest exposure; check lamp, shutter and lens cap";
+
+pub(super) fn unlit_message(percent: u32) -> String {
+    format!(
+        "{percent} % of the picture show no light in the longest exposure (scan.unlit_share_max); check the shutter, the lamp, and \
+         what stands before the lens"
+    )
+}
 
 /// Why the frames of a point are rejected.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -47,6 +56,12 @@ pub enum Rejected {
         poses: usize,
         /// How many there are.
         of: usize,
+    },
+    /// A large part of the sample shows no light. Accepted once the operator has confirmed it.
+    #[error("{}", unlit_message(*percent))]
+    UnlitSample {
+        /// Share of the picture, %.
+        percent: u32,
     },
     /// The camera returned an image that it had returned before.
     #[error(
@@ -112,6 +127,13 @@ pub trait Recorder: Send {
     /// A point was visited; the pose is the current position of the stages.
     fn visit(&mut self, visit: Visit, progress: Progress)
     -> BoxFuture<'_, Result<(), RecordError>>;
+
+    /// Accepted points no longer count, for this reason; they will be taken again.
+    fn withdraw<'a>(
+        &'a mut self,
+        points: &'a [u32],
+        why: &'a str,
+    ) -> BoxFuture<'a, Result<(), RecordError>>;
 
     /// All points of one kind are durable. Every run that finds them so calls it again.
     fn phase_done(&mut self, kind: FrameKind) -> BoxFuture<'_, Result<(), RecordError>>;

@@ -97,6 +97,11 @@ impl Rig {
         }
     }
 
+    /// Drops the stage: what it did meanwhile is unknown. The next connection stops all motion first.
+    pub fn let_go(&self) {
+        self.access.let_go();
+    }
+
     /// Drops the stage if the error says that the link is lost.
     pub fn let_go_if_lost(&self, error: &StageError) {
         if error.is_disconnect() {

@@ -5,30 +5,39 @@
 //! say (`recovery`), then pauses the scan, so that the operator can fix it and resume (`waiting`); a contradiction to the
 //! plan fails the scan.
 
+mod checks;
 mod lamp;
+mod progress;
 mod recovery;
+mod suspension;
 mod waiting;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::Duration;
 
 use tokio::sync::{mpsc, oneshot};
 
+use self::checks::{Checks, Confirmed, is_timed, looks_of};
+use self::progress::ProgressState;
 use self::recovery::Recovered;
-use super::event::{OperatorAction, Progress};
+pub use self::suspension::SuspendRules;
+use self::suspension::Suspensions;
+use super::event::OperatorAction;
 use super::faults::{Attempts, FaultPolicy};
 use super::frame_history::{FrameHistory, FrameSummary};
+use super::frame_rules::FrameRules;
+use super::look::Look;
 use super::plan::{Shot, Step};
 use super::recorder::{RecordError, Recorder, Visit};
+use super::reference::ReferenceRules;
 use super::rig::Rig;
 use super::state::ScanState;
+use super::tag_history::{TagHistory, TagRules};
 use super::visit::{self, VisitError};
 use crate::bench::AxisName;
 use crate::bench::stage::MoveTimes;
-use crate::clock::Clock;
-use crate::frame::Frame;
-use crate::geometry::Pose;
+use crate::clock::{Clock, GapWatch};
+use crate::frame::{Frame, FrameKind, FrameTag};
 use crate::program::Program;
 
 /// A command to a running scan.
@@ -68,7 +77,13 @@ pub struct RunnerSettings {
     /// Largest size of one frame's file.
     pub frame_bytes_max: u64,
     /// Rules that an accepted frame satisfies.
-    pub frame: visit::FrameRules,
+    pub frame: FrameRules,
+    /// Rules for what the camera states about its frames.
+    pub tags: TagRules,
+    /// When the scan returns to a reference pose.
+    pub reference: ReferenceRules,
+    /// Conditions that pass by themselves.
+    pub suspend: SuspendRules,
     /// Switches the lamp on before the first exposure.
     pub lamp_on: Option<Program>,
 }
@@ -94,6 +109,10 @@ pub struct ScanRun {
     pub full: BTreeSet<u32>,
     /// Frames of the last of these; empty in the first run.
     pub last_frames: Vec<Frame>,
+    /// Points of earlier runs that no reference check covered, with the look of their frames, in the order taken.
+    pub unchecked: Vec<(u32, Vec<Look>)>,
+    /// What the camera stated about the frames so far, calibrations included.
+    pub stated: FrameTag,
     /// Time that earlier runs spent.
     pub elapsed_s: f64,
     /// Settings.
@@ -170,19 +189,13 @@ struct Runner<'a> {
     trouble: Option<recovery::Trouble>,
     /// Points that the scan continues without.
     skipped: BTreeSet<u32>,
+    /// What the camera stated about its frames.
+    tags: TagHistory,
+    checks: Checks,
+    suspensions: Suspensions,
+    /// Frames of each point of the plan.
+    frames_of: BTreeMap<u32, u32>,
     totals: ProgressState,
-}
-
-/// State that grows with every point. Restored as a whole if a point could not be recorded.
-#[derive(Clone, Copy, Default)]
-struct ProgressState {
-    progress: Progress,
-    /// Predicted time of the finished points, with those of earlier runs.
-    predicted_done_s: f64,
-    /// Predicted time of the points of this run, retakes included.
-    ideal_s: f64,
-    /// Last position read from the stages; `None` when unknown.
-    at: Option<Pose>,
 }
 
 impl<'a> Runner<'a> {
@@ -204,6 +217,10 @@ impl<'a> Runner<'a> {
             move_times: rig.link().settings.move_times(),
             trouble: recovery::Trouble::of_a_run_after(&run),
             skipped: BTreeSet::new(),
+            tags: TagHistory::after(&run.settings.tags, &run.stated),
+            checks: Checks::new(),
+            suspensions: Suspensions::default(),
+            frames_of: BTreeMap::new(),
             rig,
             recorder,
             commands,
@@ -219,37 +236,6 @@ impl<'a> Runner<'a> {
         runner
     }
 
-    /// Returns the totals of the plan and of the points that earlier runs finished.
-    fn count_what_is_left(&mut self) -> ProgressState {
-        let mut totals = ProgressState::default();
-        totals.progress.elapsed_s = self.run.elapsed_s;
-        self.predicted_total_s = 0.0;
-        let mut at = None;
-        for step in &self.run.steps {
-            let Step::Shot(shot) = step else { continue };
-            totals.progress.shots_total += 1;
-            totals.progress.frames_total += shot.n_frames();
-            let predicted = self.predict(at, shot);
-            at = shot.target.or(at);
-            self.predicted_total_s += predicted;
-            self.in_turn_s.insert(shot.index, predicted);
-            if self.run.done.contains(&shot.index) {
-                totals.progress.shots_done += 1;
-                totals.progress.frames_done += shot.n_frames();
-                totals.predicted_done_s += predicted;
-            }
-        }
-        totals
-    }
-
-    fn predict(&self, at: Option<Pose>, shot: &Shot) -> f64 {
-        let motion = match (at, shot.target) {
-            (Some(at), Some(target)) => self.move_times.predict(at, target),
-            _ => Duration::ZERO,
-        };
-        motion.as_secs_f64() + shot.exposure_total_s()
-    }
-
     async fn drive(&mut self) -> Result<(), Ending> {
         self.enter(ScanState::Running, None).await?;
         self.make_ready().await?;
@@ -258,6 +244,7 @@ impl<'a> Runner<'a> {
         self.totals = self.count_what_is_left();
         self.totals.at = at;
         let steps = std::mem::take(&mut self.run.steps);
+        self.remember_unchecked(&steps);
         if self.totals.progress.shots_done < self.totals.progress.shots_total {
             self.switch_lamp_on().await?;
         }
@@ -278,6 +265,13 @@ impl<'a> Runner<'a> {
                         self.totals.progress.phase = Some(shot.kind);
                         self.take(shot).await?;
                         self.decide(&steps).await?;
+                    }
+                    if shot.kind == FrameKind::Sample {
+                        let done = &self.run.done;
+                        let more = steps[i + 1..].iter().any(
+                            |step| matches!(step, Step::Shot(next) if !done.contains(&next.index)),
+                        );
+                        self.check_reference(more).await?;
                     }
                     // An earlier run may have taken the last one and ended before it reported so.
                     let more = steps[i + 1..]
@@ -326,6 +320,7 @@ impl<'a> Runner<'a> {
         let mut visits = 0;
         loop {
             self.check_disk(shot).await?;
+            self.suspend_if_needed(shot.exposures_s[0]).await?;
             let before = self.totals;
             let started = self.run.clock.now();
             let Some(outcome) = self.visit(shot, visits).await? else {
@@ -336,9 +331,37 @@ impl<'a> Runner<'a> {
             let error = match outcome {
                 Ok(mut visit) => {
                     let rules = &self.run.settings.frame;
-                    let summary = FrameSummary::at(&visit, rules);
+                    let mut summary = FrameSummary::at(&visit, rules);
                     if visit.rejected.is_none() {
                         visit.rejected = self.history.fault(&summary, rules);
+                    }
+                    let looks = looks_of(&visit, rules);
+                    self.note_temperature(&visit);
+                    if shot.kind == FrameKind::Sample
+                        && visit.rejected.is_none()
+                        && !is_timed(&visit)
+                    {
+                        if self.is_first_of_the_run() {
+                            continue;
+                        }
+                        match self.confirm(shot, &looks, &mut summary).await? {
+                            Confirmed::Yes => {}
+                            Confirmed::No(why) => visit.rejected = Some(why),
+                            Confirmed::Stopped => continue,
+                            Confirmed::Failed(error) => {
+                                self.checks.doubt_the_camera();
+                                let next = self
+                                    .recover(error, &mut attempts, Some(shot), false)
+                                    .await?;
+                                if next == Recovered::Skipped {
+                                    return self.pause_if_asked().await;
+                                }
+                                continue;
+                            }
+                        }
+                    }
+                    if let Some(why) = visit.discarded.take() {
+                        self.note_discarded(shot, &why);
                     }
                     let rejected = visit.rejected.clone();
                     self.count(shot, rejected.is_none());
@@ -357,6 +380,7 @@ impl<'a> Runner<'a> {
                     match rejected {
                         None => {
                             self.history.remember(summary);
+                            self.remember_look(shot, looks, self.totals.ideal_s - before.ideal_s);
                             self.run.done.insert(shot.index);
                             self.report_recovery(shot).await;
                             return self.pause_if_asked().await;
@@ -366,7 +390,13 @@ impl<'a> Runner<'a> {
                 }
                 Err(error) => error,
             };
-            if self.recover(error, &mut attempts, Some(shot)).await? == Recovered::Skipped {
+            if !matches!(error, VisitError::Stage(_)) {
+                self.checks.doubt_the_camera();
+            }
+            let next = self
+                .recover(error, &mut attempts, Some(shot), false)
+                .await?;
+            if next == Recovered::Skipped {
                 return self.pause_if_asked().await;
             }
         }
@@ -381,33 +411,6 @@ impl<'a> Runner<'a> {
         })
     }
 
-    fn count(&mut self, shot: &Shot, accepted: bool) {
-        let predicted = self.predict(self.totals.at, shot);
-        let totals = &mut self.totals;
-        totals.ideal_s += predicted;
-        totals.at = shot.target.or(totals.at);
-        if !accepted {
-            return;
-        }
-        let progress = &mut totals.progress;
-        progress.shots_done += 1;
-        progress.frames_done += shot.n_frames();
-        let in_turn_s = self.in_turn_s.get(&shot.index).copied();
-        let done_s = totals.predicted_done_s + in_turn_s.unwrap_or(predicted);
-        totals.predicted_done_s = done_s.min(self.predicted_total_s);
-        if self.predicted_total_s > 0.0 {
-            progress.fraction = totals.predicted_done_s / self.predicted_total_s;
-        }
-        // Pace of this run so far; the first point has none.
-        let spent_s = progress.elapsed_s - self.run.elapsed_s;
-        let pace = if spent_s > 0.0 && totals.ideal_s > predicted {
-            spent_s / (totals.ideal_s - predicted)
-        } else {
-            1.0
-        };
-        progress.time_left_s = Some((self.predicted_total_s - totals.predicted_done_s) * pace);
-    }
-
     /// Moves and captures while it listens to commands; `None` where it was stopped and resumed. The outer error ends the
     /// scan.
     async fn visit(
@@ -419,9 +422,17 @@ impl<'a> Runner<'a> {
             Ok(stage) => stage,
             Err(error) => return Ok(Some(Err(VisitError::Stage(error)))),
         };
-        let rules = self.run.settings.frame.clone();
+        let settings = &self.run.settings;
+        let clock = Arc::clone(&self.run.clock);
+        let context = visit::VisitContext {
+            rules: &settings.frame,
+            tag_rules: &settings.tags,
+            tags: &mut self.tags,
+            clock: &*clock,
+        };
         let camera = self.rig.camera.as_mut();
-        let mut work = Box::pin(visit::visit(&stage, camera, shot, attempt, &rules));
+        let mut work = Box::pin(visit::visit(&stage, camera, shot, attempt, context));
+        let mut gaps = GapWatch::new(&*clock);
         let cut = loop {
             tokio::select! {
                 biased;
@@ -434,6 +445,17 @@ impl<'a> Runner<'a> {
                     };
                     if let Some(cut) = orders.heed(request).await? {
                         break cut;
+                    }
+                }
+                // Before the outcome: after a gap it says nothing about the stages.
+                () = tokio::time::sleep(GapWatch::LOOK_EVERY) => {
+                    if let Some(gap) = gaps.gap(&*clock) {
+                        drop(work);
+                        drop(stage);
+                        self.totals.at = None;
+                        self.rig.let_go();
+                        let gap_s = gap.as_secs_f64();
+                        return Ok(Some(Err(VisitError::Suspended { gap_s })));
                     }
                 }
                 outcome = &mut work => {

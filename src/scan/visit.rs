@@ -1,69 +1,22 @@
 //! One visit to a point: move, capture, check the frames.
 
+use std::time::Duration;
+
+use futures::future::BoxFuture;
+
+use super::frame_rules::{FrameRules, fault};
+use super::look::Look;
 use super::plan::Shot;
-use super::recorder::{BLACK, Rejected, TakenFrame, Visit};
+use super::recorder::{Rejected, TakenFrame, Visit, unlit_message};
+use super::tag_history::{
+    ExposureWindow, TagHistory, TagRules, TagVerdict, off_temperature, still_stale,
+};
 use crate::bench::port::PortError;
 use crate::bench::stage::{Flag, FlagClass, Stage, StageError, StageStatus};
-use crate::bench::{AxisName, Camera, CameraError, CaptureRequest, Captured};
-use crate::frame::{Frame, FrameKind};
+use crate::bench::{AxisName, Camera, CameraError, CaptureRequest};
+use crate::clock::Clock;
+use crate::frame::FrameKind;
 use crate::geometry::Pose;
-
-/// Rules that an accepted frame satisfies.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FrameRules {
-    /// Width and height of the camera's images.
-    pub size_px: (u32, u32),
-    /// Counts without light.
-    pub black_level_dn: f64,
-    /// Read noise in counts.
-    pub read_noise_dn: f64,
-    /// Smallest mean above the black level, in standard deviations of the read noise, that counts as light.
-    pub dark_sigmas: f64,
-    /// Count at which a pixel is full.
-    pub saturation_dn: u16,
-    /// Faults that the operator has confirmed to be as intended.
-    pub confirmed: Confirmed,
-    /// Largest mean of a capped frame above the black level.
-    pub capped: CappedLimit,
-}
-
-/// Largest mean of a capped frame above the black level. Dark current grows with the exposure.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CappedLimit {
-    /// Counts at any exposure.
-    pub mean_dn_max: f64,
-    /// Counts of dark current per second.
-    pub dark_dn_per_s: f64,
-}
-
-impl CappedLimit {
-    /// Counts above the black level at an exposure.
-    fn at(&self, exposure_s: f64) -> f64 {
-        self.mean_dn_max + self.dark_dn_per_s * exposure_s
-    }
-}
-
-/// Observations that may be a fault or intended. The scan pauses once; by resuming, the operator confirms that they are
-/// intended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Confirmed {
-    /// A sample without light: a metal may show none, and neither does a sample under a lens cap.
-    pub black_sample: bool,
-    /// A sample that saturates the camera at every pose.
-    pub full_sample: bool,
-}
-
-impl Confirmed {
-    /// Notes that the operator has confirmed this.
-    pub(super) fn note(&mut self, rejected: &Rejected) {
-        match rejected {
-            Rejected::BlackSample => self.black_sample = true,
-            Rejected::FullSample { .. } => self.full_sample = true,
-            // Confirming does not repair these.
-            Rejected::SameFrame | Rejected::Otherwise(_) => {}
-        }
-    }
-}
 
 /// Why a visit gave no accepted frames.
 #[derive(Debug, thiserror::Error)]
@@ -74,6 +27,26 @@ pub enum VisitError {
     /// The camera.
     #[error("{0}")]
     Camera(CameraError),
+    /// Another camera than before took the frames.
+    #[error(
+        "the camera with serial number {found} took the frame, but the scan's camera is {expected}: dark frames and gain of one \
+         camera do not hold for another; connect {expected} again, or plan a new scan with new dark frames"
+    )]
+    OtherCamera {
+        /// Serial number of the scan's camera.
+        expected: String,
+        /// Serial number that the frame states.
+        found: String,
+    },
+    /// The program did not run for a while.
+    #[error(
+        "the computer was suspended, or the program stopped, for {gap_s:.0} s during a move or an exposure; disable suspend on \
+         this computer"
+    )]
+    Suspended {
+        /// How long.
+        gap_s: f64,
+    },
     /// The frames, after several visits.
     #[error("{0}; fix it, then resume")]
     Frames(Rejected),
@@ -94,6 +67,8 @@ impl VisitError {
             VisitError::Stage(StageError::Stopped) => None,
             VisitError::Stage(error) => Some(stage_code(error)),
             VisitError::Camera(_) => Some("camera-failed"),
+            VisitError::OtherCamera { .. } => Some("camera-replaced"),
+            VisitError::Suspended { .. } => Some("host-suspended"),
             VisitError::Frames(_) => Some("frames-rejected"),
         }
     }
@@ -134,21 +109,43 @@ pub fn stage_code(error: &StageError) -> &'static str {
     }
 }
 
+/// Time between two looks at the stage during an exposure.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// Frames that are discarded in a row before the point counts as failed.
+const DISCARDED_MAX: u32 = 5;
+
+/// What a visit needs besides the devices.
+pub(super) struct VisitContext<'a> {
+    pub rules: &'a FrameRules,
+    pub tag_rules: &'a TagRules,
+    pub tags: &'a mut TagHistory,
+    pub clock: &'a dyn Clock,
+}
+
 /// Moves to a point and takes its frames. A caller that drops the future has to stop the stage.
 pub(super) async fn visit(
     stage: &Stage,
     camera: &mut dyn Camera,
     shot: &Shot,
     attempt: u32,
-    rules: &FrameRules,
+    context: VisitContext<'_>,
 ) -> Result<Visit, VisitError> {
+    let VisitContext {
+        rules,
+        tag_rules,
+        tags,
+        clock,
+    } = context;
     let arrived = match shot.target {
         // The stage checks the limits before it moves.
         Some(target) => stage.move_pose(target).await.map_err(VisitError::Stage)?,
         None => stage.status().await.map_err(VisitError::Stage)?.pose(),
     };
+    let at_rest_utc = clock.utc();
     let pose = in_the_plans_turn(arrived, shot);
     let mut frames = Vec::with_capacity(shot.n_frames() as usize);
+    let mut wrong = None;
+    let mut discarded = None;
     for (exposure_index, exposure_s) in shot.exposures_s.iter().copied().enumerate() {
         for repeat in 0..shot.repeats {
             let request = CaptureRequest {
@@ -157,7 +154,47 @@ pub(super) async fn visit(
                 exposure_s,
                 repeat,
             };
-            let captured = camera.capture(&request).await.map_err(VisitError::Camera)?;
+            let mut discarded_here = 0;
+            let captured = loop {
+                let (captured, moved) = watched(stage, arrived, camera.capture(&request)).await;
+                if let Some(moved) = moved {
+                    wrong.get_or_insert(moved);
+                }
+                let captured = match captured {
+                    Ok(captured) => captured,
+                    Err(error) => {
+                        tags.interrupted();
+                        return Err(VisitError::Camera(error));
+                    }
+                };
+                let window = ExposureWindow {
+                    from: at_rest_utc,
+                    until: clock.utc(),
+                };
+                match tags.check(&captured.tag, exposure_s, window, tag_rules) {
+                    TagVerdict::Fresh => break captured,
+                    TagVerdict::Stale(why) if discarded_here < DISCARDED_MAX => {
+                        discarded_here += 1;
+                        discarded = Some(why);
+                    }
+                    TagVerdict::Stale(why) => {
+                        wrong.get_or_insert(still_stale(&why, discarded_here));
+                        break captured;
+                    }
+                    TagVerdict::Wrong(why) => {
+                        wrong.get_or_insert(Rejected::Otherwise(why));
+                        break captured;
+                    }
+                    TagVerdict::OtherCamera { expected, found } => {
+                        return Err(VisitError::OtherCamera { expected, found });
+                    }
+                }
+            };
+            if let Some(found) = off_temperature(&captured.tag, tag_rules, 1.0) {
+                wrong.get_or_insert(Rejected::Otherwise(format!(
+                    "the camera's sensor is at {found} °C, off its set point (camera.temperature_c)"
+                )));
+            }
             frames.push(TakenFrame {
                 captured,
                 exposure_s,
@@ -171,31 +208,67 @@ pub(super) async fn visit(
         .map(|frame| frame.captured.started_utc)
         .expect("a checked plan has frames at every point");
     let still = stage.status().await.map_err(VisitError::Stage)?;
-    let settings = stage.settings();
-    let drift = (still.theta_c.position - arrived.theta_c)
-        .abs()
-        .deg()
-        .max((still.phi_s.position - arrived.phi_s).abs().deg());
-    let tolerance = settings
-        .theta_c
-        .tolerance
-        .deg()
-        .max(settings.phi_s.tolerance.deg());
+    let moved = displacement(stage, arrived, &still);
     let pushed = disturbance(&still)?;
-    let rejected = if still.theta_c.moving || still.phi_s.moving || drift > tolerance {
-        Some(Rejected::Otherwise(format!(
-            "the stage moved by {drift:.4}° while the frames were taken"
-        )))
-    } else {
-        pushed.or_else(|| fault(&frames, shot.kind, rules))
-    };
+    let rejected = moved
+        .or(pushed)
+        .or(wrong)
+        .or_else(|| fault(&frames, shot.kind, rules))
+        .or_else(|| unlit(&frames, shot.kind, rules));
     Ok(Visit {
         shot: shot.clone(),
         attempt,
         pose,
         frames,
         rejected,
+        discarded,
         taken_at,
+    })
+}
+
+/// Waits for a frame and watches the stage meanwhile: an axis that is pushed away and back is in its place again in the end.
+async fn watched<T>(
+    stage: &Stage,
+    arrived: Pose,
+    mut capture: BoxFuture<'_, T>,
+) -> (T, Option<Rejected>) {
+    let motion = async {
+        loop {
+            // In real time, as the port answers.
+            tokio::time::sleep(LOOK_EVERY).await;
+            // A stage that does not answer is reported after the frame.
+            if let Ok(status) = stage.status().await
+                && let Some(moved) = displacement(stage, arrived, &status)
+            {
+                return moved;
+            }
+        }
+    };
+    tokio::pin!(motion);
+    let mut moved = None;
+    loop {
+        tokio::select! {
+            biased;
+            captured = &mut capture => return (captured, moved),
+            found = &mut motion, if moved.is_none() => moved = Some(found),
+        }
+    }
+}
+
+/// Returns what is wrong if the stage moves, or is not where it arrived.
+fn displacement(stage: &Stage, arrived: Pose, now: &StageStatus) -> Option<Rejected> {
+    let settings = stage.settings();
+    let tilt = (now.theta_c.position - arrived.theta_c).abs().deg();
+    let drift = tilt.max((now.phi_s.position - arrived.phi_s).abs().deg());
+    let tolerance = settings
+        .theta_c
+        .tolerance
+        .deg()
+        .max(settings.phi_s.tolerance.deg());
+    (now.theta_c.moving || now.phi_s.moving || drift > tolerance).then(|| {
+        Rejected::Otherwise(format!(
+            "the stage moved by {drift:.4}° while the frames were taken"
+        ))
     })
 }
 
@@ -232,6 +305,27 @@ fn disturbance(after: &StageStatus) -> Result<Option<Rejected>, VisitError> {
     Ok(pushed)
 }
 
+/// Returns what is wrong where a large part of the longest exposure shows no light: a shutter that hangs, a cable in the way.
+fn unlit(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<Rejected> {
+    let confirmed =
+        kind == FrameKind::Sample && (rules.confirmed.unlit_sample || rules.confirmed.black_sample);
+    if kind == FrameKind::Dark || confirmed {
+        return None;
+    }
+    let longest = frames
+        .iter()
+        .max_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s))?;
+    let look = Look::of(&longest.captured.frame, longest.exposure_s, rules);
+    let share = look.unlit_share(rules);
+    (share >= rules.unlit_share_max).then(|| {
+        let percent = (100.0 * share).round() as u32;
+        match kind {
+            FrameKind::Sample => Rejected::UnlitSample { percent },
+            FrameKind::Dark | FrameKind::Flat => Rejected::Otherwise(unlit_message(percent)),
+        }
+    })
+}
+
 /// Returns the position read back, in the turn of the plan: recorded angles are those of the plan.
 fn in_the_plans_turn(arrived: Pose, shot: &Shot) -> Pose {
     match (shot.pose, shot.target) {
@@ -243,174 +337,51 @@ fn in_the_plans_turn(arrived: Pose, shot: &Shot) -> Pose {
     }
 }
 
-/// Returns what is wrong with the frames of a point; `None` if they are accepted.
-fn fault(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<Rejected> {
-    for taken in frames {
-        let frame = &taken.captured.frame;
-        let size = (frame.width_px(), frame.height_px());
-        if size != rules.size_px {
-            return Some(Rejected::Otherwise(format!(
-                "wrong size: the frame has {} × {} pixels, the camera is set to {} × {}",
-                size.0, size.1, rules.size_px.0, rules.size_px.1
-            )));
-        }
-    }
-    match kind {
-        FrameKind::Sample if rules.confirmed.black_sample => None,
-        FrameKind::Dark => frames
-            .iter()
-            .map(|taken| {
-                let above = mean_dn(&taken.captured.frame) - rules.black_level_dn;
-                (above, taken.exposure_s)
-            })
-            .find(|(above, exposure_s)| *above > rules.capped.at(*exposure_s))
-            .map(|(above, exposure_s)| {
-                Rejected::Otherwise(format!(
-                    "not dark: {above:.0} DN above the black level in {exposure_s} s, and at most {:.0} DN are allowed \
-                     (scan.capped_mean_dn_max, {} DN, and what camera.dark_current_electrons_per_s makes in that time, \
-                     {:.0} DN); check the lens cap; if it is on, this is dark current: state \
-                     camera.dark_current_electrons_per_s, or plan shorter exposures",
-                    rules.capped.at(exposure_s),
-                    rules.capped.mean_dn_max,
-                    rules.capped.dark_dn_per_s * exposure_s,
-                ))
-            }),
-        FrameKind::Flat | FrameKind::Sample => {
-            let longest = frames
-                .iter()
-                .max_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s))?;
-            shows_no_light(&longest.captured.frame, rules).then(|| match kind {
-                FrameKind::Sample => Rejected::BlackSample,
-                FrameKind::Dark | FrameKind::Flat => Rejected::Otherwise(BLACK.into()),
-            })
-        }
-    }
-}
-
-/// Returns what is wrong with a frame that is taken to check the camera; `None` if a scan would accept it.
-#[must_use]
-pub fn frame_fault(
-    captured: Captured,
-    exposure_s: f64,
-    kind: FrameKind,
-    rules: &FrameRules,
-) -> Option<String> {
-    let taken = TakenFrame {
-        captured,
-        exposure_s,
-        exposure_index: 0,
-        repeat: 0,
-    };
-    fault(&[taken], kind, rules).map(|why| why.to_string())
-}
-
-pub(super) fn shows_no_light(frame: &Frame, rules: &FrameRules) -> bool {
-    let above = mean_dn(frame) - rules.black_level_dn;
-    let sigma = rules.read_noise_dn.max(0.3) / (frame.pixels_dn().len() as f64).sqrt();
-    above < rules.dark_sigmas * sigma
-}
-
-fn mean_dn(frame: &Frame) -> f64 {
-    let sum: u64 = frame.pixels_dn().iter().map(|dn| u64::from(*dn)).sum();
-    sum as f64 / frame.pixels_dn().len() as f64
-}
-
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
-    use crate::bench::Captured;
-    use std::time::Duration;
+    use crate::bench::stage::AxisStatus;
+    use crate::units::Angle;
 
-    pub fn rules() -> FrameRules {
-        FrameRules {
-            size_px: (16, 16),
-            black_level_dn: 200.0,
-            read_noise_dn: 4.0,
-            dark_sigmas: 10.0,
-            saturation_dn: 4000,
-            confirmed: Confirmed::default(),
-            capped: CappedLimit {
-                mean_dn_max: 50.0,
-                dark_dn_per_s: 0.0,
-            },
-        }
-    }
-
-    /// An even frame with noise seeded by its count.
-    pub fn taken(dn: u16, exposure_s: f64) -> TakenFrame {
-        let mut state = u32::from(dn);
-        let noise = std::iter::repeat_with(|| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 30) as u16
-        });
-        let pixels: Vec<u16> = noise.take(256).map(|noise| dn - 1 + noise).collect();
-        let at_the_ends = [vec![200; 256], vec![4095; 256]];
-        let pixels = match dn {
-            200 => &at_the_ends[0],
-            4095 => &at_the_ends[1],
-            _ => &pixels,
+    #[test]
+    fn flags_that_come_up_in_an_exposure_decide_about_its_frames() {
+        let with = |flags: &[Flag]| {
+            let axis = |flags: &[Flag]| AxisStatus {
+                position: Angle::ZERO,
+                moving: false,
+                homed: true,
+                warnings: Vec::new(),
+                flags: flags.to_vec(),
+                serial: 1,
+            };
+            disturbance(&StageStatus {
+                theta_c: axis(&[]),
+                phi_s: axis(flags),
+            })
         };
-        shown(pixels, exposure_s)
-    }
-
-    pub fn shown(dn: &[u16], exposure_s: f64) -> TakenFrame {
-        TakenFrame {
-            captured: Captured {
-                frame: Frame::new(16, 16, dn.to_vec()).unwrap(),
-                started_at: Duration::ZERO,
-                started_utc: time::macros::datetime!(2026-01-01 00:00 UTC),
-            },
-            exposure_s,
-            exposure_index: 0,
-            repeat: 0,
+        assert!(with(&[]).unwrap().is_none());
+        assert!(with(&[Flag::ControllerHot]).unwrap().is_none());
+        for pushed in [Flag::Displaced, Flag::StallRecovered] {
+            let why = with(&[Flag::ControllerHot, pushed]).unwrap().unwrap();
+            assert!(why.to_string().starts_with("phi_s reported W"), "{why}");
         }
-    }
-
-    #[test]
-    fn light_under_the_cap_and_a_black_sample_are_named() {
-        let fault = |dn, kind| fault(&[taken(dn, 0.1)], kind, &rules());
-        assert_eq!(fault(201, FrameKind::Dark), None);
-        let words = |dn, kind| fault(dn, kind).unwrap().to_string();
-        assert!(words(900, FrameKind::Dark).starts_with("not dark"));
-        assert_eq!(fault(900, FrameKind::Sample), None);
-        assert_eq!(fault(200, FrameKind::Sample), Some(Rejected::BlackSample));
-        assert!(words(200, FrameKind::Sample).starts_with("black"));
-        // A confirmed black sample does not make a black white reference acceptable.
-        assert!(words(200, FrameKind::Flat).starts_with("black"));
-        assert_ne!(fault(200, FrameKind::Flat), Some(Rejected::BlackSample));
-    }
-
-    #[test]
-    fn dark_current_grows_with_the_exposure_and_more_is_light() {
-        let mut rules = rules();
-        rules.capped.dark_dn_per_s = 100.0;
-        let fault = |dn, exposure_s| fault(&[taken(dn, exposure_s)], FrameKind::Dark, &rules);
-        assert_eq!(fault(200 + 440, 4.0), None);
-        assert_eq!(fault(200 + 40, 0.01), None);
-        // The same count in less time is light.
-        let words = fault(200 + 440, 0.5).unwrap().to_string();
-        for part in [
-            "in 0.5 s",
-            "at most 100 DN",
-            "dark_current_electrons_per_s",
-            "50 DN)",
-        ] {
-            assert!(words.contains(part), "{part}: {words}");
+        for flag in [Flag::EncoderError, Flag::IndexError, Flag::EmergencyStop] {
+            let error = with(&[flag]).unwrap_err();
+            assert!(
+                matches!(error, VisitError::Stage(StageError::Fault { .. })),
+                "{error}"
+            );
         }
-    }
-
-    #[test]
-    fn a_short_exposure_may_be_black_if_the_long_one_is_not() {
-        let frames = [taken(200, 0.001), taken(900, 0.1)];
-        assert_eq!(fault(&frames, FrameKind::Sample, &rules()), None);
-    }
-
-    #[test]
-    fn a_frame_of_another_size_is_named() {
-        let mut small = rules();
-        small.size_px = (8, 8);
-        let reason = fault(&[taken(900, 0.1)], FrameKind::Sample, &small).unwrap();
-        assert!(reason.to_string().starts_with("wrong size"), "{reason}");
+        let knob = with(&[Flag::ManualControl]).unwrap_err();
+        assert!(matches!(
+            knob,
+            VisitError::Stage(StageError::Interrupted { .. })
+        ));
+        let lost = with(&[Flag::NoReference]).unwrap_err();
+        assert!(matches!(
+            lost,
+            VisitError::Stage(StageError::PowerCycled { .. })
+        ));
     }
 
     #[test]

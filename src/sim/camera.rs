@@ -22,6 +22,7 @@ use super::world::{OnTable, World};
 use crate::bench::{Camera, CameraError, CaptureRequest, Captured};
 use crate::clock::Clock;
 use crate::frame::Frame;
+use crate::frame::FrameTag;
 use crate::geometry::{Imaging, Pose, RigGeometry};
 use crate::material::Material;
 use crate::series::{
@@ -285,10 +286,19 @@ impl Camera for SimulatedCamera {
                 exposure_s,
                 self.captures,
             )?;
+            let tag = FrameTag {
+                counter: Some(self.captures),
+                exposure_start: Some(started_utc),
+                exposure_s: Some(exposure_s),
+                gain: Some(self.settings.gain_dn_per_electron),
+                serial: Some(format!("simulated-{}", self.settings.seed)),
+                temperature_c: None,
+            };
             Ok(Captured {
                 frame,
                 started_at,
                 started_utc,
+                tag,
             })
         })
     }

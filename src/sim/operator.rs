@@ -1,6 +1,6 @@
 //! The simulated operator: puts samples on the table and the cap on the lens when a scan asks for it.
 
-use tokio::sync::mpsc;
+use tokio::sync::broadcast::error::RecvError;
 
 use super::camera::SampleHandle;
 use super::rig::SimulatedRig;
@@ -52,51 +52,47 @@ impl SimulatedRig {
         Ok(())
     }
 
-    /// Starts the operator: whenever a scan waits, it does at once, in the world, what the scan asks for. With
-    /// `and_continue` it also confirms the step; otherwise the scan waits for a person's confirmation.
+    /// Starts the operator: before a scan waits, it does in the world what the scan asks for. With `and_continue` it also
+    /// confirms the step; otherwise the scan waits for a person's confirmation.
     pub fn operate(&self, lab: &Lab, and_continue: bool) -> tokio::task::JoinHandle<()> {
         let world = std::sync::Arc::clone(&self.world);
         let on_table = self.on_table.clone();
         let lab = lab.clone();
+        let calls = lab.operator_calls();
+        let mut events = lab.events();
         tokio::spawn(async move {
-            let mut steps = watch_scan_steps(&lab);
-            while let Some((scan_id, action)) = steps.recv().await {
-                act(&lab, &world, &on_table, scan_id, action).await;
-                if and_continue {
-                    let continued = lab.order(scan_id, ScanCommand::Continue).await;
-                    if let Err(error) = continued {
+            let acting = async {
+                let Ok(mut calls) = calls else { return };
+                while let Some(call) = calls.recv().await {
+                    act(&lab, &world, &on_table, call.scan_id, call.action).await;
+                    call.done();
+                }
+            };
+            let continuing = async {
+                if !and_continue {
+                    return;
+                }
+                loop {
+                    let scan_id = match events.recv().await {
+                        Ok(event) => match event.event {
+                            Event::Scan {
+                                scan_id,
+                                operator: Some(_),
+                                ..
+                            } => scan_id,
+                            _ => continue,
+                        },
+                        Err(RecvError::Lagged(_)) => continue,
+                        Err(RecvError::Closed) => return,
+                    };
+                    if let Err(error) = lab.order(scan_id, ScanCommand::Continue).await {
                         tracing::debug!(scan_id, %error, "nothing to continue: {error}");
                     }
                 }
-            }
+            };
+            tokio::join!(acting, continuing);
         })
     }
-}
-
-/// Sends each step at which a scan waits for the operator.
-fn watch_scan_steps(lab: &Lab) -> mpsc::Receiver<(i64, OperatorAction)> {
-    let (sender, receiver) = mpsc::channel(16);
-    let mut events = lab.events();
-    tokio::spawn(async move {
-        loop {
-            match events.recv().await {
-                Ok(event) => {
-                    if let Event::Scan {
-                        scan_id,
-                        operator: Some(action),
-                        ..
-                    } = event.event
-                        && sender.send((scan_id, action)).await.is_err()
-                    {
-                        return;
-                    }
-                }
-                Err(tokio::sync::broadcast::error::RecvError::Lagged(_)) => {}
-                Err(tokio::sync::broadcast::error::RecvError::Closed) => return,
-            }
-        }
-    });
-    receiver
 }
 
 async fn act(

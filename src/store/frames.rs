@@ -2,13 +2,15 @@
 
 mod files;
 
+use std::collections::BTreeMap;
+
 use sqlx::FromRow;
 use sqlx::sqlite::SqliteConnection;
 use time::OffsetDateTime;
 
 use super::scans::{NewScan, Origin};
 use super::{Page, PageRequest, Store, StoreError, utc_text};
-use crate::frame::FrameKind;
+use crate::frame::{FrameKind, FrameTag};
 use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::{Event, Progress, RecordedEvent, ScanState};
@@ -49,6 +51,8 @@ pub struct NewFrame {
     pub repeat: u32,
     /// Start of the exposure.
     pub taken_at: OffsetDateTime,
+    /// What the camera's program states about it.
+    pub tag: FrameTag,
 }
 
 /// A frame of a recorded series.
@@ -182,6 +186,15 @@ impl Store {
                 shot.rejected.as_deref(),
             )
             .await?;
+            if !frame.tag.is_empty() {
+                let tag = serde_json::to_string(&frame.tag)
+                    .map_err(|e| StoreError::bad_row("frame_tags", e))?;
+                sqlx::query("INSERT INTO frame_tags (frame_id, tag) VALUES (?, ?)")
+                    .bind(id)
+                    .bind(tag)
+                    .execute(&mut *transaction)
+                    .await?;
+            }
             let event = Event::Frame {
                 scan_id: shot.scan_id,
                 frame_id: id,
@@ -201,6 +214,125 @@ impl Store {
         }
         transaction.commit().await?;
         Ok(events)
+    }
+
+    /// Marks accepted points of a scan as not counting, for this reason.
+    ///
+    /// # Errors
+    /// A database error.
+    pub async fn withdraw_shots(
+        &self,
+        scan_id: i64,
+        points: &[u32],
+        why: &str,
+    ) -> Result<(), StoreError> {
+        let mut transaction = self.writing().await?;
+        for point in points {
+            for statement in [
+                "UPDATE frames SET accepted = 0, reason = ?3 WHERE accepted = 1 AND shot_id IN
+                   (SELECT id FROM shots WHERE scan_id = ?1 AND plan_index = ?2)",
+                "UPDATE shots SET accepted = 0, reason = ?3 WHERE accepted = 1 AND scan_id = ?1 AND plan_index = ?2",
+            ] {
+                sqlx::query(statement)
+                    .bind(scan_id)
+                    .bind(point)
+                    .bind(why)
+                    .execute(&mut *transaction)
+                    .await?;
+            }
+        }
+        transaction.commit().await?;
+        Ok(())
+    }
+
+    /// Returns what the camera's program stated about frames `first` to `last` of a scan, by the number of the frame. A store
+    /// that an older program wrote has nothing of it.
+    ///
+    /// # Errors
+    /// A database error, or a row that cannot be read.
+    pub async fn tags_of_scan(
+        &self,
+        scan_id: i64,
+        first: i64,
+        last: i64,
+    ) -> Result<BTreeMap<i64, FrameTag>, StoreError> {
+        let known: bool = sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'frame_tags')",
+        )
+        .fetch_one(self.readers())
+        .await?;
+        if !known {
+            return Ok(BTreeMap::new());
+        }
+        let rows: Vec<(i64, String)> = sqlx::query_as(
+            "SELECT t.frame_id, t.tag FROM frame_tags t JOIN frames f ON f.id = t.frame_id
+             WHERE f.scan_id = ? AND t.frame_id BETWEEN ? AND ?",
+        )
+        .bind(scan_id)
+        .bind(first)
+        .bind(last)
+        .fetch_all(self.readers())
+        .await?;
+        rows.into_iter()
+            .map(|(id, tag)| {
+                let tag = serde_json::from_str(&tag);
+                Ok((id, tag.map_err(|e| StoreError::bad_row("frame_tags", e))?))
+            })
+            .collect()
+    }
+
+    /// Returns whether the camera's program states when the frames of a scan's sample are exposed; `None` before the first
+    /// frame.
+    ///
+    /// # Errors
+    /// As [`Store::tags_of_scan`].
+    pub async fn frames_are_timed(&self, scan_id: i64) -> Result<Option<bool>, StoreError> {
+        let newest: Option<i64> = sqlx::query_scalar(
+            "SELECT id FROM frames WHERE scan_id = ? AND kind = 'sample' AND accepted = 1 ORDER BY id DESC LIMIT 1",
+        )
+        .bind(scan_id)
+        .fetch_optional(self.readers())
+        .await?;
+        let Some(newest) = newest else {
+            return Ok(None);
+        };
+        let tags = self.tags_of_scan(scan_id, newest, newest).await?;
+        let timed = tags
+            .get(&newest)
+            .is_some_and(|tag| tag.exposure_start.is_some());
+        Ok(Some(timed))
+    }
+
+    /// Returns the newest accepted points of the sample of a scan, newest first.
+    ///
+    /// # Errors
+    /// A database error.
+    pub async fn newest_sample_shots(
+        &self,
+        scan_id: i64,
+        limit: u32,
+    ) -> Result<Vec<(u32, i64)>, StoreError> {
+        Ok(sqlx::query_as(
+            "SELECT plan_index, id FROM shots WHERE scan_id = ? AND accepted = 1 AND kind = 'sample'
+             ORDER BY id DESC LIMIT ?",
+        )
+        .bind(scan_id)
+        .bind(limit)
+        .fetch_all(self.readers())
+        .await?)
+    }
+
+    /// Returns the frames of a shot, in the order taken.
+    ///
+    /// # Errors
+    /// A database error.
+    pub async fn frames_of_shot(&self, shot_id: i64) -> Result<Vec<FrameRecord>, StoreError> {
+        Ok(sqlx::query_as(sqlx::AssertSqlSafe(format!(
+            "SELECT {COLUMNS} FROM frames WHERE shot_id = ? ORDER BY id"
+        )))
+        .bind(shot_id)
+        .fetch_all(self.readers())
+        .await?)
     }
 
     /// Commits a recorded series as a completed scan. Its files must already be durable.
@@ -436,6 +568,7 @@ pub(crate) mod tests {
             exposure_s: 0.1,
             repeat: 0,
             taken_at: at,
+            tag: FrameTag::default(),
         }];
         let events = store
             .commit_shot(&shot, &frames, Progress::default())

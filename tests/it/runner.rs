@@ -1,12 +1,13 @@
 //! The runner by itself, on the simulated rig: what it tells a recorder when camera, disk or people are in its way.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use futures::future::BoxFuture;
 use ridged::bench::{AxisName, Camera, CameraError, CaptureRequest, Captured};
 use ridged::clock::{Clock, SteppedClock};
+use ridged::frame::FrameTag;
 use ridged::frame::{Frame, FrameKind};
 use ridged::geometry::Pose;
 use ridged::lab::RigParts;
@@ -18,6 +19,9 @@ use ridged::sim::rig::{SimulatedRig, Simulation};
 use ridged::sim::world::{AxisFault, World};
 use ridged::units::Angle;
 use tokio::sync::{mpsc, oneshot};
+
+/// What the camera states differently.
+type Statement = fn(&mut FrameTag);
 
 /// What happens when the camera is asked for its n-th frame, from 1.
 enum Cue {
@@ -33,6 +37,18 @@ enum Cue {
     Wake,
     /// Somebody presses stop while it exposes.
     Stop,
+    /// Its buffer is one frame behind from now on, and it states nothing about its frames.
+    LagUntimed,
+    /// Its buffer is one frame behind from now on; it states when each frame was exposed.
+    Lag,
+    /// This one frame shows the pose before with new noise; it states nothing about its frames.
+    Stale,
+    /// The lamp gives this share of its light from now on.
+    Fade(f64),
+    /// Its frames state this from now on.
+    State(Statement),
+    /// The computer is suspended while it exposes.
+    Suspend,
     /// Something happens to an axis while it exposes.
     Cause(AxisName, AxisFault),
 }
@@ -48,7 +64,18 @@ struct CuedCamera {
     cues: BTreeMap<u32, Cue>,
     orders: mpsc::Sender<CommandRequest>,
     asked: u32,
+    clock: Arc<SteppedClock>,
+    lags: bool,
+    buffered: Option<Captured>,
+    stale: bool,
+    /// Share of the light that the lamp gives.
+    light: f64,
+    state: Option<Statement>,
+    /// Frames with the poses that they show.
+    shown: Shown,
 }
+
+type Shown = Arc<Mutex<Vec<(Frame, Pose)>>>;
 
 impl Camera for CuedCamera {
     fn describe(&self) -> String {
@@ -66,6 +93,22 @@ impl Camera for CuedCamera {
             Some(Cue::Full) => self.uniform_dn = Some(u16::MAX),
             Some(Cue::Hang) => self.hangs = true,
             Some(Cue::Wake) => self.hangs = false,
+            Some(Cue::LagUntimed) => {
+                self.lags = true;
+                self.state = Some(|tag| *tag = FrameTag::default());
+            }
+            Some(Cue::Lag) => self.lags = true,
+            Some(Cue::Stale) => self.stale = true,
+            Some(Cue::Fade(share)) => self.light = *share,
+            Some(Cue::State(state)) => self.state = Some(*state),
+            Some(Cue::Suspend) => {
+                self.clock.suspend_machine(Duration::from_secs(600));
+                // The gap is found before the frame comes.
+                return Box::pin(async {
+                    tokio::time::sleep(Duration::from_secs(5)).await;
+                    Err(CameraError::Failed("the exposure went on".into()))
+                });
+            }
             Some(Cue::Cause(axis, fault)) => self.world.cause(*axis, *fault),
             Some(Cue::Fail) => {
                 let failed = CameraError::Failed("the cable came off".into());
@@ -91,7 +134,39 @@ impl Camera for CuedCamera {
             {
                 captured.frame = last.clone();
             }
+            if self.light != 1.0 {
+                let dn = captured.frame.pixels_dn().iter();
+                let dim = |dn: &u16| (200.0 + self.light * (f64::from(*dn) - 200.0)).round() as u16;
+                let (width, height) = (captured.frame.width_px(), captured.frame.height_px());
+                captured.frame = Frame::new(width, height, dn.map(dim).collect()).unwrap();
+            }
+            if std::mem::take(&mut self.stale)
+                && let Some(last) = &self.last
+            {
+                let (width, height) = (last.width_px(), last.height_px());
+                let noisy = last
+                    .pixels_dn()
+                    .iter()
+                    .zip(0_u16..)
+                    .map(|(dn, i)| dn.saturating_add(i % 3));
+                captured.frame = Frame::new(width, height, noisy.collect()).unwrap();
+            }
             self.last = Some(captured.frame.clone());
+            self.shown
+                .lock()
+                .unwrap()
+                .push((captured.frame.clone(), request.pose));
+            let fresh = captured.clone();
+            if self.lags
+                && let Some(behind) = self.buffered.replace(fresh)
+            {
+                captured = behind;
+            } else if !self.lags {
+                self.buffered = Some(captured.clone());
+            }
+            if let Some(state) = self.state {
+                state(&mut captured.tag);
+            }
             Ok(captured)
         })
     }
@@ -112,6 +187,11 @@ struct Notebook {
     states: Vec<ScanState>,
     alarms: Vec<String>,
     recoveries: Vec<Recovery>,
+    withdrawn: Vec<Vec<u32>>,
+    /// Accepted points with a frame that shows another pose.
+    of_another_pose: Vec<u32>,
+    pauses: u32,
+    shown: Shown,
     accepted: Vec<u32>,
     /// Reported fraction minus the share of the points, at each relevant point.
     ahead: Vec<f64>,
@@ -122,19 +202,24 @@ impl Recorder for Notebook {
     fn state<'a>(
         &'a mut self,
         next: ScanState,
-        _: Option<&'a str>,
+        reason: Option<&'a str>,
         _: Option<OperatorAction>,
         _: Progress,
     ) -> BoxFuture<'a, Result<(), RecordError>> {
         Box::pin(async move {
             self.states.push(next);
-            if next == ScanState::Paused {
+            // A suspended scan resumes by itself.
+            let suspended = reason.is_some_and(|reason| reason.starts_with("suspended"));
+            if next == ScanState::Paused && !suspended {
                 self.clock.sleep(Duration::from_secs(3600)).await;
                 self.free_bytes = u64::MAX;
-                self.orders
-                    .try_send(command_request(ScanCommand::Resume))
-                    .ok()
-                    .unwrap();
+                // No person comes for ever.
+                self.pauses += 1;
+                let order = match self.pauses {
+                    ..20 => ScanCommand::Resume,
+                    _ => ScanCommand::Abort,
+                };
+                self.orders.try_send(command_request(order)).ok().unwrap();
             }
             Ok(())
         })
@@ -146,6 +231,17 @@ impl Recorder for Notebook {
         progress: Progress,
     ) -> BoxFuture<'_, Result<(), RecordError>> {
         if visit.rejected.is_none() {
+            let shown = self.shown.lock().unwrap();
+            for taken in &visit.frames {
+                let frame = shown
+                    .iter()
+                    .find(|(frame, _)| *frame == taken.captured.frame);
+                let apart = frame.map(|(_, pose)| (pose.theta_c - visit.pose.theta_c).abs().deg());
+                if apart.is_some_and(|deg| deg > 0.1) {
+                    self.of_another_pose.push(visit.shot.index);
+                }
+            }
+            drop(shown);
             self.accepted.push(visit.shot.index);
             let share = f64::from(progress.shots_done) / f64::from(progress.shots_total);
             self.ahead.push(progress.fraction - share);
@@ -161,6 +257,16 @@ impl Recorder for Notebook {
     fn alarm<'a>(&'a mut self, code: &'a str, _: &'a str) -> BoxFuture<'a, ()> {
         self.alarms.push(code.to_owned());
         Box::pin(std::future::ready(()))
+    }
+
+    fn withdraw<'a>(
+        &'a mut self,
+        points: &'a [u32],
+        _: &'a str,
+    ) -> BoxFuture<'a, Result<(), RecordError>> {
+        self.accepted.retain(|index| !points.contains(index));
+        self.withdrawn.push(points.to_vec());
+        Box::pin(std::future::ready(Ok(())))
     }
 
     fn recovered(&mut self, recovery: Recovery) -> BoxFuture<'_, ()> {
@@ -190,6 +296,22 @@ fn samples() -> Vec<Step> {
     [(0, 0.0), (1, 5.0), (2, 10.0)].map(sample).to_vec()
 }
 
+/// Six tilts with one frame each.
+fn grid() -> Vec<Step> {
+    let pose = |index: u32| Pose::from_deg(4.0 * f64::from(index), 0.0);
+    let step = |index: u32| {
+        Step::Shot(Shot {
+            index,
+            kind: FrameKind::Sample,
+            pose: Some(pose(index)),
+            target: Some(pose(index)),
+            exposures_s: vec![0.02],
+            repeats: 1,
+        })
+    };
+    (0..6).map(step).collect()
+}
+
 /// Runs steps to their end.
 async fn run(
     steps: Vec<Step>,
@@ -208,7 +330,9 @@ async fn run_with(
     free_bytes: impl FnOnce(&RunnerSettings) -> u64,
     change: impl FnOnce(&mut RunnerSettings),
 ) -> (RunEnd, Notebook) {
-    let clock: Arc<dyn Clock> = Arc::new(SteppedClock::new());
+    let stepped = Arc::new(SteppedClock::new());
+    let clock: Arc<dyn Clock> = stepped.clone();
+    let shown = Shown::default();
     let (rig, parts) = SimulatedRig::with_clock(Simulation::default(), Arc::clone(&clock)).unwrap();
     let (orders, mut book) = mpsc::channel(16);
     let RigParts {
@@ -226,6 +350,13 @@ async fn run_with(
         cues: cues.into_iter().collect(),
         orders: orders.clone(),
         asked: 0,
+        clock: Arc::clone(&stepped),
+        lags: false,
+        buffered: None,
+        stale: false,
+        light: 1.0,
+        state: None,
+        shown: Arc::clone(&shown),
     };
     let mut notebook = Notebook {
         clock: Arc::clone(&clock),
@@ -234,6 +365,10 @@ async fn run_with(
         states: Vec::new(),
         alarms: Vec::new(),
         recoveries: Vec::new(),
+        withdrawn: Vec::new(),
+        of_another_pose: Vec::new(),
+        pauses: 0,
+        shown: Arc::clone(&shown),
         accepted: Vec::new(),
         ahead: Vec::new(),
         phases: Vec::new(),
@@ -243,6 +378,8 @@ async fn run_with(
         done: done.iter().copied().collect::<BTreeSet<u32>>(),
         full: BTreeSet::new(),
         last_frames: Vec::new(),
+        unchecked: Vec::new(),
+        stated: FrameTag::default(),
         elapsed_s: 0.0,
         settings: settings.runner,
         clock,
@@ -452,4 +589,125 @@ async fn a_point_is_begun_where_all_of_its_frames_have_room() {
     let (end, reported) = run(samples(), &[], [], room_for(2)).await;
     assert_eq!(reported.alarms, ["disk-full"]);
     assert_eq!(end.state, ScanState::Completed);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_camera_that_is_one_frame_behind_gives_no_frame_of_another_pose() {
+    for (cue, timed) in [(Cue::Lag, true), (Cue::LagUntimed, false)] {
+        let (end, reported) = run(grid(), &[], [(3, cue)], |_| u64::MAX).await;
+        assert_eq!(end.state, ScanState::Completed, "timed: {timed}");
+        assert!(
+            !reported.states.contains(&ScanState::Paused),
+            "{:?}",
+            reported.alarms
+        );
+        assert_eq!(reported.accepted, [0, 1, 2, 3, 4, 5]);
+        assert_eq!(
+            reported.of_another_pose,
+            Vec::<u32>::new(),
+            "timed: {timed}"
+        );
+        assert!(!reported.recoveries.is_empty());
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn one_stale_frame_with_other_noise_is_found_by_its_look() {
+    // Frames that confirm the first two points are the second and the fourth.
+    let cues = [
+        (1, Cue::State(|tag| *tag = FrameTag::default())),
+        (6, Cue::Stale),
+    ];
+    let (end, reported) = run(grid(), &[], cues, |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed);
+    assert_eq!(reported.accepted, [0, 1, 2, 3, 4, 5]);
+    assert_eq!(reported.of_another_pose, Vec::<u32>::new());
+    assert_eq!(reported.recoveries.len(), 1, "{:?}", reported.recoveries);
+    assert!(reported.recoveries[0].message.contains("earlier pose"));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_the_camera_states_wrongly_is_taken_again_and_another_camera_is_refused() {
+    let wrong: [(Statement, &str); 3] = [
+        (|tag| tag.exposure_s = Some(0.04), "frames-rejected"),
+        (|tag| tag.gain = Some(7.0), "frames-rejected"),
+        (|tag| tag.serial = Some("another".into()), "camera-replaced"),
+    ];
+    for (change, alarm) in wrong {
+        let cues = [(2, Cue::State(change))];
+        let (_, reported) = run(grid(), &[], cues, |_| u64::MAX).await;
+        // A person resumes, and nothing is mended by that.
+        assert_eq!(reported.accepted, [0], "{alarm}");
+        assert!(
+            reported.alarms.iter().all(|code| code == alarm),
+            "{:?}",
+            reported.alarms
+        );
+    }
+    let lost = [(
+        2,
+        Cue::State(|tag| tag.counter = tag.counter.map(|n| n + 3)),
+    )];
+    let (end, reported) = run(grid(), &[], lost, |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed);
+    assert_eq!(reported.alarms, Vec::<String>::new());
+    assert!(reported.recoveries[0].message.contains("frames were lost"));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_lamp_that_fades_in_a_block_has_it_taken_again() {
+    let all_poses = |settings: &mut RunnerSettings| settings.reference.time_share_max = 10.0;
+    let cues = [(4, Cue::Fade(0.9))];
+    let (end, reported) = run_with(grid(), &[], cues, |_| u64::MAX, all_poses).await;
+    assert_eq!(end.state, ScanState::Completed);
+    assert_eq!(reported.alarms, ["reference-changed"]);
+    assert_eq!(reported.withdrawn, [[0, 1, 2, 3, 4, 5]]);
+    let mut accepted = reported.accepted.clone();
+    accepted.sort_unstable();
+    assert_eq!(accepted, [0, 1, 2, 3, 4, 5]);
+    assert_eq!(
+        reported.recoveries.last().unwrap().points,
+        [0, 1, 2, 3, 4, 5]
+    );
+    // Without reference poses it is not found.
+    let none = |settings: &mut RunnerSettings| settings.reference.every = 0;
+    let cues = [(4, Cue::Fade(0.9))];
+    let (_, reported) = run_with(grid(), &[], cues, |_| u64::MAX, none).await;
+    assert_eq!(reported.withdrawn.len(), 0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_computer_that_was_suspended_in_an_exposure_takes_the_point_again() {
+    let (end, reported) = run(grid(), &[], [(3, Cue::Suspend)], |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed);
+    assert_eq!(reported.alarms, ["host-suspended"]);
+    assert_eq!(reported.recoveries[0].points, [2]);
+    assert!(!reported.recoveries[0].attended);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_is_suspended_while_a_condition_holds_and_resumes_by_itself() {
+    let set_point = |settings: &mut RunnerSettings| settings.tags.temperature_c = Some(-5.0);
+    let cues = [
+        (1, Cue::State(|tag| tag.temperature_c = Some(-5.2))),
+        (3, Cue::State(|tag| tag.temperature_c = Some(-2.0))),
+        // Within the tolerance, but not within the half of it that ends the suspension.
+        (6, Cue::State(|tag| tag.temperature_c = Some(-4.3))),
+        (9, Cue::State(|tag| tag.temperature_c = Some(-4.9))),
+    ];
+    let (end, reported) = run_with(grid(), &[], cues, |_| u64::MAX, set_point).await;
+    assert_eq!(end.state, ScanState::Completed);
+    assert_eq!(reported.accepted, [0, 1, 2, 3, 4, 5]);
+    let code = "camera-temperature";
+    assert!(
+        reported
+            .recoveries
+            .iter()
+            .any(|r| r.code == code && !r.attended)
+    );
+    assert!(
+        reported.alarms.iter().all(|alarm| alarm == code),
+        "{:?}",
+        reported.alarms
+    );
 }

@@ -509,6 +509,7 @@ impl Camera for WritingCamera {
                 frame: Frame::new(width, height, pixels_dn)?,
                 started_at,
                 started_utc,
+                tag: Default::default(),
             })
         })
     }

@@ -14,7 +14,7 @@ use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::lab::RigParts;
 use crate::program::Program;
-use crate::scan::visit::frame_fault;
+use crate::scan::frame_rules::frame_fault;
 use crate::sim::world::World;
 
 /// Who makes it dark for the dark frame.

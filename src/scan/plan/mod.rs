@@ -155,6 +155,8 @@ pub struct PlanRequest {
     pub flat: FlatRequest,
     /// Whether valid calibration frames replace their operator steps; true if omitted and the plan has a sample.
     pub reuse_calibrations: Option<bool>,
+    /// Points of the sample between two checks of a reference pose; 0 for none. Default: the rig's settings.
+    pub reference_every: Option<u32>,
 }
 
 /// What a rig's settings say where a request says nothing.
@@ -168,6 +170,8 @@ pub struct PlanDefaults {
     pub dark_repeats: u32,
     /// White-reference frames per tilt and exposure.
     pub flat_repeats: u32,
+    /// Points between two checks of a reference pose; 0 for none.
+    pub reference_every: u32,
 }
 
 /// A whole plan, nothing left open.
@@ -187,6 +191,9 @@ pub struct Plan {
     pub flat: FlatPlan,
     /// Whether valid calibration frames save their operator steps.
     pub reuse_calibrations: bool,
+    /// Points of the sample between two checks of a reference pose; 0 for none.
+    #[serde(default)]
+    pub reference_every: u32,
 }
 
 /// Dark frames of a plan.
@@ -295,6 +302,7 @@ impl PlanRequest {
                 repeats: flat_repeats,
             },
             reuse_calibrations: self.reuse_calibrations.unwrap_or(of_the_sample),
+            reference_every: self.reference_every.unwrap_or(defaults.reference_every),
         })
     }
 }
@@ -360,6 +368,7 @@ mod tests {
             flat_exposures_s: vec![0.02, 0.06],
             dark_repeats: 4,
             flat_repeats: 1,
+            reference_every: 20,
         }
     }
 

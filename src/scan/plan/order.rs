@@ -34,6 +34,13 @@ impl Shot {
         self.exposures_s.len() as u32 * self.repeats
     }
 
+    /// Longest exposure.
+    #[must_use]
+    pub fn longest_exposure(&self) -> Duration {
+        let longest_s = self.exposures_s.iter().copied().fold(0.0, f64::max);
+        Duration::try_from_secs_f64(longest_s).unwrap_or_default()
+    }
+
     /// Time with the shutter open.
     #[must_use]
     pub fn exposure_total_s(&self) -> f64 {

@@ -35,6 +35,28 @@ pub(super) struct Trouble {
 }
 
 impl Trouble {
+    /// A fault that began at the time `since`.
+    pub(super) fn new(code: &str, what: &str, since: Duration) -> Trouble {
+        Trouble {
+            code: code.into(),
+            what: what.into(),
+            since,
+            failures: 1,
+            points: BTreeSet::new(),
+            attended: false,
+        }
+    }
+
+    /// Adds points that have to be taken again.
+    pub(super) fn add(&mut self, points: BTreeSet<u32>) {
+        self.points.extend(points);
+    }
+
+    /// Notes that a person resumed the scan.
+    pub(super) fn attended(&mut self) {
+        self.attended = true;
+    }
+
     /// Returns the trouble that a resumed scan begins with: it was interrupted.
     pub(super) fn of_a_run_after(run: &ScanRun) -> Option<Trouble> {
         (!run.done.is_empty()).then(|| Trouble {
@@ -56,7 +78,9 @@ impl Runner<'_> {
             Err(error) => {
                 let mut attempts = Attempts::default();
                 let error = VisitError::Stage(error);
-                self.recover(error, &mut attempts, None).await.map(|_| ())
+                self.recover(error, &mut attempts, None, true)
+                    .await
+                    .map(|_| ())
             }
         }
     }
@@ -70,7 +94,7 @@ impl Runner<'_> {
     }
 
     /// Connects, and homes what has no trusted position.
-    async fn ready(&mut self, by_a_person: bool) -> Result<(), StageError> {
+    pub(super) async fn ready(&mut self, by_a_person: bool) -> Result<(), StageError> {
         let may_home = self.run.settings.faults.home_after_power_cycle;
         let (rig, doubted) = (&mut *self.rig, &self.doubted);
         let stage = rig.make_ready(doubted, by_a_person, may_home).await?;
@@ -81,15 +105,15 @@ impl Runner<'_> {
         Ok(())
     }
 
-    /// Reacts to a fault as the settings say until the rig is ready for another attempt at the point. Without a point, a
-    /// person has just requested motion.
+    /// Reacts to a fault as the settings say until the rig is ready for another attempt at the point. `by_a_person`: a person has
+    /// just requested motion.
     pub(super) async fn recover(
         &mut self,
         mut error: VisitError,
         attempts: &mut Attempts,
         shot: Option<&Shot>,
+        mut by_a_person: bool,
     ) -> Result<Recovered, Ending> {
-        let mut by_a_person = shot.is_none();
         loop {
             if let VisitError::Stage(error) = &error {
                 self.doubted.extend(error.axis_to_home());
@@ -134,7 +158,9 @@ impl Runner<'_> {
                 }
             }
             by_a_person |= stopped;
-            if !stopped && !matches!(error, VisitError::Stage(_)) {
+            let of_the_stages =
+                matches!(error, VisitError::Stage(_) | VisitError::Suspended { .. });
+            if !stopped && !of_the_stages {
                 return Ok(Recovered::Again);
             }
             match self.ready(by_a_person).await {
@@ -182,54 +208,56 @@ impl Runner<'_> {
     fn note_failure(&mut self, error: &VisitError, now: Duration, shot: Option<&Shot>) {
         let Some(code) = error.code() else { return };
         let trouble = self.trouble.get_or_insert_with(|| Trouble {
-            code: code.into(),
-            what: error.to_string(),
-            since: now,
             failures: 0,
-            points: BTreeSet::new(),
-            attended: false,
+            ..Trouble::new(code, &error.to_string(), now)
         });
         trouble.failures += 1;
         trouble.points.extend(shot.map(|shot| shot.index));
     }
 
+    /// Notes that frames were discarded before those of this point.
+    pub(super) fn note_discarded(&mut self, shot: &Shot, why: &str) {
+        let now = self.run.clock.now();
+        let trouble = self
+            .trouble
+            .get_or_insert_with(|| Trouble::new("frame-stale", why, now));
+        trouble.points.insert(shot.index);
+    }
+
     /// Notes that a person had to resume the scan.
     pub(super) fn note_pause(&mut self, code: &str, reason: &str) {
         let now = self.run.clock.now();
-        let trouble = self.trouble.get_or_insert_with(|| Trouble {
-            code: code.into(),
-            what: reason.into(),
-            since: now,
-            failures: 1,
-            points: BTreeSet::new(),
-            attended: true,
-        });
+        let trouble = self
+            .trouble
+            .get_or_insert_with(|| Trouble::new(code, reason, now));
         trouble.attended = true;
     }
 
     /// Reports the fault that this accepted point ends, if there was one.
     pub(super) async fn report_recovery(&mut self, shot: &Shot) {
-        let Some(mut trouble) = self.trouble.take() else {
-            return;
-        };
-        trouble.points.insert(shot.index);
-        let took_s = self
-            .run
-            .clock
-            .now()
-            .saturating_sub(trouble.since)
-            .as_secs_f64();
+        if let Some(mut trouble) = self.trouble.take() {
+            trouble.points.insert(shot.index);
+            let then = format!("{} counts", name_of(shot));
+            self.report(trouble, &then).await;
+        }
+    }
+
+    /// Reports the end of a fault.
+    pub(super) async fn report(&mut self, trouble: Trouble, then: &str) {
+        let now = self.run.clock.now();
         let how = match (trouble.attended, trouble.failures) {
             (true, _) => "a person resumed the scan".to_owned(),
-            (false, failures) => format!(
-                "the scan recovered by itself after {}",
-                counted(failures, "failure")
-            ),
+            (false, failures) => {
+                format!(
+                    "the scan recovered by itself after {}",
+                    counted(failures, "failure")
+                )
+            }
         };
         let recovery = Recovery {
-            message: format!("{}; {how}, and took {}", trouble.what, name_of(shot)),
+            message: format!("{}; {how}: {then}", trouble.what),
             code: trouble.code,
-            took_s,
+            took_s: now.saturating_sub(trouble.since).as_secs_f64(),
             points: trouble.points.into_iter().collect(),
             attended: trouble.attended,
         };

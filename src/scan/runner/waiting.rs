@@ -143,7 +143,9 @@ impl Runner<'_> {
             VisitError::Stage(error) if error.axis_to_home().is_some() => {
                 format!("{error}; fix it, then resume: the scan homes the axis first")
             }
-            VisitError::Stage(_) | VisitError::Camera(_) if code.is_some() => {
+            VisitError::Stage(_) | VisitError::Camera(_) | VisitError::Suspended { .. }
+                if code.is_some() =>
+            {
                 format!("{error}; fix it, then resume")
             }
             _ => error.to_string(),
@@ -175,23 +177,48 @@ impl Runner<'_> {
     async fn wait_for_resume(&mut self) -> Result<(), Ending> {
         loop {
             let request = self.commands.recv().await.unwrap_or_else(shut_down);
-            match request.command {
-                ScanCommand::Resume | ScanCommand::Continue => {
-                    self.rig.access().allow_unasked_motion();
-                    self.enter(ScanState::Running, None).await?;
-                    request.reply.send(Ok(self.state)).ok();
-                    return Ok(());
-                }
-                ScanCommand::Abort | ScanCommand::ShutDown => {
-                    return self.end_by(request.command, request).await;
-                }
-                ScanCommand::Stop | ScanCommand::Pause => {
-                    request.reply.send(Ok(self.state)).ok();
-                }
-                // An operator step does not resume a pause.
-                ScanCommand::Done(_) => {
-                    request.reply.send(Err(self.state)).ok();
-                }
+            if self.is_resumed_by(request).await? {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Waits while the scan is paused; returns whether a person resumed it.
+    pub(super) async fn is_resumed_within(&mut self, wait: Duration) -> Result<bool, Ending> {
+        let clock = std::sync::Arc::clone(&self.run.clock);
+        let mut over = clock.sleep(wait);
+        loop {
+            let request = tokio::select! {
+                biased;
+                request = self.commands.recv() => request.unwrap_or_else(shut_down),
+                () = &mut over => return Ok(false),
+            };
+            if self.is_resumed_by(request).await? {
+                return Ok(true);
+            }
+        }
+    }
+
+    /// Obeys an order to a paused scan; returns whether it resumed the scan.
+    async fn is_resumed_by(&mut self, request: CommandRequest) -> Result<bool, Ending> {
+        match request.command {
+            ScanCommand::Resume | ScanCommand::Continue => {
+                self.rig.access().allow_unasked_motion();
+                self.enter(ScanState::Running, None).await?;
+                request.reply.send(Ok(self.state)).ok();
+                Ok(true)
+            }
+            ScanCommand::Abort | ScanCommand::ShutDown => {
+                self.end_by(request.command, request).await
+            }
+            ScanCommand::Stop | ScanCommand::Pause => {
+                request.reply.send(Ok(self.state)).ok();
+                Ok(false)
+            }
+            // An operator step does not resume a pause.
+            ScanCommand::Done(_) => {
+                request.reply.send(Err(self.state)).ok();
+                Ok(false)
             }
         }
     }

@@ -915,6 +915,7 @@ export interface components {
             readonly scan_id: number;
             /** @description SHA-256 of the PNG file, hexadecimal. */
             readonly sha256: string;
+            readonly tag?: components["schemas"]["TagBody"] | null;
             /**
              * Format: double
              * @description Camera tilt θc read back from the stage, degrees.
@@ -1386,6 +1387,7 @@ export interface components {
                 readonly scan_id: number;
                 /** @description SHA-256 of the PNG file, hexadecimal. */
                 readonly sha256: string;
+                readonly tag?: components["schemas"]["TagBody"] | null;
                 /**
                  * Format: double
                  * @description Camera tilt θc read back from the stage, degrees.
@@ -1734,6 +1736,11 @@ export interface components {
             readonly phi_s_deg: readonly number[];
             /**
              * Format: int32
+             * @description Points of the sample between two checks of a reference pose; 0 for none.
+             */
+            readonly reference_every?: number;
+            /**
+             * Format: int32
              * @description Frames per pose and exposure; 0 for none of the sample.
              */
             readonly repeats: number;
@@ -1755,6 +1762,11 @@ export interface components {
             readonly flat?: components["schemas"]["FlatRequest"];
             readonly phi_s_deg?: components["schemas"]["Values"] | null;
             readonly preset?: components["schemas"]["Preset"] | null;
+            /**
+             * Format: int32
+             * @description Points of the sample between two checks of a reference pose; 0 for none. Default: the rig's settings.
+             */
+            readonly reference_every?: number | null;
             /**
              * Format: int32
              * @description Frames per pose and exposure; 1 if omitted. 0 takes new dark and white-reference frames only, for later scans.
@@ -2082,6 +2094,11 @@ export interface components {
              */
             readonly saturation_dn: number;
             /**
+             * @description Whether its program states when each frame of the sample was exposed. If not, the scan could compare pictures only, and
+             *     cannot exclude a frame of an earlier pose. Null before the first frame, and for an import.
+             */
+            readonly states_exposure_start?: boolean | null;
+            /**
              * Format: int32
              * @description Columns of a frame, px.
              */
@@ -2128,6 +2145,33 @@ export interface components {
             /** @description Name; the extension states the format (csv, png, tif, x3p, sdf). */
             readonly name: string;
             readonly pitch_um?: components["schemas"]["Pitch"] | null;
+        };
+        /** @description What a camera's program states with a frame. */
+        readonly TagBody: {
+            /**
+             * Format: int64
+             * @description The camera's count of frames.
+             */
+            readonly counter?: number | null;
+            /**
+             * Format: double
+             * @description Exposure read back, s.
+             */
+            readonly exposure_s?: number | null;
+            /** @description Start of the exposure, RFC 3339 in UTC. */
+            readonly exposure_start?: string | null;
+            /**
+             * Format: double
+             * @description Gain read back, in the camera's unit.
+             */
+            readonly gain?: number | null;
+            /** @description Serial number of the camera. */
+            readonly serial?: string | null;
+            /**
+             * Format: double
+             * @description Temperature of the sensor, °C.
+             */
+            readonly temperature_c?: number | null;
         };
         /**
          * @description The state of a job.
@@ -2357,6 +2401,7 @@ export type ScanRequest = components['schemas']['ScanRequest'];
 export type ScanState = components['schemas']['ScanState'];
 export type SessionBody = components['schemas']['SessionBody'];
 export type ShapeFile = components['schemas']['ShapeFile'];
+export type TagBody = components['schemas']['TagBody'];
 export type TaskState = components['schemas']['TaskState'];
 export type TraceRequest = components['schemas']['TraceRequest'];
 export type UncertainBody = components['schemas']['UncertainBody'];

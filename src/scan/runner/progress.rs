@@ -1,0 +1,85 @@
+//! How far a scan is: predicted times of its points and checks, and the pace so far.
+
+use std::time::Duration;
+
+use super::Runner;
+use crate::geometry::Pose;
+use crate::scan::event::Progress;
+use crate::scan::plan::{Shot, Step};
+
+/// State that grows with every point. Restored as a whole if a point could not be recorded.
+#[derive(Clone, Copy, Default)]
+pub(super) struct ProgressState {
+    pub progress: Progress,
+    /// Predicted time of the finished points, with those of earlier runs.
+    pub predicted_done_s: f64,
+    /// Predicted time of the points of this run, retakes included.
+    pub ideal_s: f64,
+    /// Last position read from the stages; `None` when unknown.
+    pub at: Option<Pose>,
+}
+
+impl Runner<'_> {
+    /// Returns the totals of the plan and of the points that earlier runs finished.
+    pub(super) fn count_what_is_left(&mut self) -> ProgressState {
+        let mut totals = ProgressState::default();
+        totals.progress.elapsed_s = self.run.elapsed_s;
+        let move_time = |from, to| self.move_times.predict(from, to);
+        let start = self.totals.at.unwrap_or(Pose::from_deg(0.0, 0.0));
+        let reference = self.run.settings.reference;
+        let checks = reference.predicted(&self.run.steps, start, &move_time);
+        self.predicted_total_s = checks.as_secs_f64();
+        let mut at = None;
+        for step in &self.run.steps {
+            let Step::Shot(shot) = step else { continue };
+            totals.progress.shots_total += 1;
+            totals.progress.frames_total += shot.n_frames();
+            let predicted = self.predict(at, shot);
+            at = shot.target.or(at);
+            self.predicted_total_s += predicted;
+            self.in_turn_s.insert(shot.index, predicted);
+            self.frames_of.insert(shot.index, shot.n_frames());
+            if self.run.done.contains(&shot.index) {
+                totals.progress.shots_done += 1;
+                totals.progress.frames_done += shot.n_frames();
+                totals.predicted_done_s += predicted;
+            }
+        }
+        totals
+    }
+
+    fn predict(&self, at: Option<Pose>, shot: &Shot) -> f64 {
+        let motion = match (at, shot.target) {
+            (Some(at), Some(target)) => self.move_times.predict(at, target),
+            _ => Duration::ZERO,
+        };
+        motion.as_secs_f64() + shot.exposure_total_s()
+    }
+
+    pub(super) fn count(&mut self, shot: &Shot, accepted: bool) {
+        let predicted = self.predict(self.totals.at, shot);
+        let totals = &mut self.totals;
+        totals.ideal_s += predicted;
+        totals.at = shot.target.or(totals.at);
+        if !accepted {
+            return;
+        }
+        let progress = &mut totals.progress;
+        progress.shots_done += 1;
+        progress.frames_done += shot.n_frames();
+        let in_turn_s = self.in_turn_s.get(&shot.index).copied();
+        let done_s = totals.predicted_done_s + in_turn_s.unwrap_or(predicted);
+        totals.predicted_done_s = done_s.min(self.predicted_total_s);
+        if self.predicted_total_s > 0.0 {
+            progress.fraction = totals.predicted_done_s / self.predicted_total_s;
+        }
+        // Pace of this run so far; the first point has none.
+        let spent_s = progress.elapsed_s - self.run.elapsed_s;
+        let pace = if spent_s > 0.0 && totals.ideal_s > predicted {
+            spent_s / (totals.ideal_s - predicted)
+        } else {
+            1.0
+        };
+        progress.time_left_s = Some((self.predicted_total_s - totals.predicted_done_s) * pace);
+    }
+}
