@@ -1,8 +1,7 @@
 //! Authentication: finds out who sends a request, and whether the table allows it. This comes before any body is read.
 
 use std::net::IpAddr;
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderMap, Method, header};
@@ -10,107 +9,17 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::App;
+use super::access::Access;
 use super::caller::{Principal, Proof};
 use super::lease::{LEASE_HEADER, check_lease};
 use super::origin;
 use super::status::ApiError;
 use super::table::{self, Need};
 use super::via::{Client, Listener};
-use crate::access::{Fingerprint, Guesses, Lease, Roots, Sessions, TokenFile};
+use crate::access::Fingerprint;
 
 /// How long a refused guess is held back once a peer has presented too many.
 const GUESS_WAIT: Duration = Duration::from_millis(200);
-
-/// Who may use the interface, and from where.
-#[derive(Debug)]
-pub struct Access {
-    pub(super) tokens: TokenFile,
-    pub(super) sessions: Sessions,
-    pub(super) lease: Lease,
-    pub(super) guesses: Guesses,
-    pub(super) roots: Roots,
-    /// Whether a loopback address needs a token, too.
-    pub(super) loopback_needs_token: bool,
-    /// Names of this machine that a client may use, beside addresses.
-    pub(super) hosts: Vec<String>,
-    /// Addresses of the proxies; none stands for this machine.
-    pub(super) proxies: Vec<IpAddr>,
-    /// The secret of the daemon's own user, for the command line.
-    owner: Option<Fingerprint>,
-    started: Instant,
-}
-
-impl Access {
-    /// Returns the access to the daemon of a data folder: loopback needs no token, and imports read the data folder only.
-    #[must_use]
-    pub fn of_folder(folder: &Path) -> Access {
-        Access {
-            tokens: TokenFile::of_folder(folder),
-            sessions: Sessions::default(),
-            lease: Lease::default(),
-            guesses: Guesses::default(),
-            roots: Roots::new([folder.to_owned()]),
-            loopback_needs_token: false,
-            hosts: Vec::new(),
-            proxies: Vec::new(),
-            owner: None,
-            started: Instant::now(),
-        }
-    }
-
-    /// Lets imports read these folders.
-    #[must_use]
-    pub fn with_import_roots(self, roots: Vec<PathBuf>) -> Access {
-        Access {
-            roots: Roots::new(roots),
-            ..self
-        }
-    }
-
-    /// Asks for a token on loopback addresses, too.
-    #[must_use]
-    pub fn with_tokens_on_loopback(self, needed: bool) -> Access {
-        Access {
-            loopback_needs_token: needed,
-            ..self
-        }
-    }
-
-    /// Answers requests that name these hosts.
-    #[must_use]
-    pub fn with_hosts(self, hosts: Vec<String>) -> Access {
-        Access { hosts, ..self }
-    }
-
-    /// Believes the headers of these proxies.
-    #[must_use]
-    pub fn with_proxies(self, proxies: Vec<IpAddr>) -> Access {
-        let proxies = proxies.iter().map(IpAddr::to_canonical).collect();
-        Access { proxies, ..self }
-    }
-
-    /// Accepts the secret of the daemon's own user on loopback.
-    #[must_use]
-    pub fn with_owner(self, secret: Fingerprint) -> Access {
-        Access {
-            owner: Some(secret),
-            ..self
-        }
-    }
-
-    /// Returns whether a caller that was let in would be let in again: a token may be revoked during a long answer.
-    pub(super) fn is_still_valid(&self, caller: &Principal) -> bool {
-        match caller.proof {
-            Proof::Place | Proof::Owner => true,
-            Proof::Token | Proof::Cookie => self.tokens.named(&caller.name).is_some(),
-        }
-    }
-
-    /// Returns the time since the daemon started, which sessions and the lease count.
-    pub(super) fn now(&self) -> Duration {
-        self.started.elapsed()
-    }
-}
 
 /// What a request presents.
 enum Presented {

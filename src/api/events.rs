@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use tokio::sync::broadcast;
 
 use super::App;
-use super::authentication::Access;
+use super::access::Access;
 use super::caller::Principal;
 use super::extract::Params;
 use super::frames::image_of;

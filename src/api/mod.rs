@@ -8,6 +8,7 @@
 //! To add a route, write a handler in the noun's file with `#[utoipa::path]` (each response with a
 //! description), add one line to `described` and one to `table`, and renew the snapshot `tests/data/openapi.json`.
 
+mod access;
 mod accuracy;
 mod authentication;
 mod caching;
@@ -60,7 +61,7 @@ use utoipa_axum::routes;
 use crate::lab::{Lab, LabError};
 use crate::store::{DamagedRow, Page, StoreError};
 
-pub use authentication::Access;
+pub use access::Access;
 pub use status::{ApiError, FieldProblem, OutOfRange, Problem};
 
 /// Renders the metrics as text.

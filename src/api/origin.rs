@@ -12,6 +12,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::App;
+use super::access::Access;
 use super::caller::Proof;
 use super::guard::is_stop;
 use super::status::ApiError;
@@ -48,7 +49,7 @@ fn checked(app: &App, request: &Request) -> Result<Client, ApiError> {
         _ => None,
     };
     let client = Client::of(via, headers, host, &app.access.proxies)?;
-    check_origin(headers, &client, &app.access.hosts)?;
+    check_origin(headers, &client, &app.access)?;
     let is_page = request.uri().path() == "/" || request.uri().path().starts_with("/assets/");
     if !is_page && is_cross_site(headers) {
         return Err(ApiError::forbidden_origin(
@@ -70,11 +71,11 @@ fn is_cross_site(headers: &HeaderMap) -> bool {
     )
 }
 
-fn check_origin(headers: &HeaderMap, client: &Client, hosts: &[String]) -> Result<(), ApiError> {
+fn check_origin(headers: &HeaderMap, client: &Client, access: &Access) -> Result<(), ApiError> {
     let Some(host) = client.host.as_deref() else {
         return Err(forbidden_host(client, "the request names no host"));
     };
-    if !is_own(host, client.listener, hosts) {
+    if !is_own(host, client.listener, access) {
         return Err(forbidden_host(
             client,
             &format!("`{host}` is not this machine"),
@@ -103,8 +104,9 @@ fn forbidden_host(client: &Client, why: &str) -> ApiError {
 }
 
 /// Returns whether `host` (with or without port) is this machine's own. No page can make a browser send another address than
-/// that of the page, so an address is safe; a name is safe if the settings state it.
-fn is_own(host: &str, listener: Listener, hosts: &[String]) -> bool {
+/// that of the page, so an address is safe; a name is safe if the settings state it. Behind a proxy, which serves names of its
+/// own, every name is accepted unless the settings state them: all its clients need a token.
+fn is_own(host: &str, listener: Listener, access: &Access) -> bool {
     let name = match host.strip_prefix('[') {
         Some(v6) => v6.split(']').next().unwrap_or_default(),
         None => host.rsplit_once(':').map_or(host, |(name, _)| name),
@@ -116,8 +118,10 @@ fn is_own(host: &str, listener: Listener, hosts: &[String]) -> bool {
         (Ok(ip), Listener::Loopback) => ip.is_loopback(),
         (Ok(_), Listener::Public | Listener::Proxy) => true,
         (Err(_), Listener::Loopback) => false,
+        (Err(_), Listener::Proxy) if !access.has_stated_hosts => !name.is_empty(),
         (Err(_), Listener::Public | Listener::Proxy) => {
-            hosts.iter().any(|known| known.eq_ignore_ascii_case(name))
+            let mut hosts = access.hosts.iter();
+            hosts.any(|known| known.eq_ignore_ascii_case(name))
         }
     }
 }
@@ -174,8 +178,8 @@ mod tests {
             .map(|origin| ("origin", origin))
             .into_iter()
             .collect();
-        let hosts = ["lab-pc".to_owned()];
-        check_origin(&headers(&fields), &client(host, listener), &hosts).is_ok()
+        let access = Access::of_folder("data".as_ref()).with_hosts(vec!["lab-pc".into()]);
+        check_origin(&headers(&fields), &client(host, listener), &access).is_ok()
     }
 
     #[test]
@@ -211,6 +215,18 @@ mod tests {
                 assert!(!passes(host, None, listener), "{host}");
             }
         }
+    }
+
+    #[test]
+    fn a_proxy_decides_which_names_it_serves_unless_the_settings_do() {
+        let access = Access::of_folder("data".as_ref()).with_name_of_machine(Some("lab-pc".into()));
+        let passes = |host: &str, listener| {
+            check_origin(&HeaderMap::new(), &client(host, listener), &access).is_ok()
+        };
+        assert!(passes("rig.example.org", Listener::Proxy));
+        assert!(!passes("", Listener::Proxy));
+        assert!(passes("lab-pc:8787", Listener::Public));
+        assert!(!passes("rig.example.org", Listener::Public));
     }
 
     #[test]

@@ -4,16 +4,15 @@ use std::future::Future;
 use std::io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset};
 use std::net::{Ipv4Addr, SocketAddr, ToSocketAddrs};
 use std::pin::pin;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::Router;
 use futures::future::select_all;
 use tokio::net::{TcpListener, TcpStream};
-use tokio_rustls::TlsAcceptor;
 
 use super::connections::Connections;
 use super::seats::Limits;
-use super::tls::{TlsError, acceptor};
+use super::tls::{Tls, TlsError};
 use super::via::{Listener, Via};
 
 pub use super::tls::TlsFiles;
@@ -99,7 +98,7 @@ pub enum ListenError {
 struct Socket {
     listener: TcpListener,
     kind: Listener,
-    tls: Option<TlsAcceptor>,
+    tls: Option<Tls>,
 }
 
 /// All sockets of a daemon.
@@ -183,7 +182,7 @@ fn check(settings: &ListenSettings) -> Result<(SocketAddr, Listener), ListenErro
 /// [`ListenError`] with the reason.
 pub async fn listen(settings: &ListenSettings) -> Result<Sockets, ListenError> {
     let (address, kind) = check(settings)?;
-    let tls = settings.tls.as_ref().map(acceptor).transpose()?;
+    let tls = settings.tls.as_ref().map(Tls::new).transpose()?;
     let bind = async |address| {
         let bound = TcpListener::bind(address).await;
         bound.map_err(|source| ListenError::Bind { address, source })
@@ -269,9 +268,12 @@ fn accept(
     router: Router,
 ) {
     let via = Via::new(socket.kind, socket.tls.is_some(), peer);
-    match socket.tls.clone() {
+    match &socket.tls {
         None => connections.accept(std::future::ready(Ok(stream)), via, router),
-        Some(tls) => connections.accept(async move { tls.accept(stream).await }, via, router),
+        Some(tls) => {
+            let tls = tls.acceptor(Instant::now());
+            connections.accept(async move { tls.accept(stream).await }, via, router);
+        }
     }
 }
 

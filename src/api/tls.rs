@@ -1,7 +1,8 @@
 //! TLS of the listener: rustls with ring, and the certificate of two PEM files.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
 
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::ServerConfig;
@@ -44,11 +45,69 @@ pub enum TlsError {
     },
 }
 
+/// How often the files are looked at: certificates are renewed while a scan runs.
+const LOOK_EVERY: Duration = Duration::from_secs(10);
+
+/// A certificate that follows its files.
+pub(super) struct Tls {
+    files: TlsFiles,
+    current: Mutex<Current>,
+}
+
+struct Current {
+    acceptor: TlsAcceptor,
+    /// When the files were changed last.
+    changed: [Option<SystemTime>; 2],
+    looked_at: Instant,
+}
+
+impl Tls {
+    /// Reads the certificate.
+    ///
+    /// # Errors
+    /// [`TlsError`] with file and reason.
+    pub fn new(files: &TlsFiles) -> Result<Tls, TlsError> {
+        let current = Current {
+            changed: changed(files),
+            acceptor: acceptor(files)?,
+            looked_at: Instant::now(),
+        };
+        Ok(Tls {
+            files: files.clone(),
+            current: Mutex::new(current),
+        })
+    }
+
+    /// Returns what accepts a connection. Reads the files again if they have changed; keeps the old certificate if the new one
+    /// cannot be used.
+    pub fn acceptor(&self, now: Instant) -> TlsAcceptor {
+        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
+        if now.duration_since(current.looked_at) >= LOOK_EVERY {
+            current.looked_at = now;
+            let changed = changed(&self.files);
+            if changed != current.changed {
+                current.changed = changed;
+                match acceptor(&self.files) {
+                    Ok(renewed) => {
+                        tracing::info!("the certificate has changed; new connections use it");
+                        current.acceptor = renewed;
+                    }
+                    Err(error) => {
+                        tracing::error!(%error, "the old certificate stays: {error}");
+                    }
+                }
+            }
+        }
+        current.acceptor.clone()
+    }
+}
+
+fn changed(files: &TlsFiles) -> [Option<SystemTime>; 2] {
+    [&files.certificate, &files.key].map(|file| file.metadata().ok()?.modified().ok())
+}
+
 /// Reads the certificate, and returns what accepts connections with it.
-///
-/// # Errors
-/// [`TlsError`] with file and reason.
-pub(super) fn acceptor(files: &TlsFiles) -> Result<TlsAcceptor, TlsError> {
+fn acceptor(files: &TlsFiles) -> Result<TlsAcceptor, TlsError> {
     let wrong = |file: &Path, what, detail: String| TlsError::Unusable {
         file: file.to_owned(),
         what,
@@ -91,6 +150,34 @@ mod tests {
         std::fs::write(&files.certificate, made.cert.pem()).unwrap();
         std::fs::write(&files.key, made.signing_key.serialize_pem()).unwrap();
         files
+    }
+
+    #[test]
+    fn a_renewed_certificate_is_used_and_an_unusable_one_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = written(folder.path());
+        let tls = Tls::new(&files).unwrap();
+        let config = |at: Instant| Arc::as_ptr(tls.acceptor(at).config());
+        let start = Instant::now();
+        let first = config(start);
+        let touch = |text: &str, later: u64| {
+            std::fs::write(&files.certificate, text).unwrap();
+            let file = std::fs::File::open(&files.certificate).unwrap();
+            let at = SystemTime::now() + Duration::from_secs(later);
+            file.set_modified(at).unwrap();
+        };
+        touch("no certificate", 60);
+        assert_eq!(config(start + LOOK_EVERY), first);
+        let other = tempfile::tempdir().unwrap();
+        let renewed = written(other.path());
+        std::fs::copy(&renewed.key, &files.key).unwrap();
+        touch(&std::fs::read_to_string(&renewed.certificate).unwrap(), 120);
+        assert_eq!(
+            config(start + LOOK_EVERY),
+            first,
+            "it is not looked at that often"
+        );
+        assert_ne!(config(start + 2 * LOOK_EVERY), first);
     }
 
     #[test]

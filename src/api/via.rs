@@ -103,9 +103,10 @@ impl Client {
             return refused("X-Forwarded-For is not the address of a client");
         };
         let is_secure = match last_of(headers, "x-forwarded-proto") {
-            Some("https") => true,
+            // A proxy is there for its TLS.
+            Some("https") | None => true,
             Some("http") => false,
-            _ => return refused("X-Forwarded-Proto is neither https nor http"),
+            Some(_) => return refused("X-Forwarded-Proto is neither https nor http"),
         };
         let stated = last_of(headers, "x-forwarded-host");
         Ok(Client {
@@ -184,6 +185,8 @@ mod tests {
         assert_eq!(client.address, IpAddr::from([192, 0, 2, 4]));
         assert!(client.is_secure && !client.is_local);
         assert_eq!(client.host.as_deref(), Some("lab.example"));
+        let only_for = by_proxy("127.0.0.1", &fields[1..2]).unwrap();
+        assert!(only_for.is_secure && only_for.host.as_deref() == Some("lab:80"));
         let via = Via::new(Listener::Public, true, "10.0.0.5:9".parse().unwrap());
         let client = Client::of(via, &headers(&fields), Some("lab:80"), &[]).unwrap();
         assert_eq!(client.address, IpAddr::from([10, 0, 0, 5]));
@@ -196,7 +199,6 @@ mod tests {
         let client = ("x-forwarded-for", "192.0.2.4");
         for (peer, fields) in [
             ("127.0.0.1", &[][..]),
-            ("127.0.0.1", &[client]),
             ("127.0.0.1", &[proto]),
             ("127.0.0.1", &[("x-forwarded-for", "unknown"), proto]),
             ("127.0.0.1", &[client, ("x-forwarded-proto", "gopher")]),

@@ -204,12 +204,14 @@ fn access(config: &Config, folder: &Path) -> Access {
     let server = &config.server;
     let by_default = || std::env::home_dir().into_iter().chain([folder.to_owned()]);
     let roots = config.import.roots.clone();
-    let hosts = server.hosts.clone();
-    Access::of_folder(folder)
+    let access = Access::of_folder(folder)
         .with_import_roots(roots.unwrap_or_else(|| by_default().collect()))
         .with_tokens_on_loopback(server.token_on_loopback)
-        .with_hosts(hosts.unwrap_or_else(|| name_of_machine().into_iter().collect()))
-        .with_proxies(server.proxies.clone())
+        .with_proxies(server.proxies.clone());
+    match &server.hosts {
+        Some(hosts) => access.with_hosts(hosts.clone()),
+        None => access.with_name_of_machine(name_of_machine()),
+    }
 }
 
 /// Returns the name of this machine, if the system states it.

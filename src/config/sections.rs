@@ -23,7 +23,8 @@ pub struct ServerSection {
     pub behind_proxy: bool,
     /// Addresses of the proxies. Default: this machine.
     pub proxies: Vec<IpAddr>,
-    /// Names under which clients on other machines reach the daemon, without port. Default: the name of this machine.
+    /// Names under which clients on other machines reach the daemon, without port. Default: the name of this machine; behind a
+    /// proxy, every name that it forwards.
     pub hosts: Option<Vec<String>>,
     /// Whether callers on this machine need a token, too; the stop never does. Default false.
     pub token_on_loopback: bool,

@@ -26,6 +26,9 @@ use crate::job::{JobId, JobKind, JobState};
 use crate::store::jobs::{FitSummary, JobEnd, NewJob};
 use crate::store::{Store, StoreError};
 
+/// Most bytes of a request without the contents of its files.
+const REQUEST_BYTES_MAX: usize = 256 << 10;
+
 /// A request for a job of any kind.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
@@ -114,13 +117,24 @@ impl Lab {
     }
 
     async fn prepare_and_start(&self, request: &JobRequest) -> Result<JobId, LabError> {
-        let work = request.prepare(self.store()).await?;
         let not_json = |e| StoreError::bad_row("jobs", e);
+        let text = serde_json::to_string(request).map_err(not_json)?;
+        if text.len() > REQUEST_BYTES_MAX {
+            return Err(LabError::Invalid {
+                field: "body".into(),
+                problem: format!(
+                    "without its files it has {} bytes, expected at most {REQUEST_BYTES_MAX}: it is stored, and lists return \
+                     it; shorten its texts",
+                    text.len()
+                ),
+            });
+        }
+        let work = request.prepare(self.store()).await?;
         let new = NewJob {
             kind: request.kind(),
             scan_id: request.scan_id(),
             variant: request.variant(),
-            request: serde_json::to_string(request).map_err(not_json)?,
+            request: text,
             options: work.options().map_err(not_json)?,
             who: self.who.to_string(),
         };

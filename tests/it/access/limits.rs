@@ -81,6 +81,21 @@ async fn a_long_note_is_refused() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_job_with_a_long_text_is_refused() {
+    let (served, _) = Served::new(Serving::default()).await;
+    let scene = |length: usize| {
+        let flat = "[light]\ntheta_i_deg = 45.0\n[[interface]]\nshape = \"flat\"\nbelow = { n = 1.5 }\n[run]\nphotons = 10\n";
+        json!({ "scene": format!("{flat}# {}", "n".repeat(length)) })
+    };
+    let refused = served.ask(post("/api/v1/traces", &scene(300_000))).await;
+    refused.is(422, "invalid-value");
+    assert!(refused.text.contains("expected at most"), "{refused:?}");
+    let traced = served.ask(post("/api/v1/traces", &scene(200_000))).await;
+    traced.is_ok();
+    served.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_key_of_another_caller_returns_nothing_of_its_answer() {
     let (served, tokens) = Served::with_tokens().await;
     let sample = |name: &str, token: &str| {

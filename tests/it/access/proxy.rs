@@ -28,7 +28,7 @@ async fn the_address_of_a_proxy_is_refused_to_others() {
         get("/api/v1/rig").by(&tokens.admin),
         get("/api/v1/rig")
             .by(&tokens.admin)
-            .with("x-forwarded-for", "192.0.2.4"),
+            .with("x-forwarded-proto", "https"),
     ] {
         served.ask(ask).await.is(403, "not-by-proxy");
     }

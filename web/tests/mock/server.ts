@@ -449,6 +449,7 @@ export class MockDaemon {
       if (verb === undefined) return send(200, scan.body);
       if (verb === 'frames') return list(scan.frames);
       if (verb === 'uncertainty') return list(this.certainties);
+      if (verb === 'incidents') return list([]);
       if (verb === 'observations') {
         if (!scan.frames.some((f) => f['kind'] === 'sample')) return problem(422, 'no-observations', 'no observation is left');
         if (this.regions.length > 0 && !url.searchParams.has('region')) return problem(422, 'invalid-value', 'the sample has several regions: name one of them');
