@@ -53,7 +53,7 @@ pub(super) async fn readyz(State(app): State<App>) -> Response {
         Err(error) => (false, Some(error.to_string())),
     };
     let unrecorded = app.lab.unrecorded_scans().into_iter().next();
-    let free = app.lab.store().free_bytes().ok();
+    let free = app.lab.store().free_bytes().await.ok();
     let no_room = free.filter(|bytes| *bytes < 1024 * ROOM_TO_OPEN_KB);
     let kept = store.is_ok() && unrecorded.is_none() && no_room.is_none();
     let ready = kept && rig;
@@ -124,7 +124,7 @@ pub(super) fn describe_metrics() {
 /// disk space. Each `# HELP` line describes a metric.
 #[utoipa::path(get, path = "/metrics", tag = "health", responses((status = 200, description = "Prometheus text", content_type = "text/plain", body = String)))]
 pub(super) async fn metrics(State(app): State<App>) -> impl IntoResponse {
-    if let Ok(free) = app.lab.store().free_bytes() {
+    if let Ok(free) = app.lab.store().free_bytes().await {
         ::metrics::gauge!("ridged_disk_free_bytes").set(free as f64);
     }
     (

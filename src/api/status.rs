@@ -382,6 +382,10 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::Store(StoreError::DiskFull { .. }) => {
             (StatusCode::INSUFFICIENT_STORAGE, "the disk is full")
         }
+        LabError::Store(StoreError::Locked) => (
+            StatusCode::SERVICE_UNAVAILABLE,
+            "the database is locked by another program",
+        ),
         LabError::Store(StoreError::FolderGone { .. }) => (
             StatusCode::SERVICE_UNAVAILABLE,
             "the data folder is not the one that was opened",

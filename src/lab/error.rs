@@ -266,6 +266,7 @@ pub(super) fn store_code(error: &StoreError) -> &'static str {
         StoreError::KeyReused => "idempotency-mismatch",
         StoreError::FrameDamaged { .. } => "frame-damaged",
         StoreError::FolderGone { .. } => "data-folder-gone",
+        StoreError::Locked => "store-locked",
         StoreError::Damaged { .. }
         | StoreError::BadRow { .. }
         | StoreError::RowsMissing { .. }

@@ -5,8 +5,10 @@
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::{Duration, Instant};
 
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
+use tokio_util::sync::CancellationToken;
 
 use super::publish;
 use crate::clock::Clock;
@@ -16,6 +18,9 @@ use crate::store::{Store, StoreError};
 
 /// Events that may wait for the database.
 const REPORTS_MAX: usize = 1024;
+
+/// How long a scan waits for a database that another program has locked. Each attempt takes SQLite's busy timeout.
+const LOCK_PATIENCE: Duration = Duration::from_secs(300);
 
 /// Gets the first state of a run, or the reason it could not be recorded.
 pub(super) type FirstState = oneshot::Sender<Result<ScanState, StoreError>>;
@@ -28,6 +33,8 @@ pub(super) struct EventSink {
     pub events: broadcast::Sender<Arc<RecordedEvent>>,
     pub ends: watch::Sender<HashMap<i64, RunEnd>>,
     pub unrecorded: UnrecordedScans,
+    /// The daemon ends: nothing waits for a locked database any more.
+    pub ending: CancellationToken,
     reports: mpsc::Sender<Report>,
 }
 
@@ -94,6 +101,7 @@ impl EventSink {
             events,
             ends,
             unrecorded: UnrecordedScans::default(),
+            ending: CancellationToken::new(),
             reports,
         }
     }
@@ -117,6 +125,55 @@ impl EventSink {
     fn pass_on(&self, report: Report) {
         if let Err(refused) = self.reports.try_send(report) {
             tracing::error!("an event is lost, since too many wait for the database: {refused}");
+        }
+    }
+
+    /// Repeats what a scan writes while another program has the database locked, for a few minutes at most: a backup at
+    /// night must not end the scan. Says so once, and when it is over.
+    pub(super) async fn patiently<T, F: Future<Output = Result<T, StoreError>>>(
+        &self,
+        scan_id: i64,
+        mut write: impl FnMut() -> F,
+    ) -> Result<T, StoreError> {
+        let began = Instant::now();
+        let mut is_reported = false;
+        loop {
+            let written = write().await;
+            let is_locked = matches!(written, Err(StoreError::Locked));
+            let waits = is_locked && began.elapsed() < LOCK_PATIENCE && !self.ending.is_cancelled();
+            if waits && !is_reported {
+                is_reported = true;
+                let minutes = LOCK_PATIENCE.as_secs() / 60;
+                let alarm = Event::Alarm {
+                    code: "store-locked".into(),
+                    message: format!(
+                        "{}; the scan waits for up to {minutes} min and continues by itself",
+                        StoreError::Locked
+                    ),
+                    scan_id: Some(scan_id),
+                };
+                publish(
+                    &self.events,
+                    RecordedEvent::unrecorded(self.clock.utc(), alarm),
+                );
+            }
+            if waits {
+                continue;
+            }
+            if is_reported && written.is_ok() {
+                let took_s = began.elapsed().as_secs_f64();
+                self.report(Event::Recovered {
+                    scan_id: Some(scan_id),
+                    code: "store-locked".into(),
+                    message: format!(
+                        "another program had locked the database for {took_s:.0} s; the scan waited"
+                    ),
+                    took_s,
+                    points: Vec::new(),
+                    attended: false,
+                });
+            }
+            return written;
         }
     }
 
@@ -176,5 +233,50 @@ pub(super) async fn record(
                 publish(events, event);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::SteppedClock;
+    use crate::store::tests::open;
+
+    #[tokio::test]
+    async fn a_scan_waits_for_a_locked_database_and_says_so_until_the_daemon_ends() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let events = broadcast::Sender::new(16);
+        let ends = watch::Sender::new(HashMap::new());
+        let clock = Arc::new(SteppedClock::new());
+        let sink = EventSink::new(store.clone(), clock, events.clone(), ends);
+        let mut heard = events.subscribe();
+        let mut attempts = 0;
+        let write = || {
+            attempts += 1;
+            let outcome = match attempts {
+                1 | 2 => Err(StoreError::Locked),
+                _ => Ok("written"),
+            };
+            std::future::ready(outcome)
+        };
+        assert_eq!(sink.patiently(7, write).await.unwrap(), "written");
+        let alarm = heard.recv().await.unwrap();
+        assert!(!alarm.is_recorded());
+        assert!(
+            matches!(&alarm.event, Event::Alarm { code, scan_id: Some(7), .. } if code == "store-locked")
+        );
+        let recovered = heard.recv().await.unwrap();
+        assert!(recovered.is_recorded());
+        assert!(
+            matches!(&recovered.event, Event::Recovered { code, .. } if code == "store-locked")
+        );
+
+        sink.ending.cancel();
+        let locked = || std::future::ready(Err::<(), _>(StoreError::Locked));
+        let refused = sink.patiently(7, locked).await.unwrap_err();
+        assert!(matches!(refused, StoreError::Locked));
+        assert!(heard.try_recv().is_err());
+        store.close().await;
     }
 }

@@ -108,9 +108,9 @@ impl Lab {
     }
 
     /// Refuses an import that would use up the reserve.
-    fn check_room(&self, needed: u64) -> Result<(), LabError> {
+    async fn check_room(&self, needed: u64) -> Result<(), LabError> {
         let reserve = self.reserve_bytes();
-        let free = self.store().free_bytes()?;
+        let free = self.store().free_bytes().await?;
         if free >= needed.saturating_add(reserve) {
             return Ok(());
         }
@@ -132,7 +132,7 @@ impl Lab {
         let from = folder.to_owned();
         let own = options.follow_links;
         let given = reading(move || SeriesToImport::open(&from, own)).await?;
-        self.check_room(given.bytes.iter().sum())?;
+        self.check_room(given.bytes.iter().sum()).await?;
         let series = &given.series;
         let saturation_dn = series.manifest().camera.full_count();
         let total = series.rows().len();
@@ -142,7 +142,7 @@ impl Lab {
                 return Err(LabError::BrokenOff);
             }
             // Other tasks also write during a long import.
-            self.check_room(given.bytes[i])?;
+            self.check_room(given.bytes[i]).await?;
             let source = Arc::clone(series);
             let kept = match reading(move || source.read_bytes(i)).await {
                 Ok(file) => match self.store().keep_recorded(file, saturation_dn).await {

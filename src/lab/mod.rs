@@ -354,7 +354,7 @@ impl Lab {
     /// [`StoreError::FolderGone`].
     pub async fn check_folder(&self) -> Result<(), StoreError> {
         let inner = &self.inner;
-        let checked = inner.store.check_folder();
+        let checked = inner.store.find_folder().await;
         let was_gone = inner.folder_gone.swap(checked.is_err(), Ordering::SeqCst);
         match &checked {
             Err(gone) if !was_gone => {
@@ -553,6 +553,7 @@ impl Lab {
     pub async fn rest(&self) -> Result<(), StageError> {
         let mut stopped = Ok(());
         if let Some(side) = &self.inner.rig {
+            side.sink.ending.cancel();
             // Before the daemon's own stop. A link that was never opened stays closed.
             let parks = side.access.may_move_unasked() && side.access.stage().is_some();
             let orders = side.occupation.borrow().orders.clone();

@@ -76,7 +76,7 @@ impl Lab {
             ..side.settings.runner.reference
         };
         let alone = Arc::clone(&self.inner.estimating).lock_owned().await;
-        let free_bytes = self.store().free_bytes()?;
+        let free_bytes = self.store().free_bytes().await?;
         blocking(move || {
             let _alone = alone;
             let move_time = |from, to| match &stage {

@@ -89,7 +89,8 @@ impl LabRecorder {
             .buffered(FRAMES_AT_ONCE)
             .try_collect()
             .await?;
-        for event in store.commit_shot(&shot, &frames, progress).await? {
+        let commit = || store.commit_shot(&shot, &frames, progress);
+        for event in self.sink.patiently(self.scan_id, commit).await? {
             publish(&self.sink.events, event);
         }
         Ok(())
@@ -169,17 +170,17 @@ impl Recorder for LabRecorder {
                 ),
             };
             let n_frames = exposures_s.len() as u32 * theta_c_deg.len().max(1) as u32 * repeats;
-            self.sink
-                .store
-                .add_calibration(&NewCalibration {
-                    kind,
-                    scan_id: self.scan_id,
-                    rig_id: self.rig_id,
-                    exposures_s,
-                    theta_c_deg,
-                    n_frames,
-                })
-                .await?;
+            let new = NewCalibration {
+                kind,
+                scan_id: self.scan_id,
+                rig_id: self.rig_id,
+                exposures_s,
+                theta_c_deg,
+                n_frames,
+            };
+            let store = &self.sink.store;
+            let add = || store.add_calibration(&new);
+            self.sink.patiently(self.scan_id, add).await?;
             Ok(())
         })
     }
@@ -216,7 +217,7 @@ impl Recorder for LabRecorder {
         })
     }
 
-    fn free_bytes(&self) -> Result<u64, RecordError> {
-        Ok(self.sink.store.free_bytes()?)
+    fn free_bytes(&self) -> BoxFuture<'_, Result<u64, RecordError>> {
+        Box::pin(async move { Ok(self.sink.store.free_bytes().await?) })
     }
 }

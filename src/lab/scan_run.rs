@@ -180,7 +180,7 @@ impl RigContext {
                 tracing::error!(scan_id, %error, "scan {scan_id} can no longer be recorded: {error}");
                 // The runner may have ended during a move; a stop that does not arrive is in the log.
                 rig.access().stop_what_may_move().await.ok();
-                let code = match self.sink.store.check_folder() {
+                let code = match self.sink.store.find_folder().await {
                     Ok(()) => "scan-unrecorded",
                     Err(gone) => store_code(&gone),
                 };

@@ -145,5 +145,5 @@ pub trait Recorder: Send {
     fn alarm<'a>(&'a mut self, code: &'a str, message: &'a str) -> BoxFuture<'a, ()>;
 
     /// Returns the bytes that may still be written.
-    fn free_bytes(&self) -> Result<u64, RecordError>;
+    fn free_bytes(&self) -> BoxFuture<'_, Result<u64, RecordError>>;
 }

@@ -66,6 +66,12 @@ pub enum StoreError {
     /// This handle only reads.
     #[error("the data folder was opened for reading only")]
     ReadOnly,
+    /// Another program holds the lock of the database.
+    #[error(
+        "the database is locked by another program; end that program (`fuser` with the path of ridged.sqlite names it), \
+         then try again; nothing was written"
+    )]
+    Locked,
     /// The disk is full.
     #[error(
         "the disk is full: {detail}; free some space, then try again; nothing that was committed is lost"
@@ -183,6 +189,8 @@ pub enum StoreError {
 impl From<sqlx::Error> for StoreError {
     fn from(error: sqlx::Error) -> Self {
         /// Primary result codes of SQLite (the low byte of the extended ones).
+        const BUSY: i32 = 5;
+        const LOCKED: i32 = 6;
         const CORRUPT: i32 = 11;
         const FULL: i32 = 13;
         const NOT_A_DATABASE: i32 = 26;
@@ -198,6 +206,7 @@ impl From<sqlx::Error> for StoreError {
             };
         }
         match code.map(|code| code & 0xff) {
+            Some(BUSY | LOCKED) => StoreError::Locked,
             Some(FULL) => StoreError::DiskFull {
                 detail: "the database could not grow".into(),
             },

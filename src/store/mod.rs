@@ -229,15 +229,19 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::FolderGone`], or an I/O error.
-    pub fn free_bytes(&self) -> Result<u64, StoreError> {
-        self.check_folder()?;
-        self.inner
-            .disk
-            .free_bytes(&self.inner.folder)
-            .map_err(|e| StoreError::file("the data folder", &self.inner.folder, e))
+    pub async fn free_bytes(&self) -> Result<u64, StoreError> {
+        let store = self.clone();
+        asked(move || {
+            store.check_folder()?;
+            let Inner { disk, folder, .. } = &*store.inner;
+            let free = disk.free_bytes(folder);
+            free.map_err(|e| StoreError::file("the data folder", folder, e))
+        })
+        .await
     }
 
-    /// Checks that the data folder is the one that was opened: nothing may be written into another one.
+    /// Checks that the data folder is the one that was opened: nothing may be written into another one. Blocks while the
+    /// disk does not answer.
     ///
     /// # Errors
     /// [`StoreError::FolderGone`] if it was deleted, unmounted or replaced.
@@ -248,6 +252,15 @@ impl Store {
         }
     }
 
+    /// Does the same without blocking the caller's thread.
+    ///
+    /// # Errors
+    /// As [`Store::check_folder`].
+    pub async fn find_folder(&self) -> Result<(), StoreError> {
+        let store = self.clone();
+        asked(move || store.check_folder()).await
+    }
+
     /// Checks that the folder is the one that was opened and that a reader sees the newest event that the writer sees.
     /// Skips a busy writer.
     ///
@@ -255,7 +268,7 @@ impl Store {
     /// [`StoreError::FolderGone`], [`StoreError::NotKept`], or a database error.
     pub async fn check_commits(&self) -> Result<(), StoreError> {
         const NEWEST: &str = "SELECT COALESCE(MAX(id), 0) FROM events";
-        self.check_folder()?;
+        self.find_folder().await?;
         let mut writer = self.writer().try_acquire();
         let written: i64 = match &mut writer {
             Some(writer) => sqlx::query_scalar(NEWEST).fetch_one(&mut **writer).await?,
@@ -282,8 +295,12 @@ impl Store {
         let Some(place) = &self.inner.place else {
             return Err(StoreError::ReadOnly);
         };
-        place.check()?;
-        let transaction = self.writer().begin_with("BEGIN IMMEDIATE").await?;
+        self.find_folder().await?;
+        let transaction = match self.writer().begin_with("BEGIN IMMEDIATE").await {
+            // The writers before this one wait for the lock.
+            Err(sqlx::Error::PoolTimedOut) => return Err(StoreError::Locked),
+            begun => begun?,
+        };
         Ok(Writing::new(transaction, Arc::clone(place)))
     }
 
@@ -303,6 +320,14 @@ impl Store {
     fn wall_text(&self) -> String {
         utc_text(self.inner.clock.wall())
     }
+}
+
+/// Asks the file system on a thread for blocking work: a disk that hangs must not hold the threads that serve the stop.
+async fn asked<T: Send + 'static>(
+    ask: impl FnOnce() -> Result<T, StoreError> + Send + 'static,
+) -> Result<T, StoreError> {
+    let answered = tokio::task::spawn_blocking(ask).await;
+    answered.expect("asking the file system does not panic")
 }
 
 /// Options of a pool that opens its connections at once and keeps them: one opened later would open the file that is at

@@ -100,7 +100,8 @@ impl Writing {
     /// # Errors
     /// [`StoreError::FolderGone`]; then nothing is written. Or a database error.
     pub async fn commit(self) -> Result<(), StoreError> {
-        self.place.check()?;
+        let place = self.place;
+        super::asked(move || place.check()).await?;
         Ok(self.transaction.commit().await?)
     }
 }
@@ -146,7 +147,7 @@ mod tests {
         assert!(refused.to_string().contains(words), "{refused}");
         let frame = Frame::new(2, 2, vec![9, 8, 7, 6]).unwrap();
         store.keep_frame(frame, 65535).await.unwrap_err();
-        store.free_bytes().unwrap_err();
+        store.free_bytes().await.unwrap_err();
         store.check_commits().await.unwrap_err();
     }
 

@@ -580,7 +580,7 @@ impl Daemon {
         self.end_by(rustix::process::Signal::TERM)
     }
 
-    fn end_by(&mut self, signal: rustix::process::Signal) -> std::process::ExitStatus {
+    pub(crate) fn end_by(&mut self, signal: rustix::process::Signal) -> std::process::ExitStatus {
         let pid = rustix::process::Pid::from_child(&self.child);
         rustix::process::kill_process(pid, signal).unwrap();
         let late = Instant::now() + Duration::from_secs(60);

@@ -274,8 +274,8 @@ impl Recorder for Notebook {
         Box::pin(std::future::ready(()))
     }
 
-    fn free_bytes(&self) -> Result<u64, RecordError> {
-        Ok(self.free_bytes)
+    fn free_bytes(&self) -> BoxFuture<'_, Result<u64, RecordError>> {
+        Box::pin(std::future::ready(Ok(self.free_bytes)))
     }
 }
 

@@ -1,6 +1,8 @@
 //! How soon a stop is on the wire and answered, in every state of the rig.
 
 use std::io;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -11,9 +13,10 @@ use ridged::clock::{Clock, ScaledClock};
 use ridged::lab::ScanRequest;
 use ridged::scan::Event;
 use ridged::scan::runner::ScanCommand;
+use ridged::store::disk::{Disk, RealDisk};
 use ridged::units::Angle;
 
-use crate::bench_in_a_box::small;
+use crate::bench_in_a_box::{BenchInABox, small};
 use crate::http::{request, router_of, send};
 use crate::stop::{disturbed_on, idle};
 
@@ -137,4 +140,59 @@ async fn until(
     wanted: impl Fn(&Event) -> bool,
 ) {
     while !wanted(&events.recv().await.unwrap().event) {}
+}
+
+/// A disk that stops answering, as a network drive whose server is gone.
+#[derive(Default)]
+struct HungDisk {
+    hangs: AtomicBool,
+}
+
+impl Disk for HungDisk {
+    fn write_durably(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        RealDisk.write_durably(path, bytes)
+    }
+
+    fn free_bytes(&self, folder: &Path) -> io::Result<u64> {
+        while self.hangs.load(Ordering::SeqCst) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        RealDisk.free_bytes(folder)
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_stop_is_answered_while_the_disk_hangs() {
+    let disk = Arc::new(HungDisk::default());
+    let bench = BenchInABox::with(Arc::clone(&disk) as Arc<dyn Disk>, false).await;
+    bench.lab.have_rig().await.unwrap();
+    let router = router_of(&bench.lab);
+    disk.hangs.store(true, Ordering::SeqCst);
+    // More requests than the runtime has threads.
+    let waiting: Vec<_> = ["/readyz", "/metrics"]
+        .repeat(4)
+        .into_iter()
+        .map(|path| {
+            let router = router.clone();
+            tokio::spawn(async move {
+                let ask = request("GET", path).body(Body::empty()).unwrap();
+                tower::ServiceExt::oneshot(router, ask)
+                    .await
+                    .unwrap()
+                    .status()
+            })
+        })
+        .collect();
+    tokio::time::sleep(Duration::from_millis(50)).await;
+    assert!(!waiting.iter().any(tokio::task::JoinHandle::is_finished));
+    let asked = Instant::now();
+    let stop = request("POST", "/api/v1/rig/stop").body(Body::empty());
+    let answer = send(&router, stop.unwrap()).await;
+    assert_eq!(answer.status, 200, "{}", answer.body);
+    assert!(asked.elapsed() < ANSWERED, "{:?}", asked.elapsed());
+    disk.hangs.store(false, Ordering::SeqCst);
+    for answered in waiting {
+        answered.await.unwrap();
+    }
+    bench.end().await;
 }

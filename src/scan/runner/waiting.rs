@@ -106,7 +106,7 @@ impl Runner<'_> {
         let needed =
             settings.disk_reserve_bytes + u64::from(shot.n_frames()) * settings.frame_bytes_max;
         loop {
-            let free = self.recorder.free_bytes()?;
+            let free = self.recorder.free_bytes().await?;
             if free >= needed {
                 return Ok(());
             }
