@@ -149,11 +149,16 @@ impl TokenFile {
     /// Returns all tokens, revoked ones included; reads the file if it has changed.
     ///
     /// # Errors
-    /// The file cannot be read or is damaged. A missing file has no tokens.
+    /// The file cannot be read or is damaged. A missing file has the tokens that were read last.
     pub fn rows(&self) -> Result<Arc<Vec<TokenRow>>, TokenFileError> {
         let stamp = match Stamp::of(&self.path) {
             Ok(stamp) => stamp,
-            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Arc::default()),
+            // A data folder that went away revokes nothing: the holder of a token must still be able to stop the rig.
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                let read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
+                let last = read.as_ref().map(|(_, rows)| Arc::clone(rows));
+                return Ok(last.unwrap_or_default());
+            }
             Err(error) => return Err(self.file_error("read")(error)),
         };
         let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
@@ -332,6 +337,17 @@ mod tests {
             command.revoke("anna", AT),
             Err(TokenFileError::Unknown { .. })
         ));
+    }
+
+    #[test]
+    fn a_token_still_stops_the_rig_when_the_data_folder_is_gone() {
+        let folder = tempfile::tempdir().unwrap();
+        let tokens = TokenFile::of_folder(folder.path());
+        let secret = tokens.create("anna", Role::Operator, AT).unwrap();
+        assert_eq!(tokens.count_valid().unwrap(), 1);
+        fs::remove_dir_all(folder.path()).unwrap();
+        assert!(tokens.holder(secret.reveal()).is_some());
+        assert!(tokens.holder("ridged_other").is_none());
     }
 
     #[test]

@@ -249,8 +249,8 @@ impl Client {
     /// # Errors
     /// No result if the daemon does not answer.
     pub fn readiness(&self) -> Result<Value, CliError> {
-        let answer = self.agent.get(format!("{}/readyz", self.url)).call();
-        let mut answer = answer.map_err(unreachable)?;
+        let request = self.signed(self.agent.get(format!("{}/readyz", self.url)));
+        let mut answer = request.call().map_err(unreachable)?;
         answer.body_mut().read_json().map_err(CliError::no_result)
     }
 

@@ -204,3 +204,23 @@ async fn a_scan_whose_folder_is_replaced_writes_nothing_there_and_resumes_in_the
     hands.abort();
     bench.end().await;
 }
+
+#[test]
+fn every_write_of_the_store_goes_through_the_check_of_the_folder() {
+    let store = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/store");
+    let mut read = 0;
+    for entry in fs::read_dir(store).unwrap() {
+        let path = entry.unwrap().path();
+        let is_test = path.ends_with("tests.rs");
+        if is_test || path.extension().is_none_or(|e| e != "rs") {
+            continue;
+        }
+        let source = fs::read_to_string(&path).unwrap();
+        let source = source.split("#[cfg(test)]").next().unwrap();
+        // `Store::writing` begins every transaction that writes.
+        let direct = source.contains(".execute(self.writer())");
+        assert!(!direct, "{}: write with Store::writing", path.display());
+        read += 1;
+    }
+    assert!(read > 10);
+}
