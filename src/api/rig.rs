@@ -12,7 +12,7 @@ use super::caller::Caller;
 use super::extract::Body;
 use super::status::{self, ApiError, Problem};
 use super::{App, Begun};
-use crate::lab::{AxisView, LabError, RigView};
+use crate::lab::{AxisView, DeviceIdentity, JogRequest, JogView, LabError, RigView, StageIdentity};
 use crate::scan::ScanState;
 use crate::units::Angle;
 
@@ -62,8 +62,44 @@ pub struct RigBody {
     scan_state: Option<ScanState>,
     /// Reason for that state, if there is one.
     scan_reason: Option<String>,
+    /// Controllers that answer instead of those of the rig; null if there are none. `accept-stages` accepts them.
+    refused_stages: Option<StagesBody>,
     /// Positions of lamp and camera.
     geometry: GeometryBody,
+}
+
+/// Two controllers.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct StagesBody {
+    /// The controller of the camera tilt.
+    theta_c: ControllerBody,
+    /// The controller of the sample azimuth.
+    phi_s: ControllerBody,
+}
+
+/// A controller.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct ControllerBody {
+    /// Serial number.
+    serial: String,
+    /// The manufacturer's product number.
+    device_id: u32,
+    /// Firmware version.
+    firmware: String,
+}
+
+impl From<StageIdentity> for StagesBody {
+    fn from(stages: StageIdentity) -> Self {
+        let of = |device: DeviceIdentity| ControllerBody {
+            serial: device.serial.to_string(),
+            device_id: device.device_id,
+            firmware: device.firmware,
+        };
+        StagesBody {
+            theta_c: of(stages.theta_c),
+            phi_s: of(stages.phi_s),
+        }
+    }
 }
 
 /// What is wrong with the stages.
@@ -192,6 +228,7 @@ impl From<RigView> for RigBody {
             scan_id: view.scan_id,
             scan_state,
             scan_reason,
+            refused_stages: view.refused_stages.map(StagesBody::from),
             geometry: GeometryBody {
                 theta_l_deg: view.rig_facts.theta_l_deg,
                 light_azimuth_deg: view.rig_facts.light_azimuth_deg,
@@ -220,6 +257,51 @@ impl From<RigView> for RigBody {
 pub struct MoveBody {
     /// Absolute position to move to, degrees.
     position_deg: f64,
+}
+
+/// A jog of one axis.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct JogBody {
+    /// `theta_c` or `phi_s`.
+    axis: String,
+    /// Speed and direction, degrees per second: positive upwards, 0 to end the jog. A greater speed than that of the axis
+    /// is limited to it.
+    speed_deg_s: f64,
+    /// Number of the jog to renew or end; omitted to begin one.
+    #[serde(default)]
+    jog: Option<u64>,
+}
+
+/// State of a jog.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct JogAnswer {
+    /// Number of the jog: send it with each renewal.
+    jog: u64,
+    /// Whether the axis has stopped for good.
+    ended: bool,
+    /// Why the axis waits at the end of its way: its limit, or a forbidden region; null while it moves.
+    at_end: Option<String>,
+}
+
+impl From<JogView> for JogAnswer {
+    fn from(view: JogView) -> Self {
+        JogAnswer {
+            jog: view.jog,
+            ended: view.ended,
+            at_end: view.at_end,
+        }
+    }
+}
+
+/// The controllers to accept.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AcceptStagesBody {
+    /// Serial number of the controller of the camera tilt.
+    theta_c_serial: String,
+    /// Serial number of the controller of the sample azimuth.
+    phi_s_serial: String,
 }
 
 /// State of the rig now.
@@ -265,6 +347,17 @@ pub(super) async fn home_axis(
     Ok(accepted("homing"))
 }
 
+/// Home both axes, in the order of the settings (`[stage.homing]`).
+#[utoipa::path(post, path = "/api/v1/rig/home", tag = "rig", responses(
+    (status = 202, description = "The axes are about to move", body = Begun),
+    (status = 409, description = "The rig is busy, or a stop was requested first (`stopped`)", body = Problem),
+    (status = 503, description = "The stages are not available", body = Problem),
+))]
+pub(super) async fn home_both(Caller(app): Caller) -> Result<Response, ApiError> {
+    app.lab.home_both().await?;
+    Ok(accepted("homing"))
+}
+
 /// Unpark an axis that another program parked. It keeps its position and does not move. Homing also unparks.
 #[utoipa::path(post, path = "/api/v1/rig/axes/{axis}/unpark", tag = "rig", params(("axis" = String, Path, description = "theta_c or phi_s")), responses(
     (status = 200, description = "The axis is not parked", body = Begun),
@@ -285,6 +378,56 @@ pub(super) async fn unpark_axis(
 
 /// Time after which a stop is answered, also where the stages do not answer.
 const STOP_ANSWER: Duration = Duration::from_millis(900);
+
+/// Begin, renew or end a jog. The axis moves while the jog is renewed at least every 0.5 s, and stops by itself when it is
+/// not. It stays within its limits and outside the forbidden regions. Each jog has a number: after a stop, a renewal with
+/// the old number starts nothing.
+#[utoipa::path(post, path = "/api/v1/rig/jog", tag = "rig", request_body = JogBody, responses(
+    (status = 200, description = "The axis moves, or has stopped where `ended` is true", body = JogAnswer),
+    (status = 409, description = "The rig is busy, the jog has ended (`jog-ended`), or the axis has no reference (`stage-not-referenced`)", body = Problem),
+    (status = 422, description = "A value is not valid", body = Problem),
+    (status = 503, description = "The stages are not available", body = Problem),
+))]
+pub(super) async fn jog(
+    Caller(app): Caller,
+    Body(body): Body<JogBody>,
+) -> Result<Json<JogAnswer>, ApiError> {
+    let axis = body.axis.parse().map_err(|_| {
+        ApiError::invalid(
+            "axis",
+            format!("is {:?}, expected theta_c or phi_s", body.axis),
+        )
+    })?;
+    let request = JogRequest {
+        axis,
+        speed_deg_s: body.speed_deg_s,
+        jog: body.jog,
+    };
+    Ok(Json(app.lab.jog(request).await?.into()))
+}
+
+/// Accept the controllers that answer instead of those of the rig. They are named, so that no others are accepted that were
+/// connected in the meantime. Nothing moves; a scan that waits may then be resumed.
+#[utoipa::path(post, path = "/api/v1/rig/accept-stages", tag = "rig", request_body = AcceptStagesBody, responses(
+    (status = 200, description = "These controllers belong to the rig from now on", body = StagesBody),
+    (status = 409, description = "Other controllers answer (`other-stages`)", body = Problem),
+    (status = 422, description = "A value is not valid", body = Problem),
+    (status = 503, description = "This daemon has no rig", body = Problem),
+))]
+pub(super) async fn accept_stages(
+    Caller(app): Caller,
+    Body(body): Body<AcceptStagesBody>,
+) -> Result<Json<StagesBody>, ApiError> {
+    let serial = |field: &str, text: &str| {
+        text.parse::<u32>()
+            .map_err(|_| ApiError::invalid(field, format!("is {text:?}, expected a serial number")))
+    };
+    let serials = [
+        serial("theta_c_serial", &body.theta_c_serial)?,
+        serial("phi_s_serial", &body.phi_s_serial)?,
+    ];
+    Ok(Json(app.lab.accept_stages(serials).await?.into()))
+}
 
 /// Path of the stop.
 pub(super) const STOP: &str = "/api/v1/rig/stop";

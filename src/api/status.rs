@@ -352,6 +352,15 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
             StatusCode::UNPROCESSABLE_ENTITY,
             "the position is outside the travel",
         ),
+        LabError::Stage(_) if code == "forbidden-region" => (
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "the motion enters a forbidden region",
+        ),
+        LabError::Stage(_) if code == "homing-blocked" => {
+            (StatusCode::CONFLICT, "the axis cannot be homed now")
+        }
+        LabError::JogEnded => (StatusCode::CONFLICT, "the jog has ended"),
+        LabError::OtherStagesAnswer { .. } => (StatusCode::CONFLICT, "other controllers answer"),
         LabError::Stage(_) if code == "stage-not-referenced" => {
             (StatusCode::CONFLICT, "the axis has no reference position")
         }

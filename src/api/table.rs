@@ -52,6 +52,10 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("POST", "/api/v1/rig/axes/{axis}/move", Need::Rig),
     ("POST", "/api/v1/rig/axes/{axis}/home", Need::Rig),
     ("POST", "/api/v1/rig/axes/{axis}/unpark", Need::Rig),
+    ("POST", "/api/v1/rig/home", Need::Rig),
+    ("POST", "/api/v1/rig/jog", Need::Rig),
+    // Nothing moves; a scan of another caller may wait for it.
+    ("POST", "/api/v1/rig/accept-stages", OPERATE),
     ("GET", "/api/v1/samples", READ),
     ("POST", "/api/v1/samples", COMPUTE),
     ("GET", "/api/v1/samples/{id}", READ),

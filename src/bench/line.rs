@@ -14,12 +14,13 @@
 //!
 //! This module knows nothing of axes and angles.
 
+mod history;
 mod owner;
 mod request;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
@@ -67,6 +68,7 @@ impl PortLine {
             counters: Counters::default(),
             checksum_required: AtomicBool::new(false),
             stops: watch::Sender::new(0),
+            history: Mutex::default(),
             closing: CancellationToken::new(),
             lost: OnceLock::new(),
         });
@@ -213,6 +215,9 @@ impl PortLine {
             garbled: read(&counters.garbled),
             strays: read(&counters.strays),
             alerts: read(&counters.alerts),
+            second_answers: read(&counters.second_answers),
+            second_answer_address: counters.second_answer_address.load(Ordering::Relaxed),
+            foreign: read(&counters.foreign),
         }
     }
 

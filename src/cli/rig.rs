@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::anyhow;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 mod lease;
 
@@ -13,7 +13,7 @@ use super::CliError;
 use super::client::{Client, CredentialArgs};
 use lease::LeaseAction;
 
-/// Shows, homes, unparks or stops the rig of a running daemon.
+/// Shows, homes, jogs, unparks or stops the rig of a running daemon.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  ridged rig stop        stops both axes at once, whatever moves them"
@@ -45,6 +45,12 @@ pub enum Action {
     /// Unpark axes that another program parked, without moving them.
     #[command(after_help = "Example:\n  ridged rig unpark")]
     Unpark,
+    /// Move an axis slowly while the command runs; Ctrl-C ends it.
+    #[command(after_help = "Example:\n  ridged rig jog phi_s --speed-deg-s -2 --for-s 3")]
+    Jog(JogArgs),
+    /// Accept the controllers that answer instead of those of the rig.
+    #[command(after_help = "Example:\n  ridged rig accept-stages")]
+    AcceptStages,
     /// Stop both axes at once; never refused.
     #[command(after_help = "Example:\n  ridged rig stop --data /var/lib/ridged")]
     Stop,
@@ -56,6 +62,22 @@ pub enum Action {
         action: LeaseAction,
     },
 }
+
+/// Options of `rig jog`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct JogArgs {
+    /// theta_c or phi_s.
+    pub axis: String,
+    /// Speed and direction, degrees per second; at most the speed of the axis.
+    #[arg(long, value_name = "DEG_S", allow_negative_numbers = true)]
+    pub speed_deg_s: f64,
+    /// Duration in seconds, 0.1 to 600.
+    #[arg(long, value_name = "S", default_value_t = 1.0)]
+    pub for_s: f64,
+}
+
+/// Time between two renewals of a jog: the daemon ends it after 0.5 s without one.
+const RENEW_EVERY: Duration = Duration::from_millis(150);
 
 /// Runs the command.
 ///
@@ -70,11 +92,30 @@ pub fn run(args: Args) -> Result<(), CliError> {
         Action::Lease { action } => lease::run(&client()?, action)?,
         Action::Home => {
             let client = client()?;
+            client.post("/rig/home", None)?;
             for axis in ["theta_c", "phi_s"] {
-                client.post(&format!("/rig/axes/{axis}/home"), None)?;
                 until_homed(&client, axis)?;
             }
             client.get("/rig")?
+        }
+        Action::Jog(jog) => {
+            let client = client()?;
+            jog_for(&client, jog)?;
+            client.get("/rig")?
+        }
+        Action::AcceptStages => {
+            let client = client()?;
+            let refused = client.get("/rig")?["refused_stages"].take();
+            if refused.is_null() {
+                return Err(CliError::no_result(anyhow!(
+                    "no other controllers answer than those of the rig; `ridged rig status` shows its state"
+                )));
+            }
+            let body = json!({
+                "theta_c_serial": refused["theta_c"]["serial"],
+                "phi_s_serial": refused["phi_s"]["serial"],
+            });
+            client.post("/rig/accept-stages", Some(&body))?
         }
         Action::Unpark => {
             let client = client()?;
@@ -92,6 +133,34 @@ pub fn run(args: Args) -> Result<(), CliError> {
     out.write_all(text.as_bytes())
         .and_then(|()| out.flush())
         .map_err(CliError::no_result)
+}
+
+/// Jogs an axis: the daemon stops it by itself if this process ends.
+fn jog_for(client: &Client, args: &JogArgs) -> Result<(), CliError> {
+    if !(0.1..=600.0).contains(&args.for_s) {
+        return Err(CliError::bad_input(anyhow!(
+            "--for-s {} is out of range: expected 0.1 to 600",
+            args.for_s
+        )));
+    }
+    let order = |speed_deg_s: f64, jog: Option<&Value>| {
+        let mut body = json!({ "axis": args.axis, "speed_deg_s": speed_deg_s });
+        if let Some(jog) = jog {
+            body["jog"] = jog.clone();
+        }
+        client.post("/rig/jog", Some(&body))
+    };
+    let began = std::time::Instant::now();
+    let mut state = order(args.speed_deg_s, None)?;
+    let jog = state["jog"].clone();
+    while began.elapsed().as_secs_f64() < args.for_s && state["at_end"].is_null() {
+        std::thread::sleep(RENEW_EVERY);
+        state = order(args.speed_deg_s, Some(&jog))?;
+    }
+    if let Some(why) = state["at_end"].as_str() {
+        writeln!(std::io::stderr(), "{why}").ok();
+    }
+    order(0.0, Some(&jog)).map(|_| ())
 }
 
 /// Waits until the motion is over and checks that the axis has a reference from it.
@@ -132,7 +201,15 @@ fn words(action: &Action, answer: &Value) -> String {
     match action {
         Action::Stop => return "stopped\n".into(),
         Action::Lease { action } => return lease::words(action, answer),
-        Action::Status | Action::Home | Action::Unpark => {}
+        Action::AcceptStages => {
+            let serial = |axis: &str| answer[axis]["serial"].as_str().unwrap_or("?").to_owned();
+            return format!(
+                "accepted: theta_c has serial number {}, phi_s has {}; home both axes and check their zeros before you measure\n",
+                serial("theta_c"),
+                serial("phi_s")
+            );
+        }
+        Action::Status | Action::Home | Action::Jog(_) | Action::Unpark => {}
     }
     let mut text = match answer["problem"]["detail"].as_str() {
         Some(problem) => format!("not connected: {problem}\n"),
@@ -173,7 +250,6 @@ fn words(action: &Action, answer: &Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde_json::json;
 
     #[test]
     fn an_axis_without_connection_is_not_reported_at_rest() {

@@ -10,63 +10,19 @@ use std::sync::{Arc, Mutex};
 
 use futures::future::BoxFuture;
 use serde_json::json;
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{mpsc, watch};
 
 use super::event_sink::EventSink;
 use super::hands::Hands;
-use super::scan_run::{RigContext, ScanWork};
+use super::rig_work::{Request, Work};
+use super::scan_run::RigContext;
+use super::stages::{PinnedStages, record_notices};
 use super::{Holder, LabError, Occupation, RigParts, RigSide};
 use crate::bench::stage::{AxisName, Stage, StageError};
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::{Event, Rig, StageAccess};
 use crate::store::StoreError;
 use crate::units::Angle;
-
-/// Work for the owner.
-pub(super) enum Work {
-    /// Connect the stages if they are not connected.
-    Connect,
-    /// Move one axis.
-    Move {
-        /// The axis.
-        axis: AxisName,
-        /// The target.
-        target: Angle,
-    },
-    /// Home one axis.
-    Home {
-        /// The axis.
-        axis: AxisName,
-    },
-    /// Unpark an axis. Nothing moves.
-    Unpark {
-        /// The axis.
-        axis: AxisName,
-    },
-    /// Run a scan.
-    Scan(Box<ScanWork>),
-    /// Park both axes; replied to when they are parked.
-    Park,
-    /// End the task.
-    End,
-}
-
-impl Work {
-    /// Returns whether the work moves only one axis; a stop ends such work.
-    fn is_of_one_axis(&self) -> bool {
-        matches!(self, Work::Move { .. } | Work::Home { .. })
-    }
-}
-
-/// Work and its reply, which is sent when the work starts, not when it is done.
-pub(super) struct Request {
-    pub work: Work,
-    /// The caller.
-    pub who: Arc<str>,
-    /// Number of stops before the request.
-    pub stops: u64,
-    pub reply: oneshot::Sender<Result<(), LabError>>,
-}
 
 /// Spawns the task that owns the rig from now on.
 pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, StoreError> {
@@ -81,6 +37,9 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
         "label": settings.label,
     });
     let id = sink.store.rig(&fingerprint.to_string()).await?;
+    let access = rig.access().clone();
+    let notices = access.notices().subscribe();
+    let pinned = PinnedStages::read(id, &fingerprint, access, sink.clone()).await?;
     let (requests, inbox) = mpsc::channel(16);
     let (occupation, occupied) = watch::channel(Occupation::default());
     let hands = Hands::default();
@@ -90,6 +49,8 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
         port: link.port.to_string(),
         camera,
         access: rig.access().clone(),
+        pinned: pinned.clone(),
+        jogs: Default::default(),
         requests,
         occupation: occupied,
         owner: Mutex::new(None),
@@ -97,6 +58,9 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
         hands: hands.clone(),
         sink: sink.clone(),
     };
+    let now = side.occupation.clone();
+    let scan_now = move || now.borrow().scan_id;
+    tokio::spawn(record_notices(notices, sink.clone(), scan_now));
     let owner = Owner {
         access: rig.access().clone(),
         context: RigContext {
@@ -104,6 +68,7 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
             settings,
             occupation: Arc::new(occupation),
             hands,
+            pinned,
             sink,
         },
     };
@@ -189,8 +154,8 @@ impl Owner {
             match free.take() {
                 Some(rig) => {
                     let asked_after = request.stops;
-                    let of_one_axis = request.work.is_of_one_axis();
-                    motion = of_one_axis.then_some(Motion { asked_after });
+                    let is_a_motion = request.work.is_a_motion();
+                    motion = is_a_motion.then_some(Motion { asked_after });
                     current = Some(Box::pin(self.clone().work(rig, request)));
                 }
                 None if self.is_taken(&self.context.occupation.borrow(), motion) => {
@@ -256,11 +221,11 @@ impl Owner {
         // Read first: a later stop cancels the motion that starts with this count, and an earlier one shows in the owner's
         // count.
         let stops_of_stage = stage.stops();
-        if work.is_of_one_axis() && self.access.stops() != stops {
+        if work.is_a_motion() && self.access.stops() != stops {
             reply.send(Err(StageError::Stopped.into())).ok();
             return rig;
         }
-        if work.is_of_one_axis() && reply.is_closed() {
+        if work.is_a_motion() && reply.is_closed() {
             return rig;
         }
         match work {
@@ -300,6 +265,40 @@ impl Owner {
                 let homed = homed.await;
                 self.settled(&mut rig, &stage, &who, homed).await;
             }
+            Work::HomeBoth => {
+                self.access.allow_unasked_motion();
+                self.context.begin(RigActivity::Homing, &who);
+                reply.send(Ok(())).ok();
+                let event = Event::Rig {
+                    activity: RigActivity::Homing,
+                    theta_c: AxisEvent::UNKNOWN,
+                    phi_s: AxisEvent::UNKNOWN,
+                };
+                self.context.sink.report_by(&who, event);
+                let homed = async {
+                    for axis in AxisName::ALL {
+                        stage.release(axis).await?;
+                    }
+                    stage.home_all_since(stops_of_stage).await
+                };
+                let homed = homed.await;
+                self.settled(&mut rig, &stage, &who, homed).await;
+            }
+            Work::Jog(work) => {
+                if let Err(error) = stage.check_jog(work.axis).await {
+                    rig.let_go_if_lost(&error);
+                    reply.send(Err(error.into())).ok();
+                    return rig;
+                }
+                self.access.allow_unasked_motion();
+                self.context.begin(RigActivity::Moving, &who);
+                reply.send(Ok(())).ok();
+                let (axis, order) = (work.axis, work.order.clone());
+                let at_end = |why| work.at_end(why);
+                let jogged = stage.jog(axis, order, stops_of_stage, at_end).await;
+                self.settled(&mut rig, &stage, &who, jogged.map(|_| ()))
+                    .await;
+            }
             Work::Scan(work) => {
                 self.access.allow_unasked_motion();
                 self.context.run_scan(&mut rig, *work, &who, reply).await;
@@ -324,6 +323,10 @@ impl Owner {
                     stage.stop().await?;
                 }
             }
+            if let Err(error) = self.context.pinned.pin(&stage.identity()).await {
+                // The next connection tries again; until then this process remembers them.
+                tracing::error!(%error, "the controllers of the rig could not be stored: {error}");
+            }
             Ok(stage)
         };
         let connected = connected.await;
@@ -346,34 +349,12 @@ impl Owner {
         axis: AxisName,
         target: Angle,
     ) -> Result<(), StageError> {
-        let status = stage.status().await?;
-        let homed = status.axis(axis).homed;
-        let mut pose = status.pose();
         // Only the moving axis is checked; the other one stays where it is.
-        let settings = stage.settings();
-        match axis {
-            AxisName::ThetaC => {
-                pose.theta_c = target;
-                pose.phi_s = clamp(
-                    pose.phi_s,
-                    settings.phi_s.limit_min,
-                    settings.phi_s.limit_max,
-                );
-            }
-            AxisName::PhiS => {
-                pose.phi_s = target;
-                pose.theta_c = clamp(
-                    pose.theta_c,
-                    settings.theta_c.limit_min,
-                    settings.theta_c.limit_max,
-                );
-            }
+        stage.settings().check_limit(axis, target)?;
+        if !stage.status().await?.axis(axis).homed {
+            return Err(StageError::NotReferenced { axis });
         }
-        stage.check_limits(pose)?;
-        match homed {
-            true => Ok(()),
-            false => Err(StageError::NotReferenced { axis }),
-        }
+        stage.check_move(axis, target).await
     }
 
     async fn settled(
@@ -426,15 +407,5 @@ impl Owner {
             phi_s,
         };
         self.context.sink.report_by(who, event);
-    }
-}
-
-fn clamp(angle: Angle, min: Angle, max: Angle) -> Angle {
-    if angle < min {
-        min
-    } else if angle > max {
-        max
-    } else {
-        angle
     }
 }

@@ -151,6 +151,20 @@ pub enum LabError {
     /// The stages.
     #[error(transparent)]
     Stage(#[from] StageError),
+    /// A jog that is over cannot be renewed.
+    #[error(
+        "this jog has ended: it was not renewed within 0.5 s, or the stage was stopped; begin another one"
+    )]
+    JogEnded,
+    /// Other controllers answer than those to be accepted.
+    #[error("{}", match found {
+        Some(found) => format!("other controllers answer than those to be accepted: {found}; check them, then accept these"),
+        None => "no controllers answer: connect them and switch them on, then accept them".to_owned(),
+    })]
+    OtherStagesAnswer {
+        /// Those that answer.
+        found: Option<String>,
+    },
     /// A stop command did not reach the stages.
     #[error(
         "the stop did not reach the stages, which may be moving: use the hardware emergency switch ({source})"
@@ -241,6 +255,8 @@ impl LabError {
             | LabError::NotStopped { source: error }
             | LabError::AbortedInMotion { source: error, .. } => stage_code(error),
             LabError::StopUnconfirmed => "stop-unconfirmed",
+            LabError::JogEnded => "jog-ended",
+            LabError::OtherStagesAnswer { .. } => "other-stages",
             LabError::Camera(_) => "camera-failed",
             LabError::Store(error) => store_code(error),
             LabError::NothingMeasured => "not-found",

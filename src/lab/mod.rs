@@ -24,6 +24,7 @@ mod job_progress;
 mod job_slots;
 mod job_work;
 mod jobs;
+mod jog;
 mod live_fit;
 mod maps;
 mod park;
@@ -31,11 +32,13 @@ mod plans;
 mod recorder;
 mod request_checks;
 mod rig;
+mod rig_work;
 mod running_jobs;
 mod samples;
 mod scan_run;
 mod series;
 mod single_flight;
+mod stages;
 mod tasks;
 mod telemetry;
 mod trace_result;
@@ -65,7 +68,7 @@ use crate::store::disk::Disk;
 use crate::store::scans::Scan;
 use crate::store::{Recovery, Store, StoreError};
 
-pub use crate::bench::stage::AxisName;
+pub use crate::bench::stage::{AxisName, DeviceIdentity, StageIdentity};
 pub use contrasts::ContrastRequest;
 pub use curves::{Curve, FitCurves};
 pub use error::{Holder, LabError};
@@ -80,6 +83,7 @@ pub use import_duplicates::ImportDuplicate;
 pub use job_progress::JobProgress;
 use job_slots::JobSlots;
 pub use jobs::JobRequest;
+pub use jog::{JogRequest, JogView};
 pub use maps::MapRequest;
 pub use plans::{Estimated, ScanRequest};
 pub use rig::{AxisView, RigView};
@@ -160,11 +164,13 @@ struct RigSide {
     stage_settings: StageSettings,
     port: String,
     camera: String,
-    requests: mpsc::Sender<bench::Request>,
+    requests: mpsc::Sender<rig_work::Request>,
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
     access: StageAccess,
     hands: hands::Hands,
+    pinned: stages::PinnedStages,
+    jogs: jog::Jogs,
     sink: EventSink,
 }
 
@@ -577,9 +583,9 @@ impl Lab {
                 .expect("no holder of this lock panics")
                 .take();
             if parks && stopped.is_ok() && side.settings.park.is_some() {
-                self.request(bench::Work::Park).await.ok();
+                self.request(rig_work::Work::Park).await.ok();
             }
-            self.request(bench::Work::End).await.ok();
+            self.request(rig_work::Work::End).await.ok();
             if let Some(owner) = owner {
                 owner.await.ok();
             }

@@ -7,16 +7,17 @@ use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 use tokio::sync::oneshot;
 
-use super::bench::Work;
+use super::rig_work::Work;
 use super::scan_run::{ScanRow, ScanWork};
 use super::tasks::{blocking, to_the_end};
 use super::{Lab, LabError};
+use crate::bench::stage::StageSettings;
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::material::Material;
-use crate::scan::plan::{self, Estimate};
+use crate::scan::plan::{self, Estimate, PlanProblem};
 use crate::scan::reference::ReferenceRules;
-use crate::scan::{OperatorAction, Plan, PlanRequest, ScanState, Step};
+use crate::scan::{OperatorAction, Plan, PlanError, PlanRequest, ScanState, Step};
 use crate::series::{DarkFacts, FlatFacts, Manifest, SCHEMA, SampleFacts, SampleKind};
 use crate::store::samples::Sample;
 use crate::store::scans::{NewScan, Scan};
@@ -84,6 +85,7 @@ impl Lab {
                 None => settings.predicted_move(from, to),
             };
             let steps = plan.steps(&limits, start, &move_time);
+            check_regions(&steps, &settings)?;
             let of_a_person = |step: &Step| match step {
                 Step::Operator(action) => Some(*action),
                 Step::Shot(_) => None,
@@ -91,15 +93,15 @@ impl Lab {
             let mut estimate = plan::estimate(&steps, start, &move_time, frame_bytes_max);
             let checks = reference.predicted(&steps, start, &move_time);
             estimate.duration_s += checks.as_secs_f64();
-            Estimated {
+            Ok(Estimated {
                 estimate,
                 free_bytes,
                 operator_steps: steps.iter().filter_map(of_a_person).collect(),
                 calibration_ids,
                 plan,
-            }
+            })
         })
-        .await
+        .await?
     }
 
     /// Removes the frames that valid calibrations replace from a plan, and returns the calibrations' numbers.
@@ -300,6 +302,36 @@ impl Lab {
             dark: Some(DarkFacts::default()),
             sample: sample_facts(&sample.material),
         })
+    }
+}
+
+/// Refuses a plan with points in forbidden regions, or with points between which no way is free. The way to the first point
+/// is checked when it is taken.
+fn check_regions(steps: &[Step], settings: &StageSettings) -> Result<(), LabError> {
+    let mut problems = Vec::new();
+    let mut at: Option<Pose> = None;
+    for step in steps {
+        let Step::Shot(shot) = step else { continue };
+        let Some(target) = shot.target else { continue };
+        let blocked = match (settings.region_at(target), at) {
+            (Some(region), _) => Some(format!(
+                "theta_c = {}, phi_s = {} is in the forbidden region {region}",
+                target.theta_c, target.phi_s
+            )),
+            (None, Some(from)) => settings
+                .check_way(from, target)
+                .err()
+                .map(|error| error.to_string()),
+            (None, None) => None,
+        };
+        match blocked {
+            Some(why) => problems.push(PlanProblem::new(format!("plan point {}", shot.index), why)),
+            None => at = Some(target),
+        }
+    }
+    match problems.is_empty() {
+        true => Ok(()),
+        false => Err(PlanError { problems }.into()),
     }
 }
 

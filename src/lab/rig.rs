@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use tokio::sync::oneshot;
 
-use super::bench;
+use super::rig_work;
 use super::{AxisName, Holder, Lab, LabError, RigSide};
-use crate::bench::stage::Stage;
+use crate::bench::stage::{Stage, StageIdentity};
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{CommandRequest, ScanCommand};
 use crate::scan::visit::stage_code;
@@ -39,6 +39,8 @@ pub struct RigView {
     pub activity: RigActivity,
     /// Scan that holds the rig.
     pub scan_id: Option<i64>,
+    /// Controllers that answer instead of those of the rig and were refused.
+    pub refused_stages: Option<StageIdentity>,
     /// State of that scan and the reason for it.
     pub scan_state: Option<(ScanState, Option<String>)>,
 }
@@ -133,7 +135,11 @@ impl Lab {
             problem,
             failure: occupation.failure,
             simulated: side.settings.simulated,
-            port: side.port.clone(),
+            port: match side.access.stage() {
+                Some(stage) => stage.address().to_string(),
+                None => side.port.clone(),
+            },
+            refused_stages: side.access.refused(),
             camera: side.camera.clone(),
             camera_facts: side.settings.camera.clone(),
             rig_facts: side.settings.rig.clone(),
@@ -167,12 +173,12 @@ impl Lab {
         })
     }
 
-    pub(super) async fn request(&self, work: bench::Work) -> Result<(), LabError> {
+    pub(super) async fn request(&self, work: rig_work::Work) -> Result<(), LabError> {
         let (reply, answer) = oneshot::channel();
         let side = self.side()?;
         let stops = side.access.stops();
         side.requests
-            .send(bench::Request {
+            .send(rig_work::Request {
                 work,
                 who: Arc::clone(&self.who),
                 stops,
@@ -194,7 +200,7 @@ impl Lab {
     }
 
     async fn connect(&self) -> Result<Stage, LabError> {
-        self.request(bench::Work::Connect).await?;
+        self.request(rig_work::Work::Connect).await?;
         let stage = self.side()?.access.stage();
         stage.ok_or(LabError::Busy {
             with: Holder::Connecting,
@@ -206,7 +212,7 @@ impl Lab {
     /// # Errors
     /// [`LabError::NoRig`], [`LabError::Busy`], or [`LabError::Stage`].
     pub async fn have_rig(&self) -> Result<(), LabError> {
-        self.request(bench::Work::Connect).await
+        self.request(rig_work::Work::Connect).await
     }
 
     /// Starts to move an axis; returns just before the stage moves.
@@ -220,7 +226,7 @@ impl Lab {
                 problem: "must be a finite number".into(),
             });
         }
-        self.request(bench::Work::Move { axis, target }).await
+        self.request(rig_work::Work::Move { axis, target }).await
     }
 
     /// Starts to home an axis; returns just before the stage moves.
@@ -228,7 +234,15 @@ impl Lab {
     /// # Errors
     /// As [`Lab::move_axis`].
     pub async fn home(&self, axis: AxisName) -> Result<(), LabError> {
-        self.request(bench::Work::Home { axis }).await
+        self.request(rig_work::Work::Home { axis }).await
+    }
+
+    /// Starts to home both axes, in the order of the settings; returns just before a stage moves.
+    ///
+    /// # Errors
+    /// As [`Lab::move_axis`].
+    pub async fn home_both(&self) -> Result<(), LabError> {
+        self.request(rig_work::Work::HomeBoth).await
     }
 
     /// Unparks an axis that another program parked; it keeps its position. Nothing moves.
@@ -236,7 +250,7 @@ impl Lab {
     /// # Errors
     /// [`LabError::Busy`], [`LabError::NoRig`], or [`LabError::Stage`].
     pub async fn unpark(&self, axis: AxisName) -> Result<(), LabError> {
-        self.request(bench::Work::Unpark { axis }).await
+        self.request(rig_work::Work::Unpark { axis }).await
     }
 
     /// Stops both axes at once, also during a scan, which pauses. Never refused; connects first if there is no link.

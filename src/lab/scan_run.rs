@@ -10,6 +10,7 @@ use super::error::store_code;
 use super::event_sink::{EventSink, FirstState};
 use super::hands::Hands;
 use super::recorder::LabRecorder;
+use super::stages::PinnedStages;
 use super::{LabError, Occupation, RigSettings, live_fit, publish};
 use crate::frame::Frame;
 use crate::frame::FrameTag;
@@ -52,6 +53,7 @@ pub(super) struct RigContext {
     pub settings: RigSettings,
     pub occupation: Arc<watch::Sender<Occupation>>,
     pub hands: Hands,
+    pub pinned: PinnedStages,
     pub sink: EventSink,
 }
 
@@ -108,6 +110,11 @@ impl RigContext {
         });
         reply.send(Ok(())).ok();
         let stage = rig.connect().await.ok();
+        if let Some(stage) = &stage
+            && let Err(error) = self.pinned.note_scan(scan_id, &stage.identity()).await
+        {
+            tracing::error!(scan_id, %error, "the controllers of scan {scan_id} could not be stored: {error}");
+        }
         let start = match &stage {
             Some(stage) => stage.status().await.map(|status| status.pose()).ok(),
             None => None,

@@ -167,12 +167,15 @@ impl VisitError {
 fn kind_of_stage(error: &StageError) -> FaultKind {
     match error {
         // A port that comes back may for a moment lack its permissions.
-        StageError::Port(_) | StageError::NoReply(_) | StageError::Disconnected(_) => {
-            FaultKind::Link
-        }
+        StageError::Port(_)
+        | StageError::NoReply(_)
+        | StageError::Disconnected(_)
+        // The next connection names the controllers that differ.
+        | StageError::Replaced { .. } => FaultKind::Link,
         StageError::Refused { code, .. } if passes_by_itself(code) => FaultKind::Stage,
         StageError::Missed { .. }
         | StageError::Slipped { .. }
+        | StageError::NotCarriedOut { .. }
         | StageError::Unreadable { .. }
         | StageError::TimedOut { .. } => FaultKind::Stage,
         StageError::PowerCycled { .. } | StageError::NotReferenced { .. } => FaultKind::Power,
@@ -180,6 +183,10 @@ fn kind_of_stage(error: &StageError) -> FaultKind {
         | StageError::Unsendable(_)
         | StageError::Refused { .. }
         | StageError::WrongDevice { .. }
+        | StageError::OtherStages(_)
+        | StageError::Forbidden(_)
+        | StageError::HomingOrder { .. }
+        | StageError::HomingBlocked { .. }
         | StageError::AddressConflict { .. }
         | StageError::NoScale { .. }
         | StageError::Disagreement { .. }

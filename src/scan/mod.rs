@@ -19,8 +19,9 @@ pub mod state;
 pub mod tag_history;
 pub mod visit;
 
+pub use crate::bench::stage::StageLink;
 pub use event::{Event, OperatorAction, Progress, RecordedEvent};
 pub use plan::{Plan, PlanError, PlanRequest, Shot, Step, TravelLimits};
 pub use rig::Rig;
-pub use stage_access::{StageAccess, StageLink};
+pub use stage_access::StageAccess;
 pub use state::ScanState;

@@ -5,8 +5,8 @@
 
 use std::collections::BTreeSet;
 
-use super::stage_access::{StageAccess, StageLink};
-use crate::bench::stage::{Stage, StageError};
+use super::stage_access::StageAccess;
+use crate::bench::stage::{Stage, StageError, StageLink};
 use crate::bench::{AxisName, Camera};
 
 /// The stages and the camera of one rig.

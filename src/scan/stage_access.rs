@@ -7,22 +7,8 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use crate::bench::port::PortSeam;
-use crate::bench::stage::{PortAddress, Stage, StageError, StageSettings};
-use crate::clock::Clock;
-
-/// Address and settings of the stages.
-#[derive(Clone)]
-pub struct StageLink {
-    /// Serial port or TCP address.
-    pub port: PortAddress,
-    /// Limits, backlash, speeds.
-    pub settings: StageSettings,
-    /// Time for waits and deadlines.
-    pub clock: Arc<dyn Clock>,
-    /// Injects faults into the port, in tests.
-    pub seam: Arc<dyn PortSeam>,
-}
+use crate::bench::port::PortAddress;
+use crate::bench::stage::{Notices, Stage, StageError, StageIdentity, StageLink};
 
 /// The link to the stages, shared by the runner and all clients that may stop them; cheap to clone.
 #[derive(Clone)]
@@ -41,6 +27,19 @@ struct Inner {
     /// Whether the daemon may move the axes by itself: a person has requested motion, and since then neither a person nor a
     /// fault of the stages has stopped them.
     may_move_unasked: AtomicBool,
+    /// Where the controllers answered last, if not on the port of the settings.
+    found_on: Mutex<Option<PortAddress>>,
+    controllers: Mutex<Controllers>,
+    notices: Notices,
+}
+
+/// The controllers of the rig.
+#[derive(Default)]
+struct Controllers {
+    /// Those that may be connected; any before the first connection.
+    expected: Option<StageIdentity>,
+    /// Those that were refused at the last attempt.
+    refused: Option<StageIdentity>,
 }
 
 impl StageAccess {
@@ -52,6 +51,9 @@ impl StageAccess {
                 opening: tokio::sync::Mutex::new(()),
                 stops: AtomicU64::new(0),
                 may_move_unasked: AtomicBool::new(false),
+                found_on: Mutex::default(),
+                controllers: Mutex::default(),
+                notices: Notices::default(),
             }),
         }
     }
@@ -123,15 +125,86 @@ impl StageAccess {
         if let Some(last) = last {
             last.closed().await;
         }
-        let StageLink {
-            port,
-            settings,
-            clock,
-            seam,
-        } = self.inner.link.clone();
-        let stage = Stage::connect(port, settings, clock, seam).await?;
+        let stage = self.open_somewhere().await?;
+        {
+            let mut controllers = self.controllers();
+            controllers.expected.get_or_insert_with(|| stage.identity());
+            controllers.refused = None;
+        }
         *self.last() = Some(stage.clone());
         Ok(stage)
+    }
+
+    /// Opens the port where the controllers were found last, else the named one, else the port on which they answer.
+    async fn open_somewhere(&self) -> Result<Stage, StageError> {
+        let named = &self.inner.link;
+        let expected = self.controllers().expected.clone();
+        let connect = async |port: PortAddress| {
+            let link = StageLink {
+                port,
+                ..named.clone()
+            };
+            Stage::connect_known(&link, expected.as_ref(), &self.inner.notices).await
+        };
+        let elsewhere = self.found_on().clone();
+        if let Some(port) = elsewhere
+            && let Ok(stage) = connect(port).await
+        {
+            return Ok(stage);
+        }
+        let error = match connect(named.port.clone()).await {
+            Ok(stage) => {
+                *self.found_on() = None;
+                return Ok(stage);
+            }
+            Err(error) => error,
+        };
+        self.controllers().refused = match &error {
+            StageError::OtherStages(other) => Some(other.found.clone()),
+            _ => None,
+        };
+        if !error.may_be_elsewhere() {
+            return Err(error);
+        }
+        let Some(port) = Stage::find_elsewhere(named, expected.as_ref()).await else {
+            return Err(error);
+        };
+        let Ok(stage) = connect(port.clone()).await else {
+            return Err(error);
+        };
+        self.inner.notices.port_changed(&named.port, &port);
+        *self.found_on() = Some(port);
+        Ok(stage)
+    }
+
+    fn found_on(&self) -> MutexGuard<'_, Option<PortAddress>> {
+        let found_on = &self.inner.found_on;
+        found_on.lock().expect("no holder of this lock panics")
+    }
+
+    fn controllers(&self) -> MutexGuard<'_, Controllers> {
+        let controllers = &self.inner.controllers;
+        controllers.lock().expect("no holder of this lock panics")
+    }
+
+    /// Sets the controllers that may be connected from now on; `None` accepts those that answer first.
+    pub fn expect(&self, controllers: Option<StageIdentity>) {
+        *self.controllers() = Controllers {
+            expected: controllers,
+            refused: None,
+        };
+    }
+
+    /// Returns the controllers that were refused at the last attempt to connect.
+    #[must_use]
+    pub fn refused(&self) -> Option<StageIdentity> {
+        self.controllers().refused.clone()
+    }
+
+    /// Returns what reports what a person should learn of the stages.
+    #[must_use]
+    pub fn notices(&self) -> &Notices {
+        &self.inner.notices
     }
 
     /// Closes the link for all handles.

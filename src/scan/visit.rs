@@ -90,6 +90,10 @@ pub fn stage_code(error: &StageError) -> &'static str {
         StageError::Unsendable(_) | StageError::Unreadable { .. } => "stage-protocol",
         StageError::Refused { .. } => "stage-refused",
         StageError::WrongDevice { .. } => "stage-wrong-device",
+        StageError::OtherStages(_) | StageError::Replaced { .. } => "stage-other-device",
+        StageError::NotCarriedOut { .. } => "stage-not-carried-out",
+        StageError::Forbidden(_) => "forbidden-region",
+        StageError::HomingOrder { .. } | StageError::HomingBlocked { .. } => "homing-blocked",
         StageError::AddressConflict { .. } => "stage-address-conflict",
         StageError::NoScale { .. } => "stage-no-scale",
         StageError::NoSuchAxis { .. } => "stage-no-such-axis",
@@ -208,6 +212,7 @@ pub(super) async fn visit(
         .map(|frame| frame.captured.started_utc)
         .expect("a checked plan has frames at every point");
     let still = stage.status().await.map_err(VisitError::Stage)?;
+    stage.check_slip().await.map_err(VisitError::Stage)?;
     let moved = displacement(stage, arrived, &still);
     let pushed = disturbance(&still)?;
     let rejected = moved

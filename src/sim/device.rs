@@ -204,12 +204,32 @@ impl Device {
                 self.counter_offset -= self.world.mechanics(self.axis).counts_in(by).round();
             }
             AxisFault::PowerCycle => self.boot(moment),
+            AxisFault::FactoryReset => {
+                self.reset_settings();
+                self.boot(moment);
+            }
+            AxisFault::Replaced(serial) => {
+                self.reset_settings();
+                self.settings.serial = serial;
+                self.boot(moment);
+            }
             AxisFault::EmergencyStop => {
                 self.flags.insert(Flag::EmergencyStop);
                 self.settings.driver_enabled = false;
                 self.motion = Motion::None;
             }
         }
+    }
+
+    /// Sets the settings of the factory; address and identity stay.
+    fn reset_settings(&mut self) {
+        let factory = DeviceSettings::factory(self.axis, &self.world.mechanics(self.axis));
+        self.settings = DeviceSettings {
+            address: self.settings.address,
+            serial: self.settings.serial,
+            device_id: self.settings.device_id,
+            ..factory
+        };
     }
 
     /// Restarts: the reference is lost and any motion stops.

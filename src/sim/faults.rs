@@ -15,6 +15,7 @@ use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use crate::bench::port::{NoFaults, Port, PortAddress, PortError, PortSeam};
+use crate::bench::wire::zaber::Activity;
 pub use line::{FaultyLine, FaultySeam};
 
 /// The fault of one exchange.
@@ -38,6 +39,10 @@ pub enum LineFault {
     Before(Vec<u8>),
     /// The reply's last word is replaced by this one, with a valid checksum.
     Says(String),
+    /// The command does not reach the device, and this reason of a refusal comes back.
+    Refuse(String),
+    /// The reply says that the axis moves, or does not, whatever it does.
+    Claims(Activity),
     /// The plug is pulled before the reply comes.
     Unplug,
 }

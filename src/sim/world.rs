@@ -134,6 +134,10 @@ pub enum AxisFault {
     Slip(Angle),
     /// The controller restarts: reference and counter are lost.
     PowerCycle,
+    /// The controller restarts with the settings of the factory.
+    FactoryReset,
+    /// The controller is replaced by another one with this serial number, just powered up.
+    Replaced(u32),
     /// The emergency-stop button switches the driver off.
     EmergencyStop,
 }
@@ -447,6 +451,8 @@ impl Axis {
             AxisFault::Stall
             | AxisFault::LimitSensor
             | AxisFault::PowerCycle
+            | AxisFault::FactoryReset
+            | AxisFault::Replaced(_)
             | AxisFault::EmergencyStop => {
                 self.brake(now, None);
             }

@@ -30,6 +30,7 @@ mod recovery;
 mod reductions;
 pub mod samples;
 pub mod scans;
+pub mod stages;
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, Write};

@@ -9,7 +9,8 @@ use std::time::Duration;
 use futures::future::BoxFuture;
 use ridged::bench::AxisName::{PhiS, ThetaC};
 use ridged::bench::port::PortAddress;
-use ridged::bench::stage::{Stage, StageError, StageSettings};
+use ridged::bench::stage::{Stage, StageError, StageLink, StageSettings};
+use ridged::bench::wire::zaber::Activity;
 use ridged::bench::wire::zaber_flags::Flag;
 use ridged::clock::{Clock, SteppedClock};
 use ridged::geometry::Pose;
@@ -61,15 +62,15 @@ impl Clock for HeldClock {
     }
 }
 
-struct Rig {
+pub(crate) struct Rig {
     clock: Arc<HeldClock>,
-    world: Arc<World>,
-    server: PtyServer,
-    faults: ScriptedFaults,
+    pub(crate) world: Arc<World>,
+    pub(crate) server: PtyServer,
+    pub(crate) faults: ScriptedFaults,
 }
 
 impl Rig {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Rig::with(Controller::new)
     }
 
@@ -84,7 +85,7 @@ impl Rig {
         }
     }
 
-    fn address(&self) -> PortAddress {
+    pub(crate) fn address(&self) -> PortAddress {
         PortAddress::Serial {
             path: self.server.path().to_owned(),
         }
@@ -95,18 +96,28 @@ impl Rig {
         Stage::connect(self.address(), settings, self.clock.clone(), seam).await
     }
 
+    /// A link with these settings, and what the stage reports beside its errors.
+    pub(crate) fn link(&self, settings: StageSettings) -> StageLink {
+        StageLink {
+            port: self.address(),
+            settings,
+            clock: self.clock.clone(),
+            seam: Arc::new(self.faults.clone()),
+        }
+    }
+
     async fn connect(&self) -> Stage {
         self.connect_with(settings()).await.unwrap()
     }
 
-    async fn homed(&self) -> Stage {
+    pub(crate) async fn homed(&self) -> Stage {
         let stage = self.connect().await;
         stage.home_all().await.unwrap();
         stage
     }
 
     /// Another program sends a command on the same line; the replies reach this program as noise.
-    fn foreign(&self, command: &str) {
+    pub(crate) fn foreign(&self, command: &str) {
         let mut line = std::fs::OpenOptions::new()
             .write(true)
             .open(self.server.path())
@@ -117,7 +128,7 @@ impl Rig {
 
 /// A short time-out, so that a lost reply costs little, and many attempts, so that a loaded machine
 /// does not count as a silent device.
-fn settings() -> StageSettings {
+pub(crate) fn settings() -> StageSettings {
     StageSettings {
         reply_timeout_ms: 50,
         attempts: 5,
@@ -125,7 +136,7 @@ fn settings() -> StageSettings {
     }
 }
 
-fn assert_at(pose: Pose, theta_c_deg: f64, phi_s_deg: f64) {
+pub(crate) fn assert_at(pose: Pose, theta_c_deg: f64, phi_s_deg: f64) {
     // One microstep of the coarser axis is 0.0003°.
     assert!(
         (pose.theta_c.deg() - theta_c_deg).abs() < 5e-4,
@@ -328,13 +339,24 @@ async fn a_command_that_never_arrives_is_an_error() {
     // The axis has a reference and is at rest without a flag, as after homing.
     rig.faults.on(" home", LineFault::LoseCommand, 1000);
     let error = stage.home(ThetaC).await.unwrap_err();
-    assert!(matches!(error, StageError::NoReply(_)), "{error:?}");
+    assert!(
+        matches!(error, StageError::NotCarriedOut { .. }),
+        "{error:?}"
+    );
     rig.faults.on(" move abs", LineFault::LoseCommand, 1000);
     let error = stage
         .move_to(ThetaC, Angle::from_deg(20.0))
         .await
         .unwrap_err();
-    assert!(matches!(error, StageError::NoReply(_)), "{error:?}");
+    assert!(
+        matches!(error, StageError::NotCarriedOut { .. }),
+        "{error:?}"
+    );
+    let words = error.to_string();
+    assert!(
+        words.contains("answers questions") && words.contains("3 attempts"),
+        "{words}"
+    );
 }
 
 #[tokio::test]
@@ -431,7 +453,7 @@ async fn turning_the_manual_knob_is_not_an_arrival() {
 
 #[tokio::test]
 async fn a_stall_requires_homing() {
-    let stalled = |e: &StageError| matches!(e, StageError::Stalled { axis: ThetaC, position } if (position.deg() + 40.0).abs() < 0.01);
+    let stalled = |e: &StageError| matches!(e, StageError::Stalled { axis: ThetaC, position, again: false } if (position.deg() + 40.0).abs() < 0.01);
     fails_with(AxisFault::Stall, stalled, false).await;
 }
 
@@ -521,7 +543,10 @@ async fn an_axis_at_a_wrong_position_without_a_flag_is_moved_again() {
 async fn a_move_that_takes_far_too_long_is_stopped() {
     let rig = Rig::new();
     let stage = rig.homed().await;
-    rig.foreign("/1 1 set maxspeed 5000");
+    // The first question finds it at rest; from then on it never says so.
+    rig.faults.on("get pos", LineFault::DoubleReply, 1);
+    let endless = LineFault::Claims(Activity::Busy);
+    rig.faults.on("get pos", endless, 1_000_000);
     let error = stage.move_to(ThetaC, Angle::ZERO).await.unwrap_err();
     let StageError::TimedOut {
         axis: ThetaC,
@@ -541,9 +566,9 @@ async fn homing_that_is_cut_off_names_its_key() {
     let rig = Rig::new();
     let mut settings = settings();
     settings.phi_s.home_timeout_s = 2.0;
+    // From recorded 0 to the home switch, 30° away.
+    settings.phi_s.max_speed_deg_s = Some(1.0);
     let stage = rig.connect_with(settings).await.unwrap();
-    // From recorded 0 to the home switch at 30 deg/s, slowed down.
-    rig.foreign("/2 1 set maxspeed 5000");
     let error = stage.home(PhiS).await.unwrap_err();
     assert!(
         matches!(error, StageError::HomingTimedOut { axis: PhiS, .. }),
@@ -773,4 +798,22 @@ async fn the_status_can_be_read_during_a_move() {
     assert!(status.theta_c.moving && !status.phi_s.moving && status.all_homed());
     rig.clock.let_go();
     moving.await.unwrap().unwrap();
+}
+
+/// A camera for rigs that take no frames.
+pub(crate) fn no_camera() -> Box<dyn ridged::bench::Camera> {
+    struct NoCamera;
+    impl ridged::bench::Camera for NoCamera {
+        fn describe(&self) -> String {
+            "no camera".into()
+        }
+
+        fn capture<'a>(
+            &'a mut self,
+            _: &'a ridged::bench::CaptureRequest,
+        ) -> BoxFuture<'a, Result<ridged::bench::Captured, ridged::bench::CameraError>> {
+            Box::pin(async { Err(ridged::bench::CameraError::Failed("there is none".into())) })
+        }
+    }
+    Box::new(NoCamera)
 }

@@ -139,6 +139,7 @@ impl Owner {
             }
         }
         self.lines.clear();
+        self.shared.history().sent(command);
         for packet in packets {
             trace!(port = %self.shared.port, "> {}", packet.escape_ascii());
             port.write(packet)?;
@@ -196,6 +197,7 @@ impl Gathering<'_> {
                 if !self.is_awaited(&reply) {
                     return false;
                 }
+                shared.history().answered(&reply);
                 if message.more {
                     self.open = Some(reply);
                 } else {

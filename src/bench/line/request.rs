@@ -1,13 +1,14 @@
 //! What a [`super::PortLine`] and its thread exchange: requests, failures, and the state that both see.
 
-use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock};
 use std::time::Duration;
 
 use tokio::sync::{oneshot, watch};
 use tokio_util::sync::CancellationToken;
 use tracing::debug;
 
+use super::history::{History, Stray};
 use crate::bench::wire::zaber::{DeviceCommand, EncodeError, MessageBody, Reply, decode_message};
 
 /// Time-out and number of attempts of a line.
@@ -77,6 +78,12 @@ pub struct LineCounts {
     pub strays: u64,
     /// Alerts received.
     pub alerts: u64,
+    /// Strays that are a second, different answer to the newest command.
+    pub second_answers: u64,
+    /// Address of the last of them.
+    pub second_answer_address: u8,
+    /// Strays that no command of this line explains.
+    pub foreign: u64,
 }
 
 #[derive(Debug, Default)]
@@ -86,6 +93,9 @@ pub(super) struct Counters {
     pub garbled: AtomicU64,
     pub strays: AtomicU64,
     pub alerts: AtomicU64,
+    pub second_answers: AtomicU64,
+    pub second_answer_address: AtomicU8,
+    pub foreign: AtomicU64,
 }
 
 #[derive(Debug)]
@@ -95,6 +105,7 @@ pub(super) struct LineState {
     pub counters: Counters,
     pub checksum_required: AtomicBool,
     pub stops: watch::Sender<u64>,
+    pub history: Mutex<History>,
     /// Cancelled to close the port.
     pub closing: CancellationToken,
     /// Why the connection was lost; unset if the line was closed on request.
@@ -127,6 +138,10 @@ pub(super) enum ExchangeFailure {
 }
 
 impl LineState {
+    pub fn history(&self) -> MutexGuard<'_, History> {
+        self.history.lock().expect("no holder of this lock panics")
+    }
+
     /// The error of a command on a closed line.
     pub fn gone(&self) -> LineError {
         let reason = self.lost.get().map(String::as_str);
@@ -143,7 +158,18 @@ impl LineState {
             Err(_) => add(&counters.garbled, "garbled"),
             Ok(MessageBody::Alert(_)) => add(&counters.alerts, "alert"),
             Ok(MessageBody::Info(_)) => {}
-            Ok(MessageBody::Reply(_)) => add(&counters.strays, "stray"),
+            Ok(MessageBody::Reply(reply)) => {
+                add(&counters.strays, "stray");
+                match self.history().explain(&reply) {
+                    Stray::Late => {}
+                    Stray::SecondAnswer => {
+                        let address = &counters.second_answer_address;
+                        address.store(reply.address, Ordering::Relaxed);
+                        add(&counters.second_answers, "second answer");
+                    }
+                    Stray::Foreign => add(&counters.foreign, "foreign"),
+                }
+            }
         }
         debug!(port = %self.port, "answers no command: {}", line.escape_ascii());
     }

@@ -17,24 +17,42 @@
 //! lost reply the position is read before a command is repeated.
 
 mod connection;
+mod encoder;
+mod flags;
+mod homing;
+mod jog;
+mod profile;
 mod queries;
 
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
-use tracing::warn;
-
+use self::encoder::Encoder;
+use self::profile::ProfileEntry;
 use super::error::StageError;
-use super::settings::{AxisSettings, Rates};
+use super::identity::DeviceIdentity;
+use super::notice::Notices;
+use super::prediction::Rates;
+use super::settings::AxisSettings;
 use crate::bench::AxisName;
 use crate::bench::line::{LineError, PortLine};
-use crate::bench::wire::zaber::Activity;
+use crate::bench::wire::zaber::{Activity, Reply};
 use crate::bench::wire::zaber_flags::{Flag, FlagClass};
 use crate::clock::Clock;
 use crate::units::Angle;
 
+/// Speed data are in microsteps per second times this.
+const SPEED_UNIT: f64 = 1.6384;
 /// Polling interval while a move is far from its end.
 const POLL_COARSE: Duration = Duration::from_millis(200);
+/// Polling interval of homing after a limit sensor was hit, to find the lost steps.
+const POLL_LOST_STEPS: Duration = Duration::from_millis(20);
+/// Time between two readings that must agree before an axis away from its target counts as at rest.
+const REST_CHECK: Duration = Duration::from_millis(50);
+/// Wait before a command is repeated that the device refuses for a moment (AGAIN, STATUSBUSY).
+const PASSING_WAIT: Duration = Duration::from_millis(50);
+/// Two stalls within this angle are at the same place.
+const SAME_PLACE_DEG: f64 = 1.0;
 /// Polling interval around the predicted end; one poll takes about 3 ms at 115200 baud.
 const POLL_FINE: Duration = Duration::from_millis(3);
 /// Fine polling ends this long after the predicted end, to limit the traffic.
@@ -42,20 +60,14 @@ const FINE_AFTER_END: Duration = Duration::from_millis(250);
 /// Number of times that an axis at rest at a wrong position is sent to its target.
 const ATTEMPTS: u32 = 3;
 
-/// Identity of an axis's controller.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct ControllerIdentity {
-    pub serial: u32,
-    pub device_id: u32,
-    pub firmware: String,
-}
-
 /// Position and state of an axis, from one reply.
 #[derive(Debug, Clone)]
 pub(super) struct AxisReading {
     pub counts: i64,
     pub activity: Activity,
     pub flag: Option<Flag>,
+    /// Counts of the last poll of the motion that showed it moving.
+    pub last_moving: Option<i64>,
 }
 
 /// The motion whose end is awaited.
@@ -76,8 +88,13 @@ struct Memory {
     /// The axis has had a reference position since it was connected.
     referenced: bool,
     uptime: Option<u64>,
-    /// The device has no encoder that it reports.
-    no_encoder: bool,
+    /// The device has its profile: no restart since it was last read.
+    profile_holds: bool,
+    encoder: Encoder,
+    /// Where the axis stalled last; none once it has passed that place.
+    stalled_at: Option<Angle>,
+    /// Where it hit a limit sensor, until it is homed.
+    limit_hit_at: Option<Angle>,
 }
 
 /// One axis. The task that moves it holds `turn`.
@@ -86,9 +103,12 @@ pub(super) struct Axis {
     pub settings: AxisSettings,
     pub counts_per_turn: f64,
     pub rates: Rates,
-    pub identity: ControllerIdentity,
+    pub identity: DeviceIdentity,
+    /// Settings of the device that a move depends on.
+    profile: Vec<ProfileEntry>,
     pub line: PortLine,
     pub clock: Arc<dyn Clock>,
+    notices: Notices,
     pub turn: tokio::sync::Mutex<()>,
     memory: Mutex<Memory>,
 }
@@ -151,6 +171,7 @@ impl Axis {
             }
             Motion::Stop => (Duration::ZERO, self.stopping_time()),
         };
+        let mut last_moving = None;
         loop {
             let waited = self.clock.now().saturating_sub(began);
             let reading = self.read().await?;
@@ -158,8 +179,12 @@ impl Axis {
             // A motion that another command has replaced need not be awaited.
             let lost = motion != Motion::Stop && reading.flag.is_some_and(ends_a_motion);
             if reading.activity == Activity::Idle || lost {
-                return Ok(reading);
+                return Ok(AxisReading {
+                    last_moving,
+                    ..reading
+                });
             }
+            last_moving = Some(reading.counts);
             // The reading must have started after the deadline, so that a slow line or a fast clock
             // does not turn a good move into a late one.
             if waited > deadline {
@@ -167,6 +192,8 @@ impl Axis {
             }
             let pause = if waited < predicted {
                 (predicted - waited).min(POLL_COARSE)
+            } else if motion == Motion::Homing && self.memory().limit_hit_at.is_some() {
+                POLL_LOST_STEPS
             } else if waited < predicted + FINE_AFTER_END {
                 POLL_FINE
             } else {
@@ -196,67 +223,6 @@ impl Axis {
         }
     }
 
-    /// Returns the error that the flags imply for the motion that just ended or is about to start.
-    async fn check_flags(&self, reading: &AxisReading) -> Result<(), StageError> {
-        if reading.flag.is_none() {
-            return Ok(());
-        }
-        let flags = self.flags().await?;
-        let position = self.recorded(reading.counts);
-        let axis = self.name;
-        for flag in flags {
-            match (flag.class(), flag) {
-                (FlagClass::Fault, Flag::Stalled) => {
-                    return Err(StageError::Stalled { axis, position });
-                }
-                (FlagClass::Fault, _) => return Err(StageError::Fault { axis, flag }),
-                (FlagClass::ReferenceLost, Flag::NoReference) => {
-                    let mut memory = self.memory();
-                    memory.engaged = false;
-                    memory.uptime = None;
-                    return Err(if std::mem::take(&mut memory.referenced) {
-                        StageError::PowerCycled { axis }
-                    } else {
-                        StageError::NotReferenced { axis }
-                    });
-                }
-                (FlagClass::ReferenceLost, _) => return Err(StageError::NotReferenced { axis }),
-                (FlagClass::Interrupted, _) => return Err(StageError::Interrupted { axis, flag }),
-                (FlagClass::Informational, _) => {}
-            }
-        }
-        Ok(())
-    }
-
-    /// Moves to the reference position.
-    pub async fn home(&self, stops: u64) -> Result<(), StageError> {
-        let _turn = self.take_turn()?;
-        self.memory().engaged = false;
-        // Flags of an earlier failure would be attributed to this motion; lasting ones stay raised.
-        self.ask("warnings clear").await?;
-        self.start("home", None, stops).await?;
-        let reading = self.await_idle(Motion::Homing, stops).await?;
-        if reading.flag.is_some() {
-            let axis = self.name;
-            for flag in self.flags().await? {
-                match flag.class() {
-                    FlagClass::Interrupted => return Err(StageError::Interrupted { axis, flag }),
-                    FlagClass::Fault | FlagClass::ReferenceLost => {
-                        return Err(StageError::HomingFailed { axis, flag });
-                    }
-                    FlagClass::Informational => {}
-                }
-            }
-        }
-        {
-            let mut memory = self.memory();
-            memory.referenced = true;
-            // A restart before this homing has no effect any more; one during it shows as WR.
-            memory.uptime = None;
-        }
-        self.check_uptime().await
-    }
-
     /// Moves the axis to a recorded angle; returns the angle read back and whether the axis had to
     /// move. The caller has checked the limits.
     pub async fn move_to(&self, target: Angle, stops: u64) -> Result<(Angle, bool), StageError> {
@@ -267,6 +233,9 @@ impl Axis {
         if reading.activity == Activity::Busy {
             reading = self.bring_to_rest(stops).await?;
         }
+        self.check_before(&reading).await?;
+        self.verify_profile().await?;
+        let began_at = self.recorded(reading.counts);
         for attempt in 1..=ATTEMPTS {
             self.check_before(&reading).await?;
             let from = self.recorded(reading.counts);
@@ -283,8 +252,7 @@ impl Axis {
             reading = self.drive(&reading, target, stops).await?;
             self.check_flags(&reading).await?;
             if !self.is_there(&reading, goal) {
-                // One in 256 garbled replies passes the checksum: read again before acting.
-                reading = self.read().await?;
+                reading = self.await_rest_elsewhere(reading, goal, stops).await?;
             }
             if self.is_there(&reading, goal) {
                 self.memory().engaged = true;
@@ -304,36 +272,46 @@ impl Axis {
             });
         }
         self.check_uptime().await?;
-        self.check_encoder(reading.counts).await?;
+        self.check_encoder(&reading).await?;
+        self.forget_stall_between(began_at, target);
         Ok((self.recorded(reading.counts), moved))
     }
 
-    /// Clears the flag of a stall that the axis recovered from; returns whether it was raised. The
-    /// next move then approaches from below again.
-    async fn clear_recovered_stall(&self, reading: &AxisReading) -> Result<bool, StageError> {
-        if reading.flag.is_none() || !self.flags().await?.contains(&Flag::StallRecovered) {
-            return Ok(false);
+    /// The place of the last stall was passed.
+    fn forget_stall_between(&self, from: Angle, to: Angle) {
+        let mut memory = self.memory();
+        let (low, high) = if from < to { (from, to) } else { (to, from) };
+        if memory.stalled_at.is_some_and(|at| low <= at && at <= high) {
+            memory.stalled_at = None;
         }
-        warn!(axis = %self.name, "{} stalled and recovered on the way; it approaches once more", self.name);
-        self.ask("warnings clear").await?;
-        self.memory().engaged = false;
-        Ok(true)
     }
 
-    /// Checks the flags before a move: interruptions of earlier motions are ignored, faults and a
-    /// lost reference are not.
-    async fn check_before(&self, reading: &AxisReading) -> Result<(), StageError> {
-        match self.check_flags(reading).await {
-            Err(StageError::Interrupted { .. }) => {
-                self.memory().engaged = false;
-                Ok(())
+    /// Waits until two readings agree: a controller may report idle while it moves, and a garbled
+    /// reply may pass the checksum. A command that is repeated too early would interrupt the first.
+    async fn await_rest_elsewhere(
+        &self,
+        mut last: AxisReading,
+        goal: i64,
+        stops: u64,
+    ) -> Result<AxisReading, StageError> {
+        let longest = self
+            .rates
+            .duration(self.settings.limit_max - self.settings.limit_min);
+        let deadline = longest.mul_f64(1.5) + Duration::from_secs(1);
+        let began = self.clock.now();
+        loop {
+            self.wait(REST_CHECK, stops).await?;
+            let waited = self.clock.now().saturating_sub(began);
+            let reading = self.read().await?;
+            let rests =
+                (reading.counts - last.counts).abs() as f64 <= 0.5 * self.tolerance_counts();
+            if self.is_there(&reading, goal) || rests && reading.activity == Activity::Idle {
+                return Ok(reading);
             }
-            // An axis that was pushed is sent to its target again, which also clears the flag.
-            Ok(()) if reading.flag.is_some() && self.flags().await?.contains(&Flag::Displaced) => {
-                self.memory().engaged = false;
-                Ok(())
+            if waited > deadline {
+                return Err(self.late(Motion::Move { predicted: longest }, waited));
             }
-            other => other,
+            last = reading;
         }
     }
 
@@ -345,6 +323,11 @@ impl Axis {
     fn is_there(&self, reading: &AxisReading, goal: i64) -> bool {
         reading.activity == Activity::Idle
             && (reading.counts - goal).abs() as f64 <= self.tolerance_counts()
+    }
+
+    /// Whether the play of the gear is taken up.
+    pub fn engaged(&self) -> bool {
+        self.memory().engaged
     }
 
     /// Makes one absolute move from rest to rest.
@@ -364,13 +347,20 @@ impl Axis {
 
     /// Sends a motion command. If the reply is lost, the position is read before the command is
     /// repeated: a repeated command would interrupt the first one if that arrived.
+    ///
+    /// A device that refuses the command for a moment is asked again within the time of a stop.
     async fn start(&self, words: &str, goal: Option<i64>, stops: u64) -> Result<(), StageError> {
         let mut attempt = 0;
+        let passing_until = self.clock.now() + self.stopping_time();
         loop {
             attempt += 1;
             match self.line.command_once(&self.command(words), stops).await {
+                Ok(reply) if is_passing(&reply) && self.clock.now() < passing_until => {
+                    attempt -= 1;
+                    self.wait(PASSING_WAIT, stops).await?;
+                }
                 Ok(reply) => return self.accepted(words, reply).map(|_| ()),
-                Err(error @ LineError::NoReply { .. }) => {
+                Err(LineError::NoReply { .. }) => {
                     let reading = self.read().await?;
                     self.check_stop(stops)?;
                     let under_way = reading.activity == Activity::Busy;
@@ -380,7 +370,11 @@ impl Axis {
                     }
                     // The device answers queries but does not execute the command.
                     if attempt == ATTEMPTS {
-                        return Err(error.into());
+                        return Err(StageError::NotCarriedOut {
+                            axis: self.name,
+                            command: words.to_owned(),
+                            attempts: ATTEMPTS,
+                        });
                     }
                 }
                 Err(error) => return Err(error.into()),
@@ -437,11 +431,16 @@ impl Axis {
         }
     }
 
-    fn take_turn(&self) -> Result<tokio::sync::MutexGuard<'_, ()>, StageError> {
+    pub fn take_turn(&self) -> Result<tokio::sync::MutexGuard<'_, ()>, StageError> {
         self.turn
             .try_lock()
             .map_err(|_| StageError::Busy { axis: self.name })
     }
+}
+
+/// Returns whether a device refused a command that it may accept a moment later.
+fn is_passing(reply: &Reply) -> bool {
+    !reply.accepted && matches!(reply.data.as_str(), "AGAIN" | "STATUSBUSY")
 }
 
 /// Returns whether a motion with this flag raised cannot arrive.

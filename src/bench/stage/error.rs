@@ -1,5 +1,7 @@
 //! Why a stage did not execute a request, with the remedy.
 
+use super::identity::OtherStages;
+use super::regions::{Forbidden, ForbiddenRegion};
 use crate::bench::AxisName;
 use crate::bench::line::LineError;
 use crate::bench::port::PortError;
@@ -69,6 +71,72 @@ pub enum StageError {
         expected: u32,
         /// Serial number found.
         found: u32,
+    },
+    /// Controllers other than those of the rig answer.
+    #[error("{0}")]
+    OtherStages(Box<OtherStages>),
+    /// Another controller answers at the address since the connection.
+    #[error(
+        "the controller of {axis} was replaced while the stage was connected: serial number {before} answered before, and \
+         {found} answers now; connect the right one again"
+    )]
+    Replaced {
+        /// Which axis.
+        axis: AxisName,
+        /// Serial number at the connection.
+        before: u32,
+        /// Serial number now.
+        found: u32,
+    },
+    /// The device answers, but a motion command has no effect.
+    #[error(
+        "the {axis} controller answers questions, but {command:?} had no effect in {attempts} attempts (no reply and no \
+         motion): check the line for noise and for other programs that use it"
+    )]
+    NotCarriedOut {
+        /// Which axis.
+        axis: AxisName,
+        /// The command sent.
+        command: String,
+        /// How often it was sent.
+        attempts: u32,
+    },
+    /// Every way to the target enters a forbidden region; nothing moved.
+    #[error("{0}")]
+    Forbidden(Box<Forbidden>),
+    /// The settings name another axis to be homed first.
+    #[error(
+        "{axis} cannot be homed while {first} has no reference position: home {first} first (order in [stage.homing])"
+    )]
+    HomingOrder {
+        /// Which axis.
+        axis: AxisName,
+        /// The axis to home first.
+        first: AxisName,
+    },
+    /// The other axis is where this one cannot be homed.
+    #[error(
+        "{axis} cannot be homed while {other} is at the forbidden region {region}: move {other} away, or set \
+         safe_{other}_deg in [stage.homing] so that it moves there first"
+    )]
+    HomingBlocked {
+        /// Which axis.
+        axis: AxisName,
+        /// The axis in the way.
+        other: AxisName,
+        /// The region whose angles it is at.
+        region: Box<ForbiddenRegion>,
+    },
+    /// The encoder shows another position than the counter.
+    #[error(
+        "{axis} slipped by {slip:.3}: its encoder and its counter have moved apart by this since it was homed, without a \
+         flag. Check its load and what touches it, then home it; repeat the points since the last good one"
+    )]
+    Slipped {
+        /// Which axis.
+        axis: AxisName,
+        /// Encoder minus counter.
+        slip: Angle,
     },
     /// Two devices answer to one address.
     #[error(
@@ -158,12 +226,14 @@ pub enum StageError {
         flag: Flag,
     },
     /// Something blocks the axis.
-    #[error("{axis} stalled at {position}: remove what blocks it, then home it")]
+    #[error("{axis} stalled {}", stall_text(*.position, *.again))]
     Stalled {
         /// Which axis.
         axis: AxisName,
         /// Position of the stall, by the counter.
         position: Angle,
+        /// Whether it stalled at the same place before.
+        again: bool,
     },
     /// The device reports a fault.
     #[error("{axis} reports {flag}: {}", flag.meaning())]
@@ -192,16 +262,6 @@ pub enum StageError {
         target: Angle,
         /// The position found.
         found: Angle,
-    },
-    /// Encoder and counter of the axis differ: it slipped without a flag.
-    #[error(
-        "{axis} slipped: its encoder is {apart} from its counter; check for slip, then home it"
-    )]
-    Slipped {
-        /// Which axis.
-        axis: AxisName,
-        /// Encoder minus counter.
-        apart: Angle,
     },
     /// The axis still moved after its time limit, and was stopped.
     #[error(
@@ -268,8 +328,26 @@ impl StageError {
     pub fn is_disconnect(&self) -> bool {
         matches!(
             self,
-            StageError::Port(_) | StageError::Disconnected(_) | StageError::NoReply(_)
+            StageError::Port(_)
+                | StageError::Disconnected(_)
+                | StageError::NoReply(_)
+                | StageError::Replaced { .. }
         )
+    }
+
+    /// Whether the controllers of the rig may be on another port: the named one is gone, or something else is on it.
+    #[must_use]
+    pub fn may_be_elsewhere(&self) -> bool {
+        match self {
+            StageError::Port(port) => matches!(
+                port,
+                PortError::Missing { .. } | PortError::NotASerialLine { .. }
+            ),
+            StageError::OtherStages(_)
+            | StageError::WrongDevice { .. }
+            | StageError::NoReply(_) => true,
+            _ => false,
+        }
     }
 
     /// The axis that must be homed before its position can be trusted.
@@ -286,6 +364,16 @@ impl StageError {
             | StageError::Missed { axis, .. } => Some(axis),
             _ => None,
         }
+    }
+}
+
+fn stall_text(position: Angle, again: bool) -> String {
+    match again {
+        false => format!("at {position}: remove what blocks it, then home it"),
+        true => format!(
+            "again at {position}, where it stalled before: something blocks it there, or its load is too high for its speed. \
+             Remove it, or lower max_speed_deg_s, then home it; if it stalls there once more, abort the scan"
+        ),
     }
 }
 

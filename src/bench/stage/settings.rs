@@ -1,21 +1,15 @@
 //! The settings of a stage, and the checks and predictions that need no hardware.
 
 use std::fmt::Display;
-use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
 use super::error::StageError;
+use super::homing_order::HomingSettings;
+use super::regions::{ForbiddenRegion, REGIONS_MAX, Span};
 use crate::bench::AxisName;
 use crate::geometry::Pose;
 use crate::units::Angle;
-
-/// Assumed speed if neither the settings nor the device state one.
-const SPEED_GUESS_DEG_S: f64 = 20.0;
-/// Assumed acceleration if neither states one.
-const ACCELERATION_GUESS_DEG_S2: f64 = 60.0;
-/// Upper bound of a predicted duration, for any reported speed.
-const LONGEST_S: f64 = 1e9;
 
 /// Both axes and the line to them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -34,6 +28,12 @@ pub struct StageSettings {
     pub theta_c: AxisSettings,
     /// The rotation axis.
     pub phi_s: AxisSettings,
+    /// Regions that no motion enters; at most 100.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub forbidden: Vec<ForbiddenRegion>,
+    /// Order of homing.
+    #[serde(default, skip_serializing_if = "HomingSettings::is_default")]
+    pub homing: HomingSettings,
 }
 
 /// One axis.
@@ -74,6 +74,15 @@ pub struct AxisSettings {
         default = "default_tolerance"
     )]
     pub tolerance: Angle,
+    /// Largest difference between encoder and counter, since the last homing, that is no slip; for a
+    /// device with an encoder.
+    #[serde(
+        rename = "encoder_tolerance_deg",
+        with = "degrees",
+        default = "default_encoder_tolerance",
+        skip_serializing_if = "is_default_encoder_tolerance"
+    )]
+    pub encoder_tolerance: Angle,
     /// Wait between arrival and exposure, in milliseconds.
     #[serde(default = "default_settle_ms")]
     pub settle_ms: u64,
@@ -114,6 +123,13 @@ fn default_backlash() -> Angle {
 fn default_tolerance() -> Angle {
     Angle::from_deg(0.005)
 }
+fn default_encoder_tolerance() -> Angle {
+    Angle::from_deg(0.05)
+}
+/// Not written either.
+fn is_default_encoder_tolerance(tolerance: &Angle) -> bool {
+    *tolerance == default_encoder_tolerance()
+}
 fn default_settle_ms() -> u64 {
     100
 }
@@ -149,6 +165,7 @@ impl StageSettings {
             reversed: false,
             backlash: default_backlash(),
             tolerance: default_tolerance(),
+            encoder_tolerance: default_encoder_tolerance(),
             settle_ms: default_settle_ms(),
             counts_per_turn: None,
             max_speed_deg_s: None,
@@ -161,6 +178,8 @@ impl StageSettings {
             attempts: default_attempts(),
             theta_c: axis(1, 90_001, -60.0, 60.0, 65.0),
             phi_s: axis(2, 90_002, -20.0, 390.0, 30.0),
+            forbidden: Vec::new(),
+            homing: HomingSettings::default(),
         }
     }
 
@@ -223,6 +242,9 @@ impl StageSettings {
             };
             return bad("phi_s.serial", &other, allowed);
         }
+        if let Err((key, found, allowed)) = self.check_regions() {
+            return bad(&key, &found, &allowed);
+        }
         Ok(())
     }
 
@@ -257,27 +279,44 @@ impl StageSettings {
         Ok(())
     }
 
-    /// Estimates the duration of a move with the speeds of the settings, or usual ones. A connected
-    /// stage gives a better value: [`super::Stage::predicted_move`].
-    #[must_use]
-    pub fn predicted_move(&self, from: Pose, to: Pose) -> Duration {
-        self.move_times().predict(from, to)
-    }
-
-    /// Returns what predicts moves before a stage is connected.
-    #[must_use]
-    pub fn move_times(&self) -> MoveTimes {
-        let rates = |axis: &AxisSettings| Rates {
-            speed_deg_s: axis.max_speed_deg_s.unwrap_or(SPEED_GUESS_DEG_S),
-            acceleration_deg_s2: axis
-                .acceleration_deg_s2
-                .unwrap_or(ACCELERATION_GUESS_DEG_S2),
-        };
-        MoveTimes {
-            theta_c: rates(&self.theta_c),
-            phi_s: rates(&self.phi_s),
-            settings: self.clone(),
+    /// Checks the forbidden regions and the order of homing.
+    fn check_regions(&self) -> Result<(), (String, String, String)> {
+        if self.forbidden.len() > REGIONS_MAX {
+            let found = format!("{} regions", self.forbidden.len());
+            return Err(("forbidden".into(), found, format!("at most {REGIONS_MAX}")));
         }
+        for (n, region) in self.forbidden.iter().enumerate() {
+            if let Err((key, found, allowed)) = region.check() {
+                return Err((format!("forbidden[{n}].{key}"), found, allowed.into()));
+            }
+        }
+        if !self.forbidden.is_empty() && self.homing.sequence().is_none() {
+            let allowed = "theta_c-first or phi_s-first beside forbidden regions: the axis that may home wherever the other \
+                           one is";
+            return Err(("homing.order".into(), "together".into(), allowed.into()));
+        }
+        for axis in AxisName::ALL {
+            let Some(deg) = self.homing.safe_deg(axis) else {
+                continue;
+            };
+            let key = format!("homing.safe_{axis}_deg");
+            let angle = Angle::from_deg(deg);
+            if self.check_limit(axis, angle).is_err() {
+                let allowed = format!("within the limits of {axis}");
+                return Err((key, deg.to_string(), allowed));
+            }
+            let at = Span::between(deg, deg, self.axis(axis).tolerance.deg());
+            let blocking = self.forbidden.iter().find(|region| match axis {
+                AxisName::ThetaC => region.meets_theta_c(at),
+                AxisName::PhiS => region.meets_phi_s(at),
+            });
+            if let Some(region) = blocking {
+                let allowed =
+                    format!("outside the {axis} of all forbidden regions, also of {region}");
+                return Err((key, deg.to_string(), allowed));
+            }
+        }
+        Ok(())
     }
 }
 
@@ -320,6 +359,10 @@ impl AxisSettings {
             let found = in_degrees(self.tolerance);
             return bad("tolerance_deg", &found, "above 0, and at most 1");
         }
+        if self.encoder_tolerance <= Angle::ZERO || self.encoder_tolerance > Angle::from_deg(10.0) {
+            let found = in_degrees(self.encoder_tolerance);
+            return bad("encoder_tolerance_deg", &found, "above 0, and at most 10");
+        }
         if self.settle_ms > 60_000 {
             return bad("settle_ms", &self.settle_ms, "at most 60 000");
         }
@@ -356,172 +399,6 @@ fn in_degrees(angle: Angle) -> f64 {
     if rounded.is_finite() { rounded } else { deg }
 }
 
-/// Speed and acceleration of an axis.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Rates {
-    pub speed_deg_s: f64,
-    pub acceleration_deg_s2: f64,
-}
-
-impl Rates {
-    /// Duration from rest to rest: a trapezoidal speed profile, or a triangular one for short
-    /// moves.
-    pub fn duration(&self, way: Angle) -> Duration {
-        let (d, v, a) = (way.abs().deg(), self.speed_deg_s, self.acceleration_deg_s2);
-        let seconds = if d * a > v * v {
-            d / v + v / a
-        } else {
-            2.0 * (d / a).sqrt()
-        };
-        // Clamped also where the value is not a number; sums and multiples of it do not overflow.
-        Duration::from_secs_f64(seconds.min(LONGEST_S))
-    }
-}
-
-/// Settings and speeds of the two axes: enough to predict a move, without a link to the devices.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MoveTimes {
-    pub(super) settings: StageSettings,
-    pub(super) theta_c: Rates,
-    pub(super) phi_s: Rates,
-}
-
-impl MoveTimes {
-    /// Predicts the duration of a move, including backlash detours and settling.
-    #[must_use]
-    pub fn predict(&self, from: Pose, to: Pose) -> Duration {
-        predicted_move(&self.settings, self.theta_c, self.phi_s, from, to)
-    }
-}
-
-fn predicted_move(
-    settings: &StageSettings,
-    theta_c: Rates,
-    phi_s: Rates,
-    from: Pose,
-    to: Pose,
-) -> Duration {
-    let leg = |axis: &AxisSettings, rates: Rates, from: Angle, to: Angle| {
-        if (to - from).abs() <= axis.tolerance * 0.5 {
-            return Duration::ZERO;
-        }
-        let motion = if axis.needs_detour(from, to, true) {
-            let below = to - axis.backlash;
-            rates.duration(below - from) + rates.duration(axis.backlash)
-        } else {
-            rates.duration(to - from)
-        };
-        motion + Duration::from_millis(axis.settle_ms)
-    };
-    let tilt = leg(&settings.theta_c, theta_c, from.theta_c, to.theta_c);
-    let turn = leg(&settings.phi_s, phi_s, from.phi_s, to.phi_s);
-    tilt.max(turn)
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn settings_are_unchanged_by_writing_and_reading() {
-        let settings = StageSettings::simulated();
-        let text = toml::to_string(&settings).unwrap();
-        assert!(text.contains("limit_min_deg = -60.0"), "{text}");
-        assert_eq!(toml::from_str::<StageSettings>(&text).unwrap(), settings);
-    }
-
-    #[test]
-    fn a_minimal_file_suffices_and_an_unknown_key_is_named() {
-        let text = "[theta_c]\naddress = 1\nlimit_min_deg = -30\nlimit_max_deg = 30\n\
-                    [phi_s]\naddress = 2\nlimit_min_deg = 0\nlimit_max_deg = 360\n";
-        let settings: StageSettings = toml::from_str(text).unwrap();
-        settings.validate().unwrap();
-        assert_eq!(settings.baud, 115_200);
-        let error = toml::from_str::<StageSettings>(&format!("{text}limit_deg = 3\n")).unwrap_err();
-        assert!(error.to_string().contains("limit_deg"), "{error}");
-    }
-
-    #[test]
-    fn an_invalid_value_is_refused_with_its_key() {
-        type Change = fn(&mut StageSettings);
-        let cases: [(&str, Change); 12] = [
-            ("theta_c.limit_min_deg", |s| {
-                s.theta_c.limit_min = Angle::from_deg(90.0)
-            }),
-            ("theta_c.limit_max_deg", |s| {
-                s.theta_c.limit_max = Angle::from_deg(f64::NAN)
-            }),
-            ("phi_s.tolerance_deg", |s| s.phi_s.tolerance = Angle::ZERO),
-            ("phi_s.backlash_deg", |s| {
-                s.phi_s.backlash = Angle::from_deg(-1.0)
-            }),
-            ("phi_s.address", |s| s.phi_s.address = 1),
-            ("phi_s.serial", |s| s.phi_s.serial = s.theta_c.serial),
-            ("theta_c.address", |s| s.theta_c.address = 0),
-            ("theta_c.axis", |s| s.theta_c.axis = 10),
-            // One controller has one serial number.
-            ("phi_s.serial", |s| {
-                (s.phi_s.address, s.phi_s.axis) = (s.theta_c.address, 2)
-            }),
-            ("theta_c.max_speed_deg_s", |s| {
-                s.theta_c.max_speed_deg_s = Some(f64::INFINITY)
-            }),
-            ("phi_s.home_timeout_s", |s| {
-                s.phi_s.home_timeout_s = f64::NAN
-            }),
-            ("attempts", |s| s.attempts = 0),
-        ];
-        for (expected, change) in cases {
-            let mut settings = StageSettings::simulated();
-            change(&mut settings);
-            match settings.validate() {
-                Err(StageError::BadSetting { key, .. }) => assert_eq!(key, expected),
-                other => panic!("{expected}: {other:?}"),
-            }
-        }
-    }
-
-    #[test]
-    fn two_axes_of_one_controller_differ_by_their_number() {
-        let mut settings = StageSettings::simulated();
-        settings.phi_s.serial = settings.theta_c.serial;
-        settings.phi_s.address = settings.theta_c.address;
-        settings.phi_s.axis = 2;
-        settings.validate().unwrap();
-        assert_eq!(settings.addresses(), [1]);
-        let text = toml::to_string(&settings).unwrap();
-        assert_eq!(text.matches("axis = ").count(), 1, "{text}");
-        assert_eq!(toml::from_str::<StageSettings>(&text).unwrap(), settings);
-    }
-
-    #[test]
-    fn the_limits_themselves_are_allowed_and_values_beyond_are_not() {
-        let settings = StageSettings::simulated();
-        assert!(settings.check_limits(Pose::from_deg(-60.0, 390.0)).is_ok());
-        assert!(matches!(
-            settings.check_limits(Pose::from_deg(-60.001, 0.0)),
-            Err(StageError::OutsideLimits {
-                axis: AxisName::ThetaC,
-                ..
-            })
-        ));
-        assert!(matches!(
-            settings.check_limits(Pose::from_deg(0.0, f64::NAN)),
-            Err(StageError::NotANumber {
-                axis: AxisName::PhiS
-            })
-        ));
-    }
-
-    #[test]
-    fn a_downward_move_includes_the_detour() {
-        let settings = StageSettings::simulated();
-        let (low, high) = (Pose::from_deg(0.0, 0.0), Pose::from_deg(10.0, 0.0));
-        // 20°/s, 60°/s²: 10/20 + 20/60 s, plus 100 ms to settle.
-        let up = settings.predicted_move(low, high).as_secs_f64();
-        assert!((up - (0.5 + 1.0 / 3.0 + 0.1)).abs() < 1e-9);
-        let down = settings.predicted_move(high, low).as_secs_f64();
-        assert!((down - (up + 0.2 / 20.0 + 2.0 * (0.2f64 / 60.0).sqrt())).abs() < 1e-9);
-        assert_eq!(settings.predicted_move(low, low), Duration::ZERO);
-    }
-}
+#[path = "settings_tests.rs"]
+mod tests;

@@ -24,7 +24,8 @@ pub struct PlanProblem {
 }
 
 impl PlanProblem {
-    pub(super) fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
+    /// A problem without a range.
+    pub fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
         PlanProblem {
             field: field.into(),
             message: message.into(),

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use super::{FaultSource, LineFault};
 use crate::bench::port::{Port, PortAddress, PortError, PortSeam};
+use crate::bench::wire::zaber::{Activity, MessageBody, Reply, decode_command, decode_message};
 
 /// The faults of one line, as state between a command and its reply.
 #[derive(Debug)]
@@ -42,10 +43,14 @@ impl FaultyLine {
     pub fn command(&mut self, bytes: &[u8]) -> (Vec<u8>, Vec<u8>) {
         let text = String::from_utf8_lossy(bytes);
         self.pending = self.source.of_command(&text);
-        let early = std::mem::take(&mut self.late);
+        let mut early = std::mem::take(&mut self.late);
         let mut to_device = bytes.to_vec();
         match self.pending {
             Some(LineFault::LoseCommand) => to_device.clear(),
+            Some(LineFault::Refuse(ref code)) => {
+                early.extend(refusal(bytes, code));
+                to_device.clear();
+            }
             Some(LineFault::GarbleCommand) => {
                 let middle = to_device.len() / 2;
                 to_device[middle] ^= 1;
@@ -89,9 +94,41 @@ impl FaultyLine {
                 line.extend(word.as_bytes());
                 line.extend(b"\r\n");
             }
+            Some(LineFault::Claims(activity)) => line = claiming(activity, &line),
+            // Its command was not passed on, so this is another line.
+            Some(LineFault::Refuse(_)) => {}
             Some(LineFault::Unplug) => self.gone = true,
         }
         out.extend(line);
+    }
+}
+
+/// The refusal of a command by its device.
+fn refusal(command: &[u8], code: &str) -> Vec<u8> {
+    let Ok(packet) = decode_command(command.trim_ascii_end()) else {
+        return Vec::new();
+    };
+    let reply = Reply {
+        address: packet.command.address,
+        axis: packet.command.axis,
+        id: packet.command.id,
+        accepted: false,
+        activity: Activity::Idle,
+        flag: None,
+        data: code.to_owned(),
+    };
+    reply.encode(packet.checked).unwrap_or_default()
+}
+
+/// The same reply with another activity.
+fn claiming(activity: Activity, line: &[u8]) -> Vec<u8> {
+    let decoded = decode_message(line.trim_ascii_end());
+    match decoded.map(|message| (message.body, message.checked)) {
+        Ok((MessageBody::Reply(reply), checked)) => {
+            let reply = Reply { activity, ..reply };
+            reply.encode(checked).unwrap_or_else(|_| line.to_owned())
+        }
+        _ => line.to_owned(),
     }
 }
 

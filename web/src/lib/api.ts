@@ -15,11 +15,13 @@ import type {
   Fit,
   FrameRow,
   Incident,
+  Jog,
   JobKind,
   LeaseState,
   LeaseTaken,
   OperatorStep,
   Page,
+  RefusedStages,
   Rig,
   Sample,
   Scan,
@@ -142,6 +144,13 @@ export const api = {
   rig: (): Promise<Rig> => get('/rig'),
   move: (axis: AxisName, position_deg: number): Promise<unknown> => post(`/rig/axes/${axis}/move`, { position_deg }),
   home: (axis: AxisName): Promise<unknown> => post(`/rig/axes/${axis}/home`),
+  /** Homes both axes in the order of the settings. */
+  homeBoth: (): Promise<unknown> => post('/rig/home'),
+  /** Begins a jog, or renews or ends (speed 0) the one with this number. */
+  jog: (body: { readonly axis: AxisName; readonly speed_deg_s: number; readonly jog?: number }): Promise<Jog> => post('/rig/jog', body),
+  /** Accepts the controllers that answer instead of those of the rig. */
+  acceptStages: (stages: RefusedStages): Promise<unknown> =>
+    post('/rig/accept-stages', { theta_c_serial: stages.theta_c.serial, phi_s_serial: stages.phi_s.serial }),
   /** Reconnects first if the link is lost; no motion starts. */
   stop: (): Promise<unknown> => post('/rig/stop'),
 

@@ -4,6 +4,13 @@ export type paths = Record<string, never>;
 export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
+        /** @description The controllers to accept. */
+        readonly AcceptStagesBody: {
+            /** @description Serial number of the controller of the sample azimuth. */
+            readonly phi_s_serial: string;
+            /** @description Serial number of the controller of the camera tilt. */
+            readonly theta_c_serial: string;
+        };
         /**
          * @description What the rig is doing.
          * @enum {string}
@@ -154,6 +161,18 @@ export interface components {
              * @description Scan to read.
              */
             readonly scan_id: number;
+        };
+        /** @description A controller. */
+        readonly ControllerBody: {
+            /**
+             * Format: int32
+             * @description The manufacturer's product number.
+             */
+            readonly device_id: number;
+            /** @description Firmware version. */
+            readonly firmware: string;
+            /** @description Serial number. */
+            readonly serial: string;
         };
         /** @description Predicted signal over φs at one tilt. */
         readonly CurveBody: {
@@ -1102,6 +1121,34 @@ export interface components {
             /** @description Who started it: the name of a token, or `local`. */
             readonly who: string;
         };
+        /** @description State of a jog. */
+        readonly JogAnswer: {
+            /** @description Why the axis waits at the end of its way: its limit, or a forbidden region; null while it moves. */
+            readonly at_end?: string | null;
+            /** @description Whether the axis has stopped for good. */
+            readonly ended: boolean;
+            /**
+             * Format: int64
+             * @description Number of the jog: send it with each renewal.
+             */
+            readonly jog: number;
+        };
+        /** @description A jog of one axis. */
+        readonly JogBody: {
+            /** @description `theta_c` or `phi_s`. */
+            readonly axis: string;
+            /**
+             * Format: int64
+             * @description Number of the jog to renew or end; omitted to begin one.
+             */
+            readonly jog?: number | null;
+            /**
+             * Format: double
+             * @description Speed and direction, degrees per second: positive upwards, 0 to end the jog. A greater speed than that of the axis
+             *     is limited to it.
+             */
+            readonly speed_deg_s: number;
+        };
         /** @description A lease that was taken. */
         readonly LeaseBody: {
             /** @description When it expires if it is not used, RFC 3339 in UTC. Every request that presents it renews it. */
@@ -1976,6 +2023,7 @@ export interface components {
             /** @description Positions of lamp and camera. */
             readonly geometry: components["schemas"]["GeometryBody"];
             readonly problem?: components["schemas"]["RigProblem"] | null;
+            readonly refused_stages?: components["schemas"]["StagesBody"] | null;
             /**
              * Format: int64
              * @description Scan that holds the rig.
@@ -2146,6 +2194,13 @@ export interface components {
             readonly name: string;
             readonly pitch_um?: components["schemas"]["Pitch"] | null;
         };
+        /** @description Two controllers. */
+        readonly StagesBody: {
+            /** @description The controller of the sample azimuth. */
+            readonly phi_s: components["schemas"]["ControllerBody"];
+            /** @description The controller of the camera tilt. */
+            readonly theta_c: components["schemas"]["ControllerBody"];
+        };
         /** @description What a camera's program states with a frame. */
         readonly TagBody: {
             /**
@@ -2300,6 +2355,7 @@ export interface components {
     headers: never;
     pathItems: never;
 }
+export type AcceptStagesBody = components['schemas']['AcceptStagesBody'];
 export type Activity = components['schemas']['Activity'];
 export type AxesBody = components['schemas']['AxesBody'];
 export type AxisBody = components['schemas']['AxisBody'];
@@ -2310,6 +2366,7 @@ export type CameraBody = components['schemas']['CameraBody'];
 export type CertaintyBody = components['schemas']['CertaintyBody'];
 export type ContinueBody = components['schemas']['ContinueBody'];
 export type ContrastRequest = components['schemas']['ContrastRequest'];
+export type ControllerBody = components['schemas']['ControllerBody'];
 export type CurveBody = components['schemas']['CurveBody'];
 export type CurvesBody = components['schemas']['CurvesBody'];
 export type DamagedBody = components['schemas']['DamagedBody'];
@@ -2356,6 +2413,8 @@ export type ImportRequest = components['schemas']['ImportRequest'];
 export type IncidentBody = components['schemas']['IncidentBody'];
 export type IncidentKind = components['schemas']['IncidentKind'];
 export type Job = components['schemas']['Job'];
+export type JogAnswer = components['schemas']['JogAnswer'];
+export type JogBody = components['schemas']['JogBody'];
 export type LeaseBody = components['schemas']['LeaseBody'];
 export type LeaseRequest = components['schemas']['LeaseRequest'];
 export type LeaseStateBody = components['schemas']['LeaseStateBody'];
@@ -2401,6 +2460,7 @@ export type ScanRequest = components['schemas']['ScanRequest'];
 export type ScanState = components['schemas']['ScanState'];
 export type SessionBody = components['schemas']['SessionBody'];
 export type ShapeFile = components['schemas']['ShapeFile'];
+export type StagesBody = components['schemas']['StagesBody'];
 export type TagBody = components['schemas']['TagBody'];
 export type TaskState = components['schemas']['TaskState'];
 export type TraceRequest = components['schemas']['TraceRequest'];

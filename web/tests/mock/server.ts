@@ -332,7 +332,7 @@ export class MockDaemon {
       simulated: true, description: 'Zaber ASCII on /dev/pts/3', time_scale: 20, geometry: { wavelength_nm: 550 },
       camera: { description: 'simulated camera, 96 × 96, 16 bit', width_px: SIZE_PX, height_px: SIZE_PX, bit_depth: 16, saturation_dn: 65535, exposures_s: [0.02, 0.06, 0.18] },
       axes, activity: holder?.body.state === 'running' ? 'scanning' : holder?.body.state === 'paused' ? 'paused' : moving ? 'moving' : 'idle', scan_id: holder?.body.id ?? null,
-      scan_state: holder?.body.state ?? null, scan_reason: holder?.body.reason ?? null,
+      scan_state: holder?.body.state ?? null, scan_reason: holder?.body.reason ?? null, refused_stages: null,
     };
   }
 
@@ -401,6 +401,19 @@ export class MockDaemon {
       }
       this.event('rig', {});
       return send(200, { state: 'stopped' });
+    }
+    if (path === '/rig/home') {
+      for (const axis of Object.values(this.axes)) axis.moving = true;
+      this.#after(400, () => {
+        for (const axis of Object.values(this.axes)) Object.assign(axis, { moving: false, homed: true, position_deg: 0 });
+        this.event('rig', {});
+      });
+      return send(202, { id: null, state: 'homing' });
+    }
+    if (path === '/rig/jog') {
+      const axis = this.axes[body['axis'] as 'theta_c' | 'phi_s'];
+      axis.moving = Number(body['speed_deg_s']) !== 0;
+      return send(200, { jog: 1, ended: !axis.moving, at_end: null });
     }
     const axisMatch = /^\/rig\/axes\/(theta_c|phi_s)\/(move|home)$/.exec(path);
     if (axisMatch) {

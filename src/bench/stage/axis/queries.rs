@@ -1,13 +1,9 @@
 //! The commands of an axis that may be repeated: queries of its position, flags and settings.
 
 use super::super::error::{StageError, refusal_meaning};
-use super::{Axis, AxisReading};
+use super::{Axis, AxisReading, PASSING_WAIT, is_passing};
 use crate::bench::wire::zaber::{DeviceCommand, Reply, decode_warnings};
 use crate::bench::wire::zaber_flags::Flag;
-use crate::units::Angle;
-
-/// Position tolerances by which encoder and counter of an axis may differ.
-const SLIP_TOLERANCES: f64 = 4.0;
 
 impl Axis {
     pub(super) fn command(&self, words: &str) -> DeviceCommand {
@@ -16,15 +12,25 @@ impl Axis {
 
     /// Sends the axis a command that may be repeated.
     pub(super) async fn ask(&self, words: &str) -> Result<Reply, StageError> {
-        let reply = self.line.ask(&self.command(words)).await?;
-        self.accepted(words, reply)
+        self.ask_patiently(self.command(words)).await
+    }
+
+    /// Asks again while the device refuses for a moment, at most for the time of a stop.
+    async fn ask_patiently(&self, command: DeviceCommand) -> Result<Reply, StageError> {
+        let until = self.clock.now() + self.stopping_time();
+        loop {
+            let reply = self.line.ask(&command).await?;
+            if !is_passing(&reply) || self.clock.now() >= until {
+                return self.accepted(&command.words, reply);
+            }
+            self.clock.sleep(PASSING_WAIT).await;
+        }
     }
 
     /// Sends a command to the controller of the axis, which may have other axes.
     pub async fn ask_controller(&self, words: &str) -> Result<Reply, StageError> {
         let command = DeviceCommand::new(self.settings.address, 0, words);
-        let reply = self.line.ask(&command).await?;
-        self.accepted(words, reply)
+        self.ask_patiently(command).await
     }
 
     pub(super) fn accepted(&self, words: &str, reply: Reply) -> Result<Reply, StageError> {
@@ -81,6 +87,7 @@ impl Axis {
             counts: self.number("get pos", &reply.data)?,
             activity: reply.activity,
             flag: reply.flag,
+            last_moving: None,
         })
     }
 
@@ -103,38 +110,9 @@ impl Axis {
         if before.is_some_and(|before| uptime < before) {
             memory.referenced = false;
             memory.engaged = false;
+            memory.profile_holds = false;
             return Err(StageError::PowerCycled { axis: self.name });
         }
         Ok(())
-    }
-
-    /// Compares the counter with the encoder, where the device has one: a stage that slipped raises
-    /// no flag.
-    pub(super) async fn check_encoder(&self, counts: i64) -> Result<(), StageError> {
-        if self.memory().no_encoder {
-            return Ok(());
-        }
-        let mut apart = 0.0;
-        // One in 256 garbled replies passes the checksum: read twice before acting.
-        for _ in 0..2 {
-            apart = match self.get_finite("encoder.pos").await {
-                Ok(encoder) => encoder - counts as f64,
-                Err(StageError::Refused { .. }) => {
-                    self.memory().no_encoder = true;
-                    return Ok(());
-                }
-                // A device without an encoder may have no number for it.
-                Err(StageError::Unreadable { .. }) => return Ok(()),
-                Err(error) => return Err(error),
-            };
-            if apart.abs() <= SLIP_TOLERANCES * self.tolerance_counts() {
-                return Ok(());
-            }
-        }
-        self.memory().engaged = false;
-        Err(StageError::Slipped {
-            axis: self.name,
-            apart: Angle::from_deg(apart / self.counts_per_turn * 360.0),
-        })
     }
 }

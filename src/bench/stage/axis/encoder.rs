@@ -1,0 +1,135 @@
+//! Compares the encoder with the counter, on devices that have one: a slip raises no flag.
+
+use super::super::error::StageError;
+use super::{Axis, AxisReading};
+use crate::bench::wire::zaber::Activity;
+use crate::units::Angle;
+
+/// Readings that must all show a slip: one in 256 garbled replies passes the checksum.
+const READINGS: u32 = 3;
+/// An encoder is trusted once it has followed a move of at least this many degrees.
+const TRIAL_DEG: f64 = 1.0;
+/// Share of that move by which it may differ: another unit differs by more, a slip by less.
+const TRIAL_SHARE: f64 = 0.5;
+
+/// What is known of an axis's encoder.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) enum Encoder {
+    /// The device has none, or it does not count in the unit of the position.
+    #[default]
+    Absent,
+    /// Encoder and counter at the last reference.
+    Known {
+        encoder: i64,
+        counter: i64,
+        /// Whether it followed a long move.
+        trusted: bool,
+    },
+}
+
+impl Axis {
+    async fn read_encoder(&self) -> Result<Option<i64>, StageError> {
+        match self.get_finite("encoder.pos").await {
+            Ok(counts) => Ok(Some(counts.round() as i64)),
+            Err(StageError::Refused { .. } | StageError::Unreadable { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Takes the present positions of encoder and counter as equal.
+    pub(super) async fn reference_encoder(&self) -> Result<(), StageError> {
+        let counter = self.read().await?.counts;
+        let encoder = match self.read_encoder().await? {
+            Some(encoder) => Encoder::Known {
+                encoder,
+                counter,
+                trusted: false,
+            },
+            None => Encoder::Absent,
+        };
+        self.memory().encoder = encoder;
+        Ok(())
+    }
+
+    /// Returns how far encoder and counter have moved apart since the last reference; zero without
+    /// an encoder.
+    pub(super) async fn slip(&self) -> Result<Angle, StageError> {
+        let Encoder::Known {
+            encoder, counter, ..
+        } = self.memory().encoder
+        else {
+            return Ok(Angle::ZERO);
+        };
+        let mut least = f64::INFINITY;
+        for _ in 0..READINGS {
+            let Some(now) = self.read_encoder().await? else {
+                return Ok(Angle::ZERO);
+            };
+            let at = self.read().await?;
+            if at.activity == Activity::Busy {
+                return Ok(Angle::ZERO);
+            }
+            let apart = ((now - encoder) - (at.counts - counter)) as f64;
+            if apart.abs() < least.abs() {
+                least = apart;
+            }
+            if !self.is_slip(least) {
+                break;
+            }
+        }
+        Ok(Angle::from_deg(least / self.counts_per_turn * 360.0))
+    }
+
+    fn is_slip(&self, counts: f64) -> bool {
+        let tolerance = self.settings.encoder_tolerance.deg() / 360.0 * self.counts_per_turn;
+        counts.abs() > tolerance.max(1.0)
+    }
+
+    /// Checks after a move that the axis went where its counter says.
+    ///
+    /// # Errors
+    /// [`StageError::Slipped`].
+    pub(super) async fn check_encoder(&self, arrived: &AxisReading) -> Result<(), StageError> {
+        let Encoder::Known {
+            encoder,
+            counter,
+            trusted,
+        } = self.memory().encoder
+        else {
+            return Ok(());
+        };
+        let moved = (arrived.counts - counter) as f64;
+        if !trusted && moved.abs() >= TRIAL_DEG / 360.0 * self.counts_per_turn {
+            let followed = self.read_encoder().await?.map(|now| (now - encoder) as f64);
+            if followed.is_none_or(|followed| (followed / moved - 1.0).abs() > TRIAL_SHARE) {
+                tracing::info!(
+                    "{}: the encoder does not count in the unit of the position and is not compared with it",
+                    self.name
+                );
+                self.memory().encoder = Encoder::Absent;
+                return Ok(());
+            }
+            if let Encoder::Known { trusted, .. } = &mut self.memory().encoder {
+                *trusted = true;
+            }
+        }
+        self.check_slip().await
+    }
+
+    /// Checks an axis at rest for a slip since it was homed.
+    ///
+    /// # Errors
+    /// [`StageError::Slipped`].
+    pub async fn check_slip(&self) -> Result<(), StageError> {
+        let slip = self.slip().await?;
+        let counts = slip.deg() / 360.0 * self.counts_per_turn;
+        if !self.is_slip(counts) {
+            return Ok(());
+        }
+        self.memory().engaged = false;
+        Err(StageError::Slipped {
+            axis: self.name,
+            slip,
+        })
+    }
+}
