@@ -401,6 +401,29 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn what_the_program_writes_beside_the_frame_is_its_tag() {
+        let place = tempfile::tempdir().unwrap();
+        let source = place.path().join("source.raw");
+        std::fs::write(&source, picture(1000).to_png().unwrap()).unwrap();
+        let folder = place.path().join("inbox");
+        std::fs::create_dir(&folder).unwrap();
+        let script = format!(
+            "echo '{{\"counter\": 7, \"exposure_start\": \"2026-01-01T00:00:00Z\"}}' > \"${{1%.png}}.json\" && cp {} \"$1\"",
+            source.display()
+        );
+        let command = ["sh", "-c", &script, "snap", "{file}"];
+        let mut camera = camera(&folder, &command, Arc::new(SystemClock::new())).unwrap();
+        camera.settings.delete_read_frames = true;
+        let captured = camera.capture(&request()).await.unwrap();
+        assert_eq!(captured.tag.counter, Some(7));
+        assert_eq!(
+            captured.started_utc,
+            time::macros::datetime!(2026-01-01 00:00 UTC)
+        );
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 0);
+    }
+
+    #[tokio::test]
     async fn a_program_that_writes_the_named_file_is_a_camera() {
         let place = tempfile::tempdir().unwrap();
         let source = place.path().join("source.raw");

@@ -594,6 +594,84 @@ pub(crate) mod tests {
     }
 
     #[tokio::test]
+    async fn a_point_can_be_withdrawn_with_a_reason_and_not_changed_otherwise() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        for point in [0, 1, 2] {
+            commit(&store, scan.id, point).await;
+        }
+        store
+            .withdraw_shots(scan.id, &[0, 2], "the picture changed")
+            .await
+            .unwrap();
+        assert_eq!(store.shots_done(scan.id).await.unwrap(), [1]);
+        assert_eq!(store.frames_for_reduction(scan.id).await.unwrap().len(), 1);
+        assert_eq!(store.frames_rejected(scan.id).await.unwrap(), 2);
+        let newest = store.newest_sample_shots(scan.id, 10).await.unwrap();
+        let [(1, shot_id)] = newest[..] else {
+            panic!("{newest:?}");
+        };
+        assert_eq!(store.frames_of_shot(shot_id).await.unwrap().len(), 1);
+        // Taken again, it counts again.
+        commit(&store, scan.id, 0).await;
+        assert_eq!(store.shots_done(scan.id).await.unwrap(), [0, 1]);
+        let mut writer = store.writing().await.unwrap();
+        for refused in [
+            "UPDATE frames SET accepted = 1",
+            "UPDATE shots SET accepted = 1",
+            "UPDATE frames SET accepted = 0",
+            "UPDATE frames SET accepted = 0, reason = 'x', exposure_s = 5.0",
+            "UPDATE shots SET accepted = 0, reason = 'x', theta_c_deg = 0.0",
+        ] {
+            let changed = sqlx::query(refused).execute(&mut *writer).await;
+            let error = changed.unwrap_err().to_string();
+            assert!(error.contains("never changed"), "{refused}: {error}");
+        }
+    }
+
+    #[tokio::test]
+    async fn what_the_camera_states_is_kept_with_its_frame() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan = planned(&store).await;
+        commit(&store, scan.id, 0).await;
+        assert_eq!(store.frames_are_timed(scan.id).await.unwrap(), Some(false));
+        let at = time::macros::datetime!(2026-01-01 00:00 UTC);
+        let tag = FrameTag {
+            counter: Some(7),
+            exposure_start: Some(at),
+            serial: Some("A".into()),
+            ..FrameTag::default()
+        };
+        let shot = NewShot {
+            scan_id: scan.id,
+            plan_index: 1,
+            attempt: 0,
+            kind: FrameKind::Sample,
+            asked: None,
+            pose: Pose::from_deg(0.0, 0.0),
+            rejected: None,
+            taken_at: at,
+        };
+        let frame = NewFrame {
+            file: store.keep_frame(frame(), 65535).await.unwrap(),
+            name: "frames/1.png".into(),
+            exposure_s: 0.1,
+            repeat: 0,
+            taken_at: at,
+            tag: tag.clone(),
+        };
+        store
+            .commit_shot(&shot, &[frame], Progress::default())
+            .await
+            .unwrap();
+        let tags = store.tags_of_scan(scan.id, 0, i64::MAX).await.unwrap();
+        assert_eq!(tags.into_values().collect::<Vec<_>>(), [tag]);
+        assert_eq!(store.frames_are_timed(scan.id).await.unwrap(), Some(true));
+    }
+
+    #[tokio::test]
     async fn a_corrupted_file_is_detected_when_it_is_read() {
         let folder = tempfile::tempdir().unwrap();
         let (store, _) = open(folder.path()).await.unwrap();

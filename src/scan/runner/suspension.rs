@@ -40,6 +40,8 @@ pub(super) struct Suspensions {
     times: u32,
     /// Temperature of the sensor that the last frame states, where it is off its set point.
     off_temperature_c: Option<f64>,
+    /// Code of a condition in spite of which a person resumed the scan; it counts again once it was over.
+    overridden: Option<&'static str>,
     /// When the external programs were last run.
     watched_at: Option<Duration>,
 }
@@ -60,8 +62,12 @@ impl Runner<'_> {
     /// Pauses while a condition of the rig or of an external program asks for it.
     pub(super) async fn suspend_if_needed(&mut self, exposure_s: f64) -> Result<(), Ending> {
         let Some(condition) = self.condition(false).await else {
+            self.suspensions.overridden = None;
             return Ok(());
         };
+        if self.suspensions.overridden == Some(condition.code) {
+            return Ok(());
+        }
         let rules = self.run.settings.suspend.clone();
         let Condition { code, what } = condition;
         if self.suspensions.times >= rules.times_max {
@@ -108,6 +114,7 @@ impl Runner<'_> {
         };
         if attended {
             self.suspensions.note_temperature(None);
+            self.suspensions.overridden = Some(code);
         }
         let took_s = self.run.clock.now().saturating_sub(started).as_secs_f64();
         let how = match attended {
