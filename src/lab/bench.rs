@@ -300,7 +300,6 @@ impl Owner {
                     .await;
             }
             Work::Scan(work) => {
-                self.access.allow_unasked_motion();
                 self.context.run_scan(&mut rig, *work, &who, reply).await;
             }
             Work::Park => {

@@ -237,6 +237,7 @@ impl<'a> Runner<'a> {
     }
 
     async fn drive(&mut self) -> Result<(), Ending> {
+        self.rig.access().allow_unasked_motion();
         self.enter(ScanState::Running, None).await?;
         self.make_ready().await?;
         // Again, now with the speeds of the connected axes.

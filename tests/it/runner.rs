@@ -37,6 +37,8 @@ enum Cue {
     Wake,
     /// Somebody presses stop while it exposes.
     Stop,
+    /// Somebody presses stop, and the frame comes all the same.
+    PressStop,
     /// Its buffer is one frame behind from now on, and it states nothing about its frames.
     LagUntimed,
     /// Its buffer is one frame behind from now on; it states when each frame was exposed.
@@ -113,6 +115,12 @@ impl Camera for CuedCamera {
             Some(Cue::Fail) => {
                 let failed = CameraError::Failed("the cable came off".into());
                 return Box::pin(std::future::ready(Err(failed)));
+            }
+            Some(Cue::PressStop) => {
+                self.orders
+                    .try_send(command_request(ScanCommand::Stop))
+                    .ok()
+                    .unwrap();
             }
             Some(Cue::Stop) => {
                 self.orders
@@ -683,6 +691,29 @@ async fn a_computer_that_was_suspended_in_an_exposure_takes_the_point_again() {
     assert_eq!(reported.alarms, ["host-suspended"]);
     assert_eq!(reported.recoveries[0].points, [2]);
     assert!(!reported.recoveries[0].attended);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_that_is_stopped_while_it_is_suspended_waits_for_a_person() {
+    let set_point = |settings: &mut RunnerSettings| settings.tags.temperature_c = Some(-5.0);
+    let cues = [
+        (3, Cue::State(|tag| tag.temperature_c = Some(-2.0))),
+        (5, Cue::PressStop),
+        (6, Cue::State(|tag| tag.temperature_c = Some(-4.9))),
+    ];
+    let (end, reported) = run_with(grid(), &[], cues, |_| u64::MAX, set_point).await;
+    assert_eq!(end.state, ScanState::Completed);
+    // The person came after an hour; the condition was over long before.
+    assert_eq!(reported.pauses, 1);
+    let recovery = reported
+        .recoveries
+        .iter()
+        .find(|recovery| recovery.code == "camera-temperature")
+        .unwrap();
+    assert!(
+        recovery.attended && recovery.took_s > 3000.0,
+        "{recovery:?}"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -92,11 +92,19 @@ impl Runner<'_> {
             if self.is_resumed_within(LOOK_EVERY).await? {
                 break true;
             }
+            if !self.rig.access().may_move_unasked() {
+                // Stopped meanwhile: only a person continues it.
+                self.enter(ScanState::Running, None).await?;
+                self.hold_with(VisitError::STOPPED, None, None).await?;
+                break true;
+            }
             let now = self.run.clock.now();
             self.look_at_temperature(exposure_s).await;
             match self.condition(true).await {
                 Some(_) => calm_since = None,
-                None if now.saturating_sub(*calm_since.get_or_insert(now)) >= rules.calm => {
+                None if now.saturating_sub(*calm_since.get_or_insert(now)) >= rules.calm
+                    && self.rig.access().may_move_unasked() =>
+                {
                     self.enter(ScanState::Running, None).await?;
                     break false;
                 }

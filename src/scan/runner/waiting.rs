@@ -212,6 +212,8 @@ impl Runner<'_> {
                 self.end_by(request.command, request).await
             }
             ScanCommand::Stop | ScanCommand::Pause => {
+                // A suspended scan no longer resumes by itself.
+                self.rig.access().forbid_unasked_motion();
                 request.reply.send(Ok(self.state)).ok();
                 Ok(false)
             }
