@@ -61,6 +61,8 @@ pub struct Daemon {
     pub lab: Lab,
     /// Its address: `http://ADDRESS`.
     pub url: String,
+    /// Its address for programs on this machine.
+    local_url: String,
     ending: CancellationToken,
     server: tokio::task::JoinHandle<std::io::Result<()>>,
     notice: PathBuf,
@@ -104,6 +106,7 @@ impl Daemon {
         Ok(Daemon {
             lab,
             url,
+            local_url,
             ending,
             server,
             notice,
@@ -114,7 +117,8 @@ impl Daemon {
 
     /// Runs the hooks of the settings until the daemon ends. `earlier` are events of the start.
     pub fn run_hooks(&mut self, settings: &HooksSection, earlier: Vec<RecordedEvent>) {
-        let url = Some(self.url.clone());
+        // Hooks run on this machine, where they need no certificate.
+        let url = Some(self.local_url.clone());
         self.hooks = Some(Hooks::start(&self.lab, settings, url, earlier));
     }
 

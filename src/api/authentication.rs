@@ -98,13 +98,12 @@ pub(super) async fn refuse_guess(access: &Access, peer: IpAddr) -> ApiError {
 /// Returns the caller of a request, if the table allows the request.
 async fn caller(
     app: &App,
+    need: Need,
     method: &Method,
-    route: Option<&str>,
     headers: &HeaderMap,
     client: &Client,
 ) -> Result<Option<Principal>, ApiError> {
     let access = &app.access;
-    let need = table::need(method, route);
     let here = Principal::local(Proof::Place);
     let stops_here = need == Need::Stop && client.is_local;
     let needs_no_token =
@@ -144,9 +143,11 @@ pub(super) async fn authenticate(
     let Some(client) = request.extensions().get::<Client>().cloned() else {
         return ApiError::internal().into_response();
     };
-    let route = request.extensions().get::<MatchedPath>().cloned();
-    let route = route.as_ref().map(MatchedPath::as_str);
-    match caller(&app, request.method(), route, request.headers(), &client).await {
+    let route = request.extensions().get::<MatchedPath>();
+    let route = route.map(MatchedPath::as_str);
+    let (method, headers) = (request.method(), request.headers());
+    let need = table::need_of(method, route, request.uri().path());
+    match caller(&app, need, method, headers, &client).await {
         Ok(principal) => {
             if let Some(principal) = principal {
                 request.extensions_mut().insert(principal);

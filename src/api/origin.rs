@@ -50,8 +50,11 @@ fn checked(app: &App, request: &Request) -> Result<Client, ApiError> {
     };
     let client = Client::of(via, headers, host, &app.access.proxies)?;
     check_origin(headers, &client, &app.access)?;
-    let is_page = request.uri().path() == "/" || request.uri().path().starts_with("/assets/");
-    if !is_page && is_cross_site(headers) {
+    // Following a link of another site shows an answer to the user only, and sends no cookie.
+    let is_link = request.method() == Method::GET
+        && text(headers, "sec-fetch-mode") == Some("navigate")
+        && text(headers, "sec-fetch-dest") == Some("document");
+    if !is_link && is_cross_site(headers) {
         return Err(ApiError::forbidden_origin(
             "another site's page caused the request; only the daemon's own page may send requests",
         ));

@@ -55,7 +55,7 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("POST", "/api/v1/rig/home", Need::Rig),
     ("POST", "/api/v1/rig/jog", Need::Rig),
     // Nothing moves; a scan of another caller may wait for it.
-    ("POST", "/api/v1/rig/accept-stages", OPERATE),
+    ("POST", "/api/v1/rig/accept-stages", Need::Role(Role::Admin)),
     ("GET", "/api/v1/samples", READ),
     ("POST", "/api/v1/samples", COMPUTE),
     ("GET", "/api/v1/samples/{id}", READ),
@@ -101,6 +101,19 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/accuracy", READ),
     ("GET", "/api/v1/events", READ),
 ];
+
+/// The order of a scan that needs no lease: a person or robot that does an operator step at the rig confirms it, and
+/// often another caller started the scan.
+const CONFIRMATION: (&str, &str) = ("/api/v1/scans/{id}/{order}", "/continue");
+
+/// Returns what a request to this path needs; see [`need`] for its route.
+pub(super) fn need_of(method: &Method, route: Option<&str>, path: &str) -> Need {
+    let (scan_order, confirms) = CONFIRMATION;
+    match need(method, route) {
+        Need::Rig if route == Some(scan_order) && path.ends_with(confirms) => OPERATE,
+        need => need,
+    }
+}
 
 /// Returns what a request needs. `path` is the path of the route with its parameters; a request without a route may read a
 /// file of the page.
@@ -177,6 +190,19 @@ mod tests {
                 Need::Role(Role::Viewer) => assert!(!writes, "{method} {path}"),
                 Need::Role(_) | Need::Rig => assert!(writes, "{method} {path}"),
             }
+        }
+    }
+
+    #[test]
+    fn the_confirmation_of_a_step_needs_no_lease_and_every_other_order_does() {
+        let route = Some(CONFIRMATION.0);
+        let need = |order: &str| {
+            let path = format!("/api/v1/scans/1/{order}");
+            need_of(&Method::POST, route, &path)
+        };
+        assert_eq!(need("continue"), OPERATE);
+        for order in ["pause", "resume", "abort"] {
+            assert_eq!(need(order), Need::Rig);
         }
     }
 

@@ -185,6 +185,7 @@ impl Hook {
         let mut event = serde_json::to_value(&recorded.event).unwrap_or_default();
         event["id"] = recorded.is_recorded().then_some(recorded.id).into();
         event["at"] = utc_text(recorded.at).into();
+        event["who"] = recorded.who.clone().into();
         let scan_id = recorded.event.scan_id();
         let read = async {
             let scan_id = scan_id?;
@@ -226,6 +227,7 @@ impl Hook {
                 "sample_id": scan.sample_id,
                 "part": scan.sample_name,
                 "name": scan.name,
+                "who": scan.who,
                 "created_at": scan.created_at,
                 "url": at(format!("/scans/{}", scan.id)),
             })),

@@ -72,6 +72,9 @@ async fn while_a_lease_lasts_only_its_holder_gives_orders() {
         .ask(post("/api/v1/samples", &json!({ "name": "a" })))
         .await
         .is_ok();
+    // Nor does the confirmation of a step at the rig; there is no scan 1.
+    let confirmed = served.ask(order("/api/v1/scans/1/continue")).await;
+    confirmed.is(404, "not-found");
     served.ask(order(STOP)).await.is_ok();
     served
         .ask(order(STOP).with("ridged-lease", "ridged_none"))

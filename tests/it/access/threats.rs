@@ -85,8 +85,25 @@ async fn a_page_of_another_site_writes_nothing() {
     ] {
         served.ask(sample().with(name, value)).await.is_ok();
     }
-    // Without a cookie, a page on this machine is refused by its origin.
+    // Without a cookie, a page on this machine is refused by its origin, and shows nothing of the daemon; a link may.
     let local = Served::new(Serving::default()).await.0;
+    let read = |mode: &str, dest: &str| {
+        get("/api/v1/rig")
+            .with("sec-fetch-site", "cross-site")
+            .with("sec-fetch-mode", mode)
+            .with("sec-fetch-dest", dest)
+    };
+    for (mode, dest) in [
+        ("no-cors", "image"),
+        ("cors", "empty"),
+        ("navigate", "iframe"),
+    ] {
+        local
+            .ask(read(mode, dest))
+            .await
+            .is(403, "forbidden-origin");
+    }
+    local.ask(read("navigate", "document")).await.is_ok();
     let stop = order(STOP).with("origin", "https://evil.example");
     local.ask(stop).await.is(403, "forbidden-origin");
     local.end().await;
