@@ -15,6 +15,10 @@ pub(super) struct PinnedStages {
     rig_id: i64,
     access: StageAccess,
     sink: EventSink,
+    /// Whether the settings state the serial numbers of both controllers.
+    are_stated: bool,
+    /// Whether the controllers were known before the first connection of these settings.
+    are_inherited: bool,
     /// Number of the row; none before the first connection.
     row: Arc<Mutex<Option<i64>>>,
 }
@@ -33,10 +37,16 @@ impl PinnedStages {
             None => of_the_rig_before(&sink.store, settings).await?,
         };
         access.expect(known.as_ref().map(identity_of).transpose()?);
+        let is_stated = |axis: &str| {
+            let serial = settings.pointer(&format!("/stages/{axis}/serial"));
+            serial.is_some_and(serde_json::Value::is_u64)
+        };
         Ok(PinnedStages {
             rig_id,
             access,
             sink,
+            are_stated: is_stated("theta_c") && is_stated("phi_s"),
+            are_inherited: known.is_some(),
             row: Arc::new(Mutex::new(own.map(|own| own.id))),
         })
     }
@@ -62,7 +72,18 @@ impl PinnedStages {
             .add_rig_stages(self.rig_id, &identity, origin)
             .await?;
         self.set_row(id);
-        tracing::info!("the stages of this rig are {found}; other controllers will be refused");
+        if !self.are_stated && !self.are_inherited {
+            let alarm = Event::Alarm {
+                code: "stages-pinned".into(),
+                message: format!(
+                    "the controllers of this first connection belong to the rig from now on ({found}), and others will be \
+                     refused: move each axis once and check that it is the right one, or state serial in [stage.theta_c] and \
+                     [stage.phi_s]"
+                ),
+                scan_id: None,
+            };
+            self.sink.record(alarm).await;
+        }
         Ok(id)
     }
 

@@ -59,6 +59,9 @@ async fn another_controller_is_refused_by_name_until_a_person_accepts_it() {
     bench.end().await;
 
     let bench = opened(folder.path(), false).await;
+    // A person is asked once whether the controllers are the right ones.
+    let pinned = alarms(&bench.lab).await;
+    assert_eq!(pinned, ["stages-pinned"]);
     bench.rig.world.cause(ThetaC, AxisFault::Replaced(777));
     let view = bench.lab.rig().await.unwrap();
     let (code, why) = view.problem.unwrap();
