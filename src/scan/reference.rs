@@ -30,18 +30,23 @@ pub(super) struct Visited {
 }
 
 impl ReferenceRules {
-    /// Returns which of the visited points to return to, and how long that takes; `None` if none is near enough.
+    /// Returns which of the visited points to return to before the `next` one, and how long the detour takes; `None` if none
+    /// is near enough. A way that a forbidden region blocks is predicted to take very long, so it is not chosen.
     pub(super) fn choose(
         &self,
         visited: &[Visited],
+        next: Option<Pose>,
         move_time: MoveTime<'_>,
     ) -> Option<(usize, Duration)> {
         let (last, earlier) = visited.split_last()?;
         let spent: Duration = visited.iter().map(|point| point.predicted).sum();
         let allowed = spent.mul_f64(self.time_share_max);
+        let on_to_next = |from: Pose| next.map_or(Duration::ZERO, |next| move_time(from, next));
+        let straight = on_to_next(last.target);
         earlier.iter().enumerate().find_map(|(i, point)| {
-            let takes = move_time(last.target, point.target) + point.exposure;
-            (takes <= allowed).then_some((i, takes))
+            let there = move_time(last.target, point.target) + point.exposure;
+            let detour = (there + on_to_next(point.target)).saturating_sub(straight);
+            (detour <= allowed).then_some((i, detour))
         })
     }
 
@@ -77,10 +82,10 @@ impl ReferenceRules {
                 exposure: shot.longest_exposure(),
             });
             if self.is_due(visited.len(), i + 1 < shots.len()) {
-                if let Some((back, takes)) = self.choose(&visited, move_time) {
-                    total += takes;
-                    at = visited[back].target;
-                }
+                let next = shots.get(i + 1).and_then(|next| next.target);
+                let chosen = self.choose(&visited, next, move_time);
+                // The detour holds the way on to the next point.
+                total += chosen.map_or(Duration::ZERO, |(_, detour)| detour);
                 visited.clear();
             }
         }
@@ -164,8 +169,16 @@ mod tests {
             at(0.0, 360.0),
             at(-10.0, 360.0),
         ];
-        let chosen = rules(20).choose(&visited, &move_time).unwrap();
-        assert_eq!(chosen.0, 2);
-        assert_eq!(rules(20).choose(&visited[..1], &move_time), None);
+        let chosen = |visited: &[Visited], next| rules(20).choose(visited, next, &move_time);
+        assert_eq!(chosen(&visited, None).unwrap().0, 2);
+        assert_eq!(chosen(&visited[..1], None), None);
+        // A way on that is blocked rules a pose out.
+        let next = Pose::from_deg(-10.0, 350.0);
+        let blocked = |from: Pose, to: Pose| match from.theta_c.deg() > 10.0 && to == next {
+            true => Duration::from_secs(1_000_000),
+            false => move_time(from, to),
+        };
+        let around = rules(20).choose(&visited, Some(next), &blocked);
+        assert_eq!(around.unwrap().0, 3);
     }
 }

@@ -269,10 +269,11 @@ impl<'a> Runner<'a> {
                     }
                     if shot.kind == FrameKind::Sample {
                         let done = &self.run.done;
-                        let more = steps[i + 1..].iter().any(
-                            |step| matches!(step, Step::Shot(next) if !done.contains(&next.index)),
-                        );
-                        self.check_reference(more).await?;
+                        let next = steps[i + 1..].iter().find_map(|step| match step {
+                            Step::Shot(next) if !done.contains(&next.index) => next.target,
+                            Step::Shot(_) | Step::Operator(_) => None,
+                        });
+                        self.check_reference(next).await?;
                     }
                     // An earlier run may have taken the last one and ended before it reported so.
                     let more = steps[i + 1..]

@@ -8,6 +8,7 @@ use super::{Ending, Runner};
 use crate::bench::AxisName;
 use crate::frame::FrameKind;
 use crate::frame::FrameTag;
+use crate::geometry::Pose;
 use crate::scan::faults::Attempts;
 use crate::scan::frame_history::FrameSummary;
 use crate::scan::frame_rules::FrameRules;
@@ -211,15 +212,15 @@ impl Runner<'_> {
     }
 
     /// Returns to a reference pose if it is time, and takes the points since the last check again if the picture changed.
-    /// `more`: further points of the sample follow.
-    pub(super) async fn check_reference(&mut self, more: bool) -> Result<(), Ending> {
+    /// `next` is where the scan goes then; `None` after the last point.
+    pub(super) async fn check_reference(&mut self, next: Option<Pose>) -> Result<(), Ending> {
         let rules = self.run.settings.reference;
-        if !rules.is_due(self.checks.block.len(), more) {
+        if !rules.is_due(self.checks.block.len(), next.is_some()) {
             return Ok(());
         }
         let mut suspect: Option<Trouble> = None;
         let mut retakes = 0;
-        while let Some((seen, look, predicted)) = self.reference_pose() {
+        while let Some((seen, look, predicted)) = self.reference_pose(next) {
             let started = self.run.clock.now();
             let outcome = self.compare_at(&seen.shot, &look).await?;
             let took = self.run.clock.now().saturating_sub(started);
@@ -273,7 +274,7 @@ impl Runner<'_> {
     }
 
     /// Returns the point to return to, its look and the time it takes.
-    fn reference_pose(&self) -> Option<(Seen, Look, Duration)> {
+    fn reference_pose(&self, next: Option<Pose>) -> Option<(Seen, Look, Duration)> {
         let block = &self.checks.block;
         let visited: Vec<Visited> = block
             .iter()
@@ -285,7 +286,7 @@ impl Runner<'_> {
             .collect();
         let move_time = |from, to| self.move_times.predict(from, to);
         let rules = self.run.settings.reference;
-        let (chosen, takes) = rules.choose(&visited, &move_time)?;
+        let (chosen, takes) = rules.choose(&visited, next, &move_time)?;
         // From there on, the first pose that shows light.
         let (seen, look) = block[chosen..block.len() - 1]
             .iter()
