@@ -69,16 +69,19 @@ impl Store {
         identity: &str,
         origin: StagesOrigin,
     ) -> Result<i64, StoreError> {
-        let row = sqlx::query(
+        let mut transaction = self.writing().await?;
+        let id = sqlx::query(
             "INSERT INTO rig_stages (rig_id, identity, origin, created_at) VALUES (?, ?, ?, ?)",
         )
         .bind(rig_id)
         .bind(identity)
         .bind(origin.as_str())
         .bind(self.now_text())
-        .execute(self.writer())
-        .await?;
-        Ok(row.last_insert_rowid())
+        .execute(&mut *transaction)
+        .await?
+        .last_insert_rowid();
+        transaction.commit().await?;
+        Ok(id)
     }
 
     /// Notes the controllers with which a scan begins or continues. Returns those it had before, if
