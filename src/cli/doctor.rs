@@ -88,8 +88,8 @@ async fn check(args: &Args, config: &Config, findings: &mut Findings) -> Result<
         frame_bytes,
         findings,
     );
-    let newest = folder::check_store(&data, args.deep, findings).await;
-    host::check_clock(SystemClock::new().wall(), newest, findings).await;
+    let known = folder::check_store(&data, args.deep, findings).await;
+    host::check_clock(SystemClock::new().wall(), known.newest_event, findings).await;
     // The client waits on its thread.
     let asked = data.clone();
     let daemon = tokio::task::spawn_blocking(move || Client::find(&asked));
@@ -150,6 +150,8 @@ async fn check(args: &Args, config: &Config, findings: &mut Findings) -> Result<
     };
     let world = simulated.as_ref().map(|rig| &rig.world);
     let darkness = args.frames.then(|| rig::Darkness::of(&parts, world));
-    rig::check_rig(parts, darkness, findings).await;
+    // The store may be that of a real rig.
+    let pinned = known.stages.filter(|_| !args.simulated_rig);
+    rig::check_rig(parts, pinned.as_ref(), darkness, findings).await;
     Ok(())
 }

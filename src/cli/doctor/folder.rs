@@ -7,6 +7,7 @@ use std::time::Instant;
 use time::OffsetDateTime;
 
 use super::findings::Findings;
+use crate::bench::stage::StageIdentity;
 use crate::cli::progress::Bar;
 use crate::cli::runtime::real_clock;
 use crate::store::disk::{Disk, RealDisk};
@@ -90,31 +91,36 @@ fn write_trial(folder: &Path, frame_bytes: u64) -> std::io::Result<f64> {
     written
 }
 
-/// Checks database and frames; with `deep` every frame file is read. Returns the time of the newest event.
-pub async fn check_store(
-    folder: &Path,
-    deep: bool,
-    findings: &mut Findings,
-) -> Option<OffsetDateTime> {
+/// What the store knows that other checks compare with.
+#[derive(Default)]
+pub struct Known {
+    /// Time of the newest event.
+    pub newest_event: Option<OffsetDateTime>,
+    /// Controllers of the last rig.
+    pub stages: Option<StageIdentity>,
+}
+
+/// Checks database and frames; with `deep` every frame file is read.
+pub async fn check_store(folder: &Path, deep: bool, findings: &mut Findings) -> Known {
     if !folder.is_dir() {
-        return None;
+        return Known::default();
     }
     let store = match Store::open_for_reading(folder, Arc::new(RealDisk), real_clock()).await {
         Ok(store) => store,
         Err(StoreError::Missing { .. }) => {
             findings.note("database", "there is none yet; `ridged serve` creates it");
-            return None;
+            return Known::default();
         }
         Err(error) => {
             findings.error("database", &error);
-            return None;
+            return Known::default();
         }
     };
-    let newest = check_opened(&store, deep, findings).await;
+    let known = check_opened(&store, deep, findings).await;
     store.close().await;
-    newest.unwrap_or_else(|error| {
+    known.unwrap_or_else(|error| {
         findings.error("database", &error);
-        None
+        Known::default()
     })
 }
 
@@ -122,7 +128,7 @@ async fn check_opened(
     store: &Store,
     deep: bool,
     findings: &mut Findings,
-) -> Result<Option<OffsetDateTime>, StoreError> {
+) -> Result<Known, StoreError> {
     let damage = store.check_database().await?;
     match damage.first() {
         None => findings.ok("database", "its integrity check finds nothing"),
@@ -135,7 +141,7 @@ async fn check_opened(
                 ),
                 "keep the folder as it is and restore a copy of it",
             );
-            return Ok(None);
+            return Ok(Known::default());
         }
     }
     let bar = Bar::new("frames");
@@ -171,5 +177,10 @@ async fn check_opened(
     }
     let last = store.last_event_id().await?;
     let newest = store.events_after(last - 1, 1).await?;
-    Ok(newest.first().map(|event| event.at))
+    // A folder of an older program has no controllers.
+    let stages = store.newest_stages().await.ok().flatten();
+    Ok(Known {
+        newest_event: newest.first().map(|event| event.at),
+        stages: stages.and_then(|row| serde_json::from_str(&row.identity).ok()),
+    })
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde_json::Value;
 
 use super::findings::Findings;
-use crate::bench::stage::{AxisName, Stage, StageError};
+use crate::bench::stage::{AxisName, Stage, StageError, StageIdentity};
 use crate::bench::{CaptureRequest, Captured};
 use crate::cli::client::Client;
 use crate::cli::{CliError, say};
@@ -172,7 +172,12 @@ fn report_axis(
 }
 
 /// Connects the stages and reads them; with `frames`, also takes a dark and a lit frame.
-pub async fn check_rig(mut parts: RigParts, darkness: Option<Darkness>, findings: &mut Findings) {
+pub async fn check_rig(
+    mut parts: RigParts,
+    pinned: Option<&StageIdentity>,
+    darkness: Option<Darkness>,
+    findings: &mut Findings,
+) {
     let link = parts.rig.link();
     findings.ok("stages", format!("port {}", link.port));
     let pose = match parts.rig.connect().await {
@@ -180,7 +185,7 @@ pub async fn check_rig(mut parts: RigParts, darkness: Option<Darkness>, findings
             findings.error("stages", &error);
             None
         }
-        Ok(stage) => match check_stage(&stage, findings).await {
+        Ok(stage) => match check_stage(&stage, pinned, findings).await {
             Ok(pose) => Some(pose),
             Err(error) => {
                 findings.error("stages", &error);
@@ -201,8 +206,21 @@ pub async fn check_rig(mut parts: RigParts, darkness: Option<Darkness>, findings
     }
 }
 
-async fn check_stage(stage: &Stage, findings: &mut Findings) -> Result<Pose, StageError> {
+async fn check_stage(
+    stage: &Stage,
+    pinned: Option<&StageIdentity>,
+    findings: &mut Findings,
+) -> Result<Pose, StageError> {
     let identity = stage.identity();
+    if let Some(pinned) = pinned.filter(|pinned| !pinned.is_same(&identity)) {
+        findings.warning(
+            "stages",
+            format!(
+                "the controllers are {identity}, but those of the data folder's rig are {pinned}"
+            ),
+            "connect those, or accept the others once the daemon runs; it refuses them until then",
+        );
+    }
     let status = stage.status().await?;
     for axis in AxisName::ALL {
         let device = match axis {
@@ -292,4 +310,28 @@ fn describe(captured: &Captured, exposure_s: f64, saturation_dn: u16) -> String 
         sum as f64 / pixels.len() as f64,
         100.0 * full as f64 / pixels.len() as f64
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::rig::{SimulatedRig, Simulation};
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn other_controllers_than_those_of_the_data_folder_are_a_warning() {
+        let words = "but those of the data folder's rig are";
+        let (_rig, mut parts) = SimulatedRig::build(Simulation::default()).unwrap();
+        let own = parts.rig.connect().await.unwrap().identity();
+        let mut findings = Findings::default();
+        check_rig(parts, Some(&own), None, &mut findings).await;
+        assert!(!findings.text().contains(words), "{}", findings.text());
+
+        let mut other = own;
+        other.phi_s.serial += 1;
+        let (_rig, parts) = SimulatedRig::build(Simulation::default()).unwrap();
+        let mut findings = Findings::default();
+        check_rig(parts, Some(&other), None, &mut findings).await;
+        assert!(findings.text().contains(words), "{}", findings.text());
+        assert_eq!(findings.worst().exit_code(), 3);
+    }
 }
