@@ -24,6 +24,9 @@ const TURN_MAX_DEG: f64 = 30.0;
 /// What a line says that no device sent.
 const NOISE: &[u8] = b"\x00\xff@01 1 17 OK BUSY -- 4711:00\r\n#note\r\n";
 
+/// What controllers say that are at rest.
+const IDLE_ALERTS: &[u8] = b"!01 1 IDLE --\r\n!02 1 IDLE --\r\n";
+
 /// What goes wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -44,6 +47,10 @@ pub enum FaultKind {
     DoubleReply,
     /// Bytes that no device sent come before the reply.
     Noise,
+    /// The controller says that an axis is at rest, whatever it does.
+    IdleAlert,
+    /// The controller refuses the command with `code`.
+    Refuse,
     /// The controllers answer nothing for `for_s`.
     Silence,
     /// The plug is out for `for_s`. Only where this program opens the port (`serve`, `scan`).
@@ -101,7 +108,7 @@ enum Place {
 
 impl FaultKind {
     /// Every kind.
-    pub const ALL: [FaultKind; 30] = {
+    pub const ALL: [FaultKind; 32] = {
         use FaultKind::*;
         [
             LoseCommand,
@@ -112,6 +119,8 @@ impl FaultKind {
             LateReply,
             DoubleReply,
             Noise,
+            IdleAlert,
+            Refuse,
             Silence,
             Unplug,
             Stall,
@@ -141,7 +150,7 @@ impl FaultKind {
         use FaultKind::*;
         match self {
             LoseCommand | GarbleCommand | LoseReply | GarbleReply | DropByte | LateReply
-            | DoubleReply | Noise => Place::Line,
+            | DoubleReply | Noise | IdleAlert | Refuse => Place::Line,
             Silence | Unplug | Stall | LimitSensor | ForeignStop | ForeignMove | Knob | Slip
             | PowerCycle | PowerOff | EmergencyStop => Place::Stages,
             CameraFail | CameraHang | FrameRepeat | FrameBehind | FrameBlack | FrameHalfDark
@@ -214,6 +223,9 @@ pub struct PlannedFault {
     /// Duration of `silence`, `unplug`, `power-off` and `disk-full`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub for_s: Option<f64>,
+    /// Code of `refuse`, for example `STATUSBUSY`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub code: Option<String>,
     /// Factor of `frame-exposure`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub factor: Option<f64>,
@@ -287,6 +299,7 @@ impl PlannedFault {
             axis: None,
             by_deg: None,
             for_s: None,
+            code: None,
             factor: None,
         }
     }
@@ -309,6 +322,18 @@ impl PlannedFault {
         within("by_deg", self.by_deg, turned, -TURN_MAX_DEG, TURN_MAX_DEG)?;
         let exposed = kind == FaultKind::FrameExposure;
         within("factor", self.factor, exposed, 0.01, 100.0)?;
+        match (&self.code, kind == FaultKind::Refuse) {
+            (None, true) => return Err("code is missing: for example STATUSBUSY".into()),
+            (Some(_), false) => {
+                return Err("code has no meaning for this kind: leave it out".into());
+            }
+            (Some(code), true) if !code.bytes().all(|byte| byte.is_ascii_uppercase()) => {
+                return Err(format!(
+                    "code {code:?} is not one: expected capitals, as STATUSBUSY"
+                ));
+            }
+            _ => {}
+        }
         match (self.axis.is_some(), kind.has_axis()) {
             (false, true) => Err("axis is missing: expected theta_c or phi_s".into()),
             (true, false) => Err("axis has no meaning for this kind: leave it out".into()),
@@ -529,6 +554,8 @@ impl FaultSource for FaultPlan {
             FaultKind::DropByte => LineFault::DropByte,
             FaultKind::LateReply => LineFault::LateReply,
             FaultKind::DoubleReply => LineFault::DoubleReply,
+            FaultKind::Refuse => LineFault::Refuse(fault.code.unwrap_or_default()),
+            FaultKind::IdleAlert => LineFault::Before(IDLE_ALERTS.to_vec()),
             _ => LineFault::Before(NOISE.to_vec()),
         })
     }
