@@ -33,6 +33,9 @@ test-times: web  ## The slowest Rust tests
 soak: web  ## Scans under seeded faults: make soak SEEDS=0..10000
 	RIDGED_SOAK_SEEDS=$(or $(SEEDS),0..1000) cargo test --test it soak:: -- --nocapture
 
+faults: web  ## The table of faults (docs/faults.md) with the results of its tests
+	@tools/fault_table.py
+
 fuzz: web  ## Changed inputs through every parser: make fuzz CASES=2000000
 	RIDGED_FUZZ_CASES=$(or $(CASES),100000) cargo test --test it fuzz::
 
@@ -83,4 +86,4 @@ setup-build:
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-fit bench-peers-trace code-figures fuzz help demo build build-tests test check test-e2e test-page test-rust test-times test-vendor test-web web screenshot setup-build setup-test soak
+.PHONY: bench-peers bench-peers-fit bench-peers-trace code-figures faults fuzz help demo build build-tests test check test-e2e test-page test-rust test-times test-vendor test-web web screenshot setup-build setup-test soak

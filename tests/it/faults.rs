@@ -161,7 +161,7 @@ const CASES: &[(u32, &str, &str, Due)] = &[
     (
         40,
         "slip",
-        "at_s = 18\naxis = \"theta_c\"\nby_deg = 0.5",
+        "at_s = 18.5\naxis = \"theta_c\"\nby_deg = 2",
         Due::Healed,
     ),
     (

@@ -39,4 +39,5 @@ mod style;
 mod synthetic;
 mod tables;
 mod terminal;
+mod test_tables;
 mod unattended;

@@ -2,7 +2,6 @@
 //! test for each threat.
 
 mod command_line;
-mod docs;
 mod lease;
 mod limits;
 mod proxy;
