@@ -4,7 +4,7 @@
 
 use ridged::sim::faults::plan::PlanText;
 
-use crate::night::{Night, night};
+use crate::night::{Night, night, states_its_settings};
 
 /// What has to come of a fault. In all cases every accepted datum is right.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,6 +15,8 @@ enum Due {
     Healed,
     /// The scan pauses for a reason with these words and completes after a person resumed it.
     Pause(&'static str),
+    /// The scan pauses for a reason with these words, however often a person resumes it.
+    Refusal(&'static str),
     /// The scan ends so, for a person to resume.
     Interrupted,
 }
@@ -62,13 +64,13 @@ const CASES: &[(u32, &str, &str, Due)] = &[
         13,
         "refuse",
         "at_s = 17\ncommand = \"move abs\"\ncode = \"AGAIN\"",
-        Due::Healed,
+        Due::Nothing,
     ),
     (
         13,
         "refuse",
         "at_s = 17\ncommand = \"move abs\"\ncode = \"STATUSBUSY\"",
-        Due::Healed,
+        Due::Nothing,
     ),
     (
         14,
@@ -168,7 +170,7 @@ const CASES: &[(u32, &str, &str, Due)] = &[
         43,
         "frame-behind",
         "at_s = 17\ntimes = 100000",
-        Due::Pause(""),
+        Due::Refusal("earlier poses"),
     ),
     (45, "frame-full", "at_s = 17.5", Due::Nothing),
     (48, "frame-half-dark", "at_s = 17.5", Due::Healed),
@@ -189,7 +191,10 @@ fn each_fault_has_its_reaction() {
         let text = format!("[[fault]]\nkind = \"{kind}\"\n{lines}\n");
         let plan = PlanText::read(&text).unwrap_or_else(|error| panic!("{text}{error}"));
         let lines = lines.replace('\n', ", ");
-        match night(1, &plan, &[]) {
+        // Only what the camera states shows another exposure; all else has to be found without.
+        let seed = if *kind == "frame-exposure" { 2 } else { 1 };
+        assert_eq!(states_its_settings(seed), seed == 2);
+        match night(seed, &plan, &[]) {
             Ok(night) => {
                 println!("{row:3} {kind} {lines}: {}", in_words(&night));
                 if let Some(why) = difference(&night, *due) {
@@ -221,6 +226,7 @@ fn in_words(night: &Night) -> String {
 fn difference(night: &Night, due: Due) -> Option<String> {
     let end = match due {
         Due::Interrupted => "interrupted",
+        Due::Refusal(_) => "aborted",
         _ => "completed",
     };
     if night.faults == 0 {
@@ -233,7 +239,9 @@ fn difference(night: &Night, due: Due) -> Option<String> {
     let fine = match due {
         Due::Nothing => by_itself && night.rejected.is_empty(),
         Due::Healed => by_itself && !night.recovered.is_empty(),
-        Due::Pause(words) => night.pauses.iter().any(|why| why.contains(words)),
+        Due::Pause(words) | Due::Refusal(words) => {
+            night.pauses.iter().any(|why| why.contains(words))
+        }
         Due::Interrupted => true,
     };
     (!fine).then(|| format!("due is {due:?}"))

@@ -11,7 +11,7 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use ridged::bench::{AxisName, Camera, CameraError, CaptureRequest, Captured};
 use ridged::clock::{Clock, SteppedClock};
-use ridged::frame::{Frame, FrameKind};
+use ridged::frame::{Frame, FrameKind, FrameTag};
 use ridged::lab::{Lab, ScanRequest};
 use ridged::scan::runner::ScanCommand;
 use ridged::scan::{Event, Rig, ScanState};
@@ -71,6 +71,11 @@ pub fn night(seed: u64, text: &PlanText, presses: &[Press]) -> Result<Night, Str
     })
 }
 
+/// Whether the camera of a night states when it exposed a frame and for how long.
+pub fn states_its_settings(seed: u64) -> bool {
+    seed.is_multiple_of(2)
+}
+
 async fn pass(seed: u64, text: &PlanText, presses: &[Press]) -> Result<Night, String> {
     let plan_text = toml::to_string(text).unwrap();
     let clock = Arc::new(SteppedClock::new());
@@ -95,6 +100,7 @@ async fn pass(seed: u64, text: &PlanText, presses: &[Press]) -> Result<Night, St
             parts.settings.camera.height_px,
         ),
         noise: Pcg64::seed_from_u64(seed),
+        states_its_settings: states_its_settings(seed),
     };
     parts.rig = Rig::new(link, Box::new(camera));
     let (parts, plan) = rig.with_faults(parts, text.clone(), seed);
@@ -118,7 +124,7 @@ async fn pass(seed: u64, text: &PlanText, presses: &[Press]) -> Result<Night, St
     let outcome = match watched {
         Err(_) => Err("it hung".to_owned()),
         Ok(Err(why)) => Err(why),
-        Ok(Ok((scan_id, end))) => match wrong_datum(&lab, scan_id).await {
+        Ok(Ok((scan_id, end))) => match wrong_datum(&lab, scan_id, &night).await {
             Some(why) => Err(why),
             None => Ok(end),
         },
@@ -267,15 +273,22 @@ fn ended(state: &ScanState, reason: Option<&str>) -> Result<String, String> {
 }
 
 /// What is wrong with an accepted frame of a scan, if anything is.
-async fn wrong_datum(lab: &Lab, scan_id: i64) -> Option<String> {
+async fn wrong_datum(lab: &Lab, scan_id: i64, night: &Night) -> Option<String> {
+    // Whoever resumes a scan that found no light confirms that the sample has none.
+    let black_is_confirmed = night.pauses.iter().any(|why| why.contains("black"));
     let frames = lab.store().frames_for_reduction(scan_id).await.unwrap();
     for record in frames {
         let name = &record.name;
         let bytes = lab.store().read_png(&record.sha256).unwrap();
         let frame = Frame::from_png(&bytes).unwrap();
         let dark = record.kind == FrameKind::Dark;
-        if dark && frame.pixels_dn().iter().all(|dn| *dn < LIT_DN) {
+        let is_unlit = frame.pixels_dn().iter().all(|dn| *dn < LIT_DN);
+        if is_unlit && (dark || record.kind == FrameKind::Sample && black_is_confirmed) {
             // A frame without light is a dark frame, wherever its light went.
+            continue;
+        }
+        if frame.pixels_dn().iter().all(|dn| *dn == u16::MAX) {
+            // A lobe may fill the camera; a reduction leaves such frames out.
             continue;
         }
         let Some(written) = Written::read(&frame) else {
@@ -349,6 +362,7 @@ struct WritingCamera {
     clock: Arc<SteppedClock>,
     size_px: (u32, u32),
     noise: Pcg64,
+    states_its_settings: bool,
 }
 
 /// What the first row of a frame holds.
@@ -454,7 +468,14 @@ impl Camera for WritingCamera {
                 frame: Frame::new(width, height, pixels_dn)?,
                 started_at,
                 started_utc,
-                tag: Default::default(),
+                tag: match self.states_its_settings {
+                    true => FrameTag {
+                        exposure_start: Some(started_utc),
+                        exposure_s: Some(request.exposure_s),
+                        ..FrameTag::default()
+                    },
+                    false => FrameTag::default(),
+                },
             })
         })
     }

@@ -13,7 +13,7 @@ use rand_pcg::Pcg64;
 use ridged::bench::AxisName;
 use ridged::sim::faults::plan::{FaultKind, PlanText, PlannedFault};
 
-use crate::night::{Button, Press, night};
+use crate::night::{Button, Press, night, states_its_settings};
 
 /// Seeds of the suite's own run.
 const SEEDS: Range<u64> = 0..100;
@@ -60,9 +60,9 @@ fn drawn(seed: u64) -> (PlanText, Vec<Press>) {
     const COMMANDS: [&str; 6] = ["", "move abs", "get pos", "warnings", "home", "stop"];
     let faults = (0..1 + one_of(5)).map(|_| {
         let mut fault = PlannedFault::of(FaultKind::ALL[one_of(FaultKind::ALL.len())]);
-        if fault.kind == FaultKind::Slip {
-            // Without an encoder a slip shows only in the pictures, and not where those hardly change with the pose.
-            fault.kind = FaultKind::Stall;
+        if fault.kind == FaultKind::FrameExposure && !states_its_settings(seed) {
+            // Nothing shows another exposure where each point has one and the camera states none.
+            fault.kind = FaultKind::FrameSize;
         }
         // Most things happen while it homes and scans; some long after.
         fault.at_s = one_of(600) as f64 / if one_of(4) == 0 { 1.0 } else { 10.0 };

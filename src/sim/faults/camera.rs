@@ -63,13 +63,21 @@ impl Camera for FaultyCamera {
             match fault {
                 Some(CameraFault::Repeat) => {
                     if let Some(last) = &self.last {
-                        captured.frame = last.frame.clone();
+                        captured = Captured {
+                            frame: last.frame.clone(),
+                            tag: last.tag.clone(),
+                            ..captured
+                        };
                     }
                 }
                 Some(CameraFault::OneBehind) => {
                     let fresh = captured.clone();
                     if let Some(before) = self.buffered.take().or_else(|| self.last.clone()) {
-                        captured.frame = before.frame;
+                        captured = Captured {
+                            frame: before.frame,
+                            tag: before.tag,
+                            ..captured
+                        };
                     }
                     self.buffered = Some(fresh.clone());
                     self.last = Some(fresh);
