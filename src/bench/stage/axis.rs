@@ -251,9 +251,6 @@ impl Axis {
             }
             reading = self.drive(&reading, target, stops).await?;
             self.check_flags(&reading).await?;
-            if !self.is_there(&reading, goal) {
-                reading = self.await_rest_elsewhere(reading, goal, stops).await?;
-            }
             if self.is_there(&reading, goal) {
                 self.memory().engaged = true;
                 // An axis that stalled on the way approaches once more.
@@ -342,7 +339,12 @@ impl Axis {
         let predicted = self.rates.duration(to - self.recorded(from.counts));
         let words = format!("move abs {counts}");
         self.start(&words, Some(counts), stops).await?;
-        self.await_idle(Motion::Move { predicted }, stops).await
+        let reading = self.await_idle(Motion::Move { predicted }, stops).await?;
+        let lost = reading.flag.is_some_and(ends_a_motion);
+        match lost || self.is_there(&reading, counts) {
+            true => Ok(reading),
+            false => self.await_rest_elsewhere(reading, counts, stops).await,
+        }
     }
 
     /// Sends a motion command. If the reply is lost, the position is read before the command is
