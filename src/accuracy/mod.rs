@@ -189,7 +189,7 @@ pub const LEVEL: f64 = -0.25;
 
 /// Slope of log error over log seconds by least squares. `None` for fewer than three points, or where
 /// they span less than a factor of 3 in time, or where a point is more than a factor of 4 off the line: a solver that
-/// converges quadratically does not follow a power law.
+/// converges quadratically does not follow a power law. Nor does a curve with a knee, which [`levels_off`].
 #[must_use]
 pub fn slope(points: &[&AccuracyPoint]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = points
@@ -211,7 +211,24 @@ pub fn slope(points: &[&AccuracyPoint]) -> Option<f64> {
     let straight = logs
         .iter()
         .all(|p| (p.1 - y - slope * (p.0 - x)).abs() <= BENT.ln());
-    (xx > 0.0 && span >= 3f64.ln() && straight).then_some(slope)
+    let knee = slope <= LEVEL && levels_off(points);
+    (xx > 0.0 && span >= 3f64.ln() && straight && !knee).then_some(slope)
+}
+
+/// Whether the error no longer falls between the two points of the longest run times.
+#[must_use]
+pub fn levels_off(points: &[&AccuracyPoint]) -> bool {
+    let mut by_time: Vec<&&AccuracyPoint> = points
+        .iter()
+        .filter(|p| p.seconds > 0.0 && p.error > 0.0)
+        .collect();
+    by_time.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+    match by_time.as_slice() {
+        [_, .., before, last] => {
+            (last.error / before.error).ln() > LEVEL * (last.seconds / before.seconds).ln()
+        }
+        _ => false,
+    }
 }
 
 #[cfg(test)]
@@ -232,6 +249,16 @@ mod tests {
         let refs: Vec<&AccuracyPoint> = points.iter().collect();
         assert!((slope(&refs).unwrap() + 0.5).abs() < 1e-12);
         assert!(slope(&refs[..2]).is_none());
+        // The last two points are level: no slope is fitted through the knee.
+        let knee: Vec<AccuracyPoint> = [(0.1, 1e-2), (1.0, 1e-3), (3.0, 4e-4), (9.0, 4e-4)]
+            .map(|(seconds, error)| AccuracyPoint {
+                error,
+                ..at(seconds)
+            })
+            .to_vec();
+        let knee: Vec<&AccuracyPoint> = knee.iter().collect();
+        assert!(levels_off(&knee) && slope(&knee).is_none());
+        assert!(!levels_off(&refs) && slope(&knee[..3]).is_some());
         // Each step squares the error, so there is no power law.
         let squared: Vec<AccuracyPoint> = (0..5)
             .map(|n| AccuracyPoint {

@@ -1,6 +1,6 @@
 //! One figure per scene: error against run time, both axes logarithmic, one series per method.
 
-use super::{AccuracyPoint, LEVEL, slope};
+use super::{AccuracyPoint, levels_off, slope};
 use crate::figures::{
     DataSeries, Figure, GREY, Legend, Mark, Panel, PlotAxis, Stroke, Symbol, with_true_minus,
 };
@@ -33,10 +33,11 @@ pub fn svg(scene: &str, points: &[&AccuracyPoint], footer: &str) -> String {
             Mark::Points(places, Symbol::Dot),
         ];
         series.push(DataSeries {
-            detail: slope(&group).map_or_else(String::new, |s| match s > LEVEL {
-                true => "levels off".to_owned(),
-                false => with_true_minus(&format!("slope {s:.2}")),
-            }),
+            detail: match slope(&group) {
+                _ if levels_off(&group) => "levels off".to_owned(),
+                Some(s) => with_true_minus(&format!("slope {s:.2}")),
+                None => String::new(),
+            },
             ..DataSeries::numbered(n, name(group[0], &shown), marks)
         });
     }

@@ -140,8 +140,11 @@ pub struct AxesBody {
 /// One axis.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct AxisBody {
-    /// Current position, degrees; null if the stage does not answer.
+    /// Position read from the controller, degrees; null if the stage does not answer. Not a position of the axis while
+    /// `referenced` is false.
     position_deg: Option<f64>,
+    /// Whether `position_deg` counts from the reference position. False until the axis is homed.
+    referenced: bool,
     /// Whether it moves; null if the stage does not answer, so that it may move.
     moving: Option<bool>,
     /// Whether the axis has a reference position.
@@ -182,6 +185,7 @@ impl From<&AxisView> for AxisBody {
     fn from(axis: &AxisView) -> Self {
         AxisBody {
             position_deg: axis.position.map(degrees),
+            referenced: axis.homed,
             moving: axis.moving,
             homed: axis.homed,
             warnings: axis.warnings.clone(),

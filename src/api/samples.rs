@@ -1,4 +1,4 @@
-//! `/samples`: list, add and read samples.
+//! `/samples`: list, add, read and rename samples.
 
 use axum::Json;
 use axum::extract::State;
@@ -7,11 +7,13 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
+use super::caller::Caller;
 use super::extract::{Body, Id, Params, page};
 use super::status::{self, ApiError, Problem};
 use super::{App, List};
 use crate::material::{Material, tables};
 use crate::series::INDEX_STD;
+use crate::store::corrections::EarlierName;
 use crate::store::samples::{NewSample, Sample, SimulatedSurface};
 
 /// Nominal material: complex index N = n + ik with standard uncertainties.
@@ -196,6 +198,8 @@ pub struct SampleBody {
     simulated: Option<SimulatedSurface>,
     /// When the sample was added, RFC 3339 in UTC.
     created_at: String,
+    /// Names that it had, oldest first.
+    earlier_names: Vec<EarlierName>,
 }
 
 impl From<Sample> for SampleBody {
@@ -207,6 +211,7 @@ impl From<Sample> for SampleBody {
             note: sample.note,
             simulated: sample.simulated,
             created_at: sample.created_at,
+            earlier_names: sample.earlier_names,
         }
     }
 }
@@ -289,4 +294,28 @@ pub(super) async fn add(
 ))]
 pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<SampleBody>, ApiError> {
     Ok(Json(app.lab.store().sample(id).await?.into()))
+}
+
+/// Another name for a sample.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RenameBody {
+    /// Name, 1 to 200 characters.
+    name: String,
+}
+
+/// Rename a sample. The earlier names stay on record.
+#[utoipa::path(patch, path = "/api/v1/samples/{id}", tag = "samples", params(("id" = i64, Path, description = "Number of the sample")),
+    request_body = RenameBody, responses(
+    (status = 200, description = "The sample", body = SampleBody),
+    (status = 400, description = "The body cannot be read", body = Problem),
+    (status = 404, description = "Not found", body = Problem),
+    (status = 422, description = "The name is not valid", body = Problem),
+))]
+pub(super) async fn rename(
+    Caller(app): Caller,
+    Id(id): Id,
+    Body(body): Body<RenameBody>,
+) -> Result<Json<SampleBody>, ApiError> {
+    Ok(Json(app.lab.rename_sample(id, &body.name).await?.into()))
 }

@@ -16,6 +16,7 @@ use crate::lab::{Lab, LabError, ScanRequest};
 use crate::scan::event::OperatorStep;
 use crate::scan::runner::ScanCommand;
 use crate::scan::{OperatorAction, Plan, Progress, ScanState};
+use crate::store::corrections::EarlierSample;
 use crate::store::scans::{Origin, Scan, ScanFilter};
 use crate::wording::json;
 
@@ -142,6 +143,8 @@ pub struct ScanBody {
     calibration_ids: Vec<i64>,
     /// Who started it: the name of a token, or `local`.
     who: String,
+    /// Samples that it was assigned to before, oldest first.
+    earlier_samples: Vec<EarlierSample>,
     /// When the scan was requested, RFC 3339 in UTC.
     created_at: String,
     /// When it started, RFC 3339 in UTC.
@@ -200,6 +203,7 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
         reason: scan.reason,
         plan,
         who: scan.who,
+        earlier_samples: scan.earlier_samples,
         created_at: scan.created_at,
         started_at: match scan.origin {
             Origin::Rig => scan.started_at,
@@ -320,6 +324,33 @@ pub(super) async fn estimate(
 ))]
 pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<ScanBody>, ApiError> {
     let scan = app.lab.store().scan(id).await?;
+    Ok(Json(body(&app, scan).await?))
+}
+
+/// Another sample for a scan.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AssignBody {
+    /// Number of the sample that was scanned.
+    sample_id: i64,
+}
+
+/// Assign a scan to another sample. The earlier sample stays on record. If the material differs, a completed scan is
+/// fitted again.
+#[utoipa::path(patch, path = "/api/v1/scans/{id}", tag = "scans", params(("id" = i64, Path, description = "Number of the scan")),
+    request_body = AssignBody, responses(
+    (status = 200, description = "The scan", body = ScanBody),
+    (status = 400, description = "The body cannot be read", body = Problem),
+    (status = 404, description = "There is no such scan or sample", body = Problem),
+    (status = 409, description = "The scan holds the rig", body = Problem),
+    (status = 422, description = "A value is not valid", body = Problem),
+))]
+pub(super) async fn assign(
+    Caller(app): Caller,
+    Id(id): Id,
+    Body(wanted): Body<AssignBody>,
+) -> Result<Json<ScanBody>, ApiError> {
+    let scan = app.lab.assign_scan(id, wanted.sample_id).await?;
     Ok(Json(body(&app, scan).await?))
 }
 

@@ -284,6 +284,15 @@ impl Client {
         read(self.send(path, body).map_err(unreachable)?)
     }
 
+    /// Sends a correction to a path below `/api/v1`.
+    ///
+    /// # Errors
+    /// As [`Client::get`].
+    pub fn patch(&self, path: &str, body: &Value) -> Result<Value, CliError> {
+        let request = self.signed(self.agent.patch(format!("{}/api/v1{path}", self.url)));
+        read(request.send_json(body).map_err(unreachable)?)
+    }
+
     /// Sends a body without a time limit on the answer, for requests that are answered once their work is done.
     ///
     /// # Errors

@@ -16,10 +16,10 @@ use super::simulated::ConstructionArgs;
 use crate::api::Access;
 use crate::api::server::{self, ListenError, ListenSettings, Sockets};
 use crate::daemon::{self, Daemon};
-use crate::job::JobState;
-use crate::lab::{FitRequest, Lab, ScanRequest};
+use crate::job::{JobId, JobKind, JobState};
+use crate::lab::{FIT_NOT_STARTED, Lab, ScanRequest};
 use crate::scan::plan::Preset;
-use crate::scan::{PlanRequest, ScanState};
+use crate::scan::{Event, PlanRequest, ScanState};
 use crate::sim::operator::TRACED_SAMPLE;
 use crate::sim::rig::{Construction, SimulatedRig, Simulation};
 use crate::sim::sample::{SimulatedSample, Truth};
@@ -162,7 +162,7 @@ async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
     if state != ScanState::Completed {
         return Err(CliError::no_result(anyhow!("scan {} is {state}", scan.id)));
     }
-    let fit = fitted(lab, scan.id).await?;
+    let fit = fitted(lab, scan.id, after).await?;
     let Truth {
         theta_r_deg,
         alpha_u,
@@ -204,14 +204,43 @@ async fn traced_sample(lab: &Lab) -> Result<i64, CliError> {
         })
 }
 
-/// Fits a scan and waits for the report.
-async fn fitted(lab: &Lab, scan_id: i64) -> Result<Value, CliError> {
+/// Returns the fit that follows a completed scan; `after` is an event before it.
+async fn fit_of(lab: &Lab, scan_id: i64, mut after: i64) -> Result<JobId, CliError> {
+    const ROWS: u32 = 1000;
     let mut events = lab.events();
-    let request = FitRequest {
-        scan_id,
-        ..FitRequest::default()
-    };
-    let id = lab.start_job(request).await.map_err(runtime::lab_error)?;
+    loop {
+        let rows = lab.store().events_after(after, ROWS).await;
+        let rows = rows.map_err(|e| runtime::lab_error(e.into()))?;
+        for row in &rows {
+            after = row.id;
+            match &row.event {
+                Event::Fit {
+                    fit_id,
+                    scan_id: Some(of),
+                    ..
+                } if *of == scan_id => return Ok(JobId::new(JobKind::Fit, *fit_id)),
+                Event::Alarm {
+                    code,
+                    message,
+                    scan_id: Some(of),
+                } if *of == scan_id && code == FIT_NOT_STARTED => {
+                    return Err(CliError::no_result(anyhow!("{message}")));
+                }
+                _ => {}
+            }
+        }
+        if rows.len() < ROWS as usize {
+            // Any event is a reason to look.
+            let next = tokio::time::timeout(Duration::from_secs(5), events.recv());
+            next.await.ok();
+        }
+    }
+}
+
+/// Waits for the report of the fit that follows a completed scan.
+async fn fitted(lab: &Lab, scan_id: i64, after: i64) -> Result<Value, CliError> {
+    let id = fit_of(lab, scan_id, after).await?;
+    let mut events = lab.events();
     loop {
         let fit = lab
             .store()

@@ -30,6 +30,7 @@ pub mod progress;
 pub mod render;
 pub mod rig;
 pub mod runtime;
+pub mod sample;
 pub mod scan;
 pub mod score;
 pub mod serve;
@@ -77,6 +78,8 @@ pub enum Command {
     Token(token::Args),
     /// Run a scan.
     Scan(scan::Args),
+    /// List or rename samples, or assign a scan to another one.
+    Sample(sample::Args),
     /// Import a recorded series into the store.
     Import(import::Args),
     /// Export a scan from the store as a recorded series.
@@ -177,6 +180,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Doctor(args) => doctor::run(&args),
         Command::Token(args) => token::run(args),
         Command::Scan(args) => scan::run(args),
+        Command::Sample(args) => sample::run(args),
         Command::Import(args) => import::run(args),
         Command::Export(args) => export::run(args),
         Command::Contrast(args) => contrast::run(args),

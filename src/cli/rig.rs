@@ -1,7 +1,7 @@
 //! `ridged rig`: commands for the rig of a running daemon.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::anyhow;
@@ -13,18 +13,20 @@ use super::CliError;
 use super::client::{Client, CredentialArgs};
 use lease::LeaseAction;
 
+mod stop;
+
 /// Shows, homes, jogs, unparks or stops the rig of a running daemon.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  ridged rig stop        stops both axes at once, whatever moves them"
+    after_help = "Example:\n  ridged rig stop        stops both axes of every rig at once, whatever moves them"
 )]
 pub struct Args {
     /// The action.
     #[command(subcommand)]
     pub action: Action,
-    /// Data folder of the daemon.
-    #[arg(long, value_name = "DIR", default_value = "ridged-data", global = true)]
-    pub data: PathBuf,
+    /// Data folder of the daemon [default: ridged-data; stop: those of all daemons that run].
+    #[arg(long, value_name = "DIR", global = true)]
+    pub data: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long, global = true)]
     pub json: bool,
@@ -51,8 +53,10 @@ pub enum Action {
     /// Accept the controllers that answer instead of those of the rig.
     #[command(after_help = "Example:\n  ridged rig accept-stages")]
     AcceptStages,
-    /// Stop both axes at once; never refused.
-    #[command(after_help = "Example:\n  ridged rig stop --data /var/lib/ridged")]
+    /// Stop both axes at once; never refused. Without --data it stops the rigs of all daemons that run on this machine.
+    #[command(
+        after_help = "Examples:\n  ridged rig stop\n  ridged rig stop --data /var/lib/ridged"
+    )]
     Stop,
     /// Show, take or return the lease: while it lasts, only orders that present it are accepted.
     #[command(after_help = "Example:\n  ridged rig lease show")]
@@ -84,11 +88,20 @@ const RENEW_EVERY: Duration = Duration::from_millis(150);
 /// # Errors
 /// No result if no daemon runs or the rig refuses.
 pub fn run(args: Args) -> Result<(), CliError> {
-    let client = || Client::require(&args.data)?.presenting(&args.credentials);
+    let folder = args.data.as_deref();
+    let client = || {
+        let folder = folder.unwrap_or(Path::new("ridged-data"));
+        Client::require(folder)?.presenting(&args.credentials)
+    };
+    let mut text = None;
     let answer = match &args.action {
         Action::Status => client()?.get("/rig")?,
         // A token file that cannot be read must not prevent the stop, which needs none here.
-        Action::Stop => Client::noticed(&args.data)?.stop()?,
+        Action::Stop => {
+            let (answer, words) = stop::stop(folder)?;
+            text = Some(words);
+            answer
+        }
         Action::Lease { action } => lease::run(&client()?, action)?,
         Action::Home => {
             let client = client()?;
@@ -127,7 +140,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     };
     let text = match args.json {
         true => format!("{answer:#}\n"),
-        false => words(&args.action, &answer),
+        false => text.unwrap_or_else(|| words(&args.action, &answer)),
     };
     let mut out = std::io::stdout().lock();
     out.write_all(text.as_bytes())
@@ -199,7 +212,6 @@ fn homed(rig: &Value, axis: &str) -> Option<Result<(), String>> {
 
 fn words(action: &Action, answer: &Value) -> String {
     match action {
-        Action::Stop => return "stopped\n".into(),
         Action::Lease { action } => return lease::words(action, answer),
         Action::AcceptStages => {
             let serial = |axis: &str| answer[axis]["serial"].as_str().unwrap_or("?").to_owned();
@@ -209,7 +221,7 @@ fn words(action: &Action, answer: &Value) -> String {
                 serial("phi_s")
             );
         }
-        Action::Status | Action::Home | Action::Jog(_) | Action::Unpark => {}
+        Action::Status | Action::Home | Action::Jog(_) | Action::Unpark | Action::Stop => {}
     }
     let mut text = match answer["problem"]["detail"].as_str() {
         Some(problem) => format!("not connected: {problem}\n"),
@@ -222,8 +234,8 @@ fn words(action: &Action, answer: &Value) -> String {
     for axis in ["theta_c", "phi_s"] {
         let state = &answer["axes"][axis];
         let position = match state["position_deg"].as_f64() {
-            Some(deg) => format!("{deg:10.4}°"),
-            None => "   unknown".into(),
+            Some(deg) if state["referenced"] == true => format!("{deg:10.4}°"),
+            _ => "position unknown".into(),
         };
         let moving = match state["moving"].as_bool() {
             Some(true) => "moving",
@@ -233,7 +245,7 @@ fn words(action: &Action, answer: &Value) -> String {
         let homed = match (answer["connected"] == false, state["homed"] == true) {
             (true, _) => "reference unknown",
             (false, true) => "homed",
-            (false, false) => "not homed",
+            (false, false) => "not homed: run `ridged rig home`",
         };
         let warnings: Vec<&str> = state["warnings"]
             .as_array()

@@ -40,7 +40,7 @@ pub struct Args {
     /// Take only new dark and white-reference frames for the plan. Later scans reuse them and ask only for the sample.
     #[arg(long)]
     pub calibrate: bool,
-    /// Name of the sample [default: the newest one].
+    /// Name of the sample [default: that of the last scan of this rig].
     #[arg(long, value_name = "NAME")]
     pub sample: Option<String>,
     /// Index of refraction; adds the sample if it does not exist yet.
@@ -216,7 +216,7 @@ fn no_sample(wanted: Option<&str>) -> CliError {
             anyhow!("there is no sample `{name}`; add it on the page or by POST /api/v1/samples")
         }
         None => anyhow!(
-            "there is no sample yet; add one on the page or by POST /api/v1/samples, then name it with --sample"
+            "which sample is on the rig? Name it with --sample NAME; --eta N or --metal NAME adds a new one"
         ),
     })
 }

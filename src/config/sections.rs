@@ -305,6 +305,8 @@ pub struct ScanSection {
     pub suspend_for_max_s: f64,
     /// Counts above the black level that a frame under the cap may show in addition to dark current. Default 100, 0 to 65535.
     pub capped_mean_dn_max: f64,
+    /// Whether the daemon fits a scan once it is completed. Default true.
+    pub fit_at_end: bool,
 }
 
 impl Default for ScanSection {
@@ -324,6 +326,7 @@ impl Default for ScanSection {
             suspend_calm_s: 10.0,
             suspend_for_max_s: 3600.0,
             capped_mean_dn_max: 100.0,
+            fit_at_end: true,
         }
     }
 }

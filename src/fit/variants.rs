@@ -258,7 +258,11 @@ fn fit_each(
         }
     }
     if let (Some(paper), Some(sawtooth)) = (&paper, &sawtooth) {
-        report.warnings.extend(comparison(paper, sawtooth));
+        // Only a fit of variant paper leaves something to do.
+        match chosen {
+            VariantName::Paper => report.warnings.extend(comparison(paper, sawtooth)),
+            _ => report.notes.extend(comparison(paper, sawtooth)),
+        }
     }
     if dispersion > INADEQUATE {
         report.notes.push(format!(

@@ -68,6 +68,7 @@ pub fn real_rig(
         flat_valid: hours(config.flat.valid_h),
         park: park(config),
         lamp_off: lamp(config, &config.lamp.off),
+        fit_at_end: config.scan.fit_at_end,
         simulated: None,
         label: String::new(),
     };
@@ -108,6 +109,7 @@ impl RigSettings {
             flat_valid: hours(config.flat.valid_h),
             park: None,
             lamp_off: None,
+            fit_at_end: config.scan.fit_at_end,
             simulated: Some(time_scale),
             label,
         }
@@ -127,6 +129,7 @@ impl RigSettings {
         self.defaults.dark_repeats = dark.repeats;
         self.defaults.flat_repeats = flat.repeats;
         self.defaults.reference_every = config.scan.reference_every;
+        self.fit_at_end = config.scan.fit_at_end;
         // The default exposures are those of no camera in particular; the rig's own fit it better.
         if camera.exposures_s != CameraSection::default().exposures_s {
             self.defaults.exposures_s.clone_from(&camera.exposures_s);

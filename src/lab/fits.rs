@@ -292,7 +292,10 @@ impl Lab {
             .await?;
         if let Some(set_id) = known {
             let set = self.store().observations(set_id).await?;
-            return Ok(Reduced { set, complete });
+            // The scan may have been assigned to a sample of another material since.
+            if set.material == series.manifest().material() {
+                return Ok(Reduced { set, complete });
+            }
         }
         let name = region.map(str::to_owned);
         let store = self.store().clone();

@@ -15,6 +15,7 @@ mod error;
 mod event_sink;
 mod export;
 mod failure;
+mod fit_at_end;
 mod fits;
 mod hands;
 mod hooks;
@@ -74,6 +75,7 @@ pub use curves::{Curve, FitCurves};
 pub use error::{Holder, LabError};
 use event_sink::EventSink;
 pub use export::{Exported, export, export_readable};
+pub use fit_at_end::FIT_NOT_STARTED;
 use fits::Reductions;
 pub use fits::{FitRequest, Reduced};
 pub use hands::OperatorCall;
@@ -116,6 +118,8 @@ pub struct RigSettings {
     pub park: Option<Pose>,
     /// Switches the lamp off.
     pub lamp_off: Option<Program>,
+    /// Whether a completed scan is fitted without a request.
+    pub fit_at_end: bool,
     /// Time scale of a simulated rig; none for a real one.
     pub simulated: Option<f64>,
     /// Anything else that makes frames of two rigs incomparable (a simulated rig's seed).
@@ -256,6 +260,7 @@ impl Lab {
             }),
             who: LOCAL.into(),
         };
+        fit_at_end::start(&lab);
         Ok((lab, recovery))
     }
 

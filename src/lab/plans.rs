@@ -336,7 +336,7 @@ fn check_regions(steps: &[Step], settings: &StageSettings) -> Result<(), LabErro
 }
 
 /// Returns `[sample]` of a manifest for a nominal material.
-fn sample_facts(material: &Material) -> SampleFacts {
+pub(super) fn sample_facts(material: &Material) -> SampleFacts {
     let blank = SampleFacts {
         metal: None,
         kind: SampleKind::Dielectric,

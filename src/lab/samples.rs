@@ -1,9 +1,13 @@
-//! Samples and kept answers: the small writes that clients ask the lab for.
+//! Samples, corrections and kept answers: the small writes that clients ask the lab for.
 
+use super::plans::sample_facts;
 use super::{Lab, LabError};
+use crate::scan::ScanState;
+use crate::series::{Manifest, SampleFacts};
 use crate::store::StoreError;
 use crate::store::idempotency::{KeptAnswer, KeyedRequest};
 use crate::store::samples::{NewSample, Sample};
+use crate::store::scans::Scan;
 
 impl Lab {
     /// Adds a sample.
@@ -18,6 +22,65 @@ impl Lab {
             });
         }
         Ok(self.store().add_sample(new).await?)
+    }
+
+    /// Gives a sample another name; the earlier one stays on record.
+    ///
+    /// # Errors
+    /// [`LabError::Invalid`] for a name that is empty or too long, an unknown sample, or a store error.
+    pub async fn rename_sample(&self, id: i64, name: &str) -> Result<Sample, LabError> {
+        let new = NewSample {
+            name: name.to_owned(),
+            material: self.store().sample(id).await?.material,
+            note: None,
+            simulated: None,
+        };
+        if let Some(("name", problem)) = new.fault() {
+            return Err(LabError::Invalid {
+                field: "name".into(),
+                problem,
+            });
+        }
+        let renamed = self.store().rename_sample(id, name).await?;
+        self.record_order(format!("sample {id} named {name}"), None)
+            .await;
+        Ok(renamed)
+    }
+
+    /// Assigns a scan to another sample; the earlier one stays on record. If the material differs, later reductions use
+    /// that of the new sample, and a completed scan is fitted again.
+    ///
+    /// # Errors
+    /// [`LabError::NotNow`] while the scan holds the rig, an unknown scan or sample, or a store error.
+    pub async fn assign_scan(&self, id: i64, sample_id: i64) -> Result<Scan, LabError> {
+        let scan = self.as_it_stands(self.store().scan(id).await?);
+        if !scan.state.is_end() && scan.state != ScanState::Interrupted {
+            return Err(LabError::NotNow {
+                scan_id: id,
+                state: scan.state,
+                asked: "another sample",
+            });
+        }
+        let material = self.store().sample(sample_id).await?.material;
+        let order = format!("assigned to sample {sample_id}");
+        let text = self.store().manifest(id).await?;
+        let mut manifest = Manifest::from_toml(&text, "manifest.toml")?;
+        if manifest.material() == material {
+            let assigned = self.store().assign_scan(id, sample_id, &text).await?;
+            self.record_order(order, Some(id)).await;
+            return Ok(assigned);
+        }
+        manifest.sample = SampleFacts {
+            layout: manifest.sample.layout.take(),
+            ..sample_facts(&material)
+        };
+        let text = manifest.to_toml();
+        let assigned = self.store().assign_scan(id, sample_id, &text).await?;
+        self.record_order(order, Some(id)).await;
+        if assigned.state == ScanState::Completed {
+            self.fit_completed(id).await;
+        }
+        Ok(assigned)
     }
 
     /// Keeps the answer to a request under its idempotency key; the first answer under a key stays.

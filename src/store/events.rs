@@ -79,17 +79,7 @@ impl Store {
         who: Option<&str>,
         of_scan: Option<i64>,
     ) -> Result<RecordedEvent, StoreError> {
-        let clock = &self.inner.clock;
-        let at = match &event {
-            Event::Fit { .. } | Event::Calculation { .. } | Event::Forecast { .. } => clock.wall(),
-            Event::Rig { .. }
-            | Event::Scan { .. }
-            | Event::Frame { .. }
-            | Event::Uncertainty { .. }
-            | Event::Recovered { .. }
-            | Event::Order { .. }
-            | Event::Alarm { .. } => clock.utc(),
-        };
+        let at = self.inner.clock.utc();
         let body = serde_json::to_string(&event).map_err(|e| StoreError::bad_row("events", e))?;
         let (job_kind, job_number) = event.job_number().unzip();
         let (id, who) = sqlx::query_as(

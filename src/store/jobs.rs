@@ -132,7 +132,7 @@ const SELECT: &str =
        COALESCE(e.state, 'running') AS state, e.set_id, e.result, e.error_code, e.error_detail,
        j.who, j.created_at, e.at AS ended_at
      FROM jobs j LEFT JOIN job_ends e ON e.job_id = j.id
-     LEFT JOIN scans s ON s.id = j.scan_id LEFT JOIN samples p ON p.id = s.sample_id";
+     LEFT JOIN scan_now s ON s.scan_id = j.scan_id LEFT JOIN sample_now p ON p.sample_id = s.sample_id";
 
 /// Extension of a folder that is being filled.
 const PART_SUFFIX: &str = "part";

@@ -16,6 +16,7 @@
 
 mod audit;
 pub mod calibrations;
+pub mod corrections;
 pub mod disk;
 mod error;
 pub mod events;
@@ -156,12 +157,27 @@ impl Store {
             });
         }
         // A daemon has the log and its index open; without a daemon SQLite creates them.
-        if Store::is_in_use(folder) || takes_files(folder) {
+        let is_held = Store::is_in_use(folder);
+        if is_held || takes_files(folder) {
             let options = writing(folder).create_if_missing(false);
-            return Store::connect(folder, disk, clock, None, options).await;
+            let store = Store::connect(folder, disk, clock, None, options).await?;
+            // The tables of an earlier program get the form that this one reads.
+            if !is_held && !store.is_migrated().await {
+                let _lock = take_lock(folder)?;
+                MIGRATIONS.run(&store.inner.writer).await?;
+            }
+            return Ok(store);
         }
         let options = immutable(folder)?;
         Store::connect(folder, disk, clock, None, options).await
+    }
+
+    async fn is_migrated(&self) -> bool {
+        let done = sqlx::query_scalar("SELECT version FROM _sqlx_migrations WHERE success")
+            .fetch_all(self.readers())
+            .await;
+        let done: Vec<i64> = done.unwrap_or_default();
+        MIGRATIONS.iter().all(|step| done.contains(&step.version))
     }
 
     /// Returns whether a process has the store in `folder` open for writing.
@@ -317,7 +333,7 @@ impl Store {
         utc_text(self.inner.clock.utc())
     }
 
-    /// The wall-clock time, for what is not the rig's: samples and jobs.
+    /// The same as [`Store::now_text`].
     fn wall_text(&self) -> String {
         utc_text(self.inner.clock.wall())
     }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use sqlx::FromRow;
 
+use super::corrections::{EARLIER_NAMES, EarlierName};
 use super::{Page, PageRequest, Store, StoreError};
 use crate::limits;
 use crate::material::Material;
@@ -114,6 +115,8 @@ pub struct Sample {
     pub simulated: Option<SimulatedSurface>,
     /// RFC 3339 UTC.
     pub created_at: String,
+    /// Names that it had, oldest first.
+    pub earlier_names: Vec<EarlierName>,
 }
 
 #[derive(FromRow)]
@@ -124,6 +127,7 @@ struct Row {
     note: Option<String>,
     simulated: Option<String>,
     created_at: String,
+    earlier_names: String,
 }
 
 impl TryFrom<Row> for Sample {
@@ -143,8 +147,16 @@ impl TryFrom<Row> for Sample {
                 .transpose()
                 .map_err(bad)?,
             created_at: row.created_at,
+            earlier_names: serde_json::from_str(&row.earlier_names).map_err(bad)?,
         })
     }
+}
+
+fn select() -> String {
+    format!(
+        "SELECT p.id, n.name, p.material, p.note, p.simulated, p.created_at, {EARLIER_NAMES} AS earlier_names
+         FROM samples p JOIN sample_now n ON n.sample_id = p.id"
+    )
 }
 
 impl Store {
@@ -180,7 +192,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::NotFound`], or a database error.
     pub async fn sample(&self, id: i64) -> Result<Sample, StoreError> {
-        sqlx::query_as::<_, Row>("SELECT * FROM samples WHERE id = ?")
+        let select = select();
+        sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!("{select} WHERE p.id = ?")))
             .bind(id)
             .fetch_optional(self.readers())
             .await?
@@ -197,9 +210,10 @@ impl Store {
         name: Option<&str>,
         page: PageRequest,
     ) -> Result<Page<Sample>, StoreError> {
-        let rows = sqlx::query_as::<_, Row>(
-            "SELECT * FROM samples WHERE (?1 IS NULL OR id < ?1) AND (?2 IS NULL OR name = ?2) ORDER BY id DESC LIMIT ?3",
-        )
+        let select = select();
+        let rows = sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!(
+            "{select} WHERE (?1 IS NULL OR p.id < ?1) AND (?2 IS NULL OR n.name = ?2) ORDER BY p.id DESC LIMIT ?3"
+        )))
         .bind(page.cursor)
         .bind(name)
         .bind(page.limit + 1)

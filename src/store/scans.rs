@@ -3,6 +3,7 @@
 use sqlx::FromRow;
 use sqlx::sqlite::SqliteConnection;
 
+use super::corrections::{EARLIER_SAMPLES, EarlierSample};
 use super::{PROGRAM, Page, PageRequest, Store, StoreError};
 use crate::scan::{Event, OperatorAction, Plan, Progress, RecordedEvent, ScanState};
 
@@ -78,6 +79,8 @@ pub struct Scan {
     pub started_at: Option<String>,
     /// Time of its present state.
     pub state_at: String,
+    /// Samples that it was assigned to, oldest first.
+    pub earlier_samples: Vec<EarlierSample>,
 }
 
 impl Scan {
@@ -113,6 +116,7 @@ struct Row {
     created_at: String,
     started_at: Option<String>,
     state_at: String,
+    earlier_samples: String,
 }
 
 impl TryFrom<Row> for Scan {
@@ -142,6 +146,8 @@ impl TryFrom<Row> for Scan {
             created_at: row.created_at,
             started_at: row.started_at,
             state_at: row.state_at,
+            earlier_samples: serde_json::from_str(&row.earlier_samples)
+                .map_err(|e| StoreError::bad_row("scan_samples", e))?,
         })
     }
 }
@@ -151,13 +157,18 @@ fn state_of(word: &str) -> Result<ScanState, StoreError> {
         .ok_or_else(|| StoreError::bad_row("scan_states", format!("`{word}` is not a state")))
 }
 
-const SELECT: &str =
-    "SELECT s.id, s.sample_id, p.name AS sample_name, s.rig_id, s.origin, s.name, s.plan,
-       t.state, t.reason, t.operator, s.who, s.created_at, t.at AS state_at,
-       (SELECT MIN(at) FROM scan_states WHERE scan_id = s.id AND state <> 'planned') AS started_at
-     FROM scans s
-     JOIN samples p ON p.id = s.sample_id
-     JOIN scan_states t ON t.id = (SELECT MAX(id) FROM scan_states WHERE scan_id = s.id)";
+fn select() -> String {
+    format!(
+        "SELECT s.id, w.sample_id, p.name AS sample_name, s.rig_id, s.origin, s.name, s.plan,
+           t.state, t.reason, t.operator, s.who, s.created_at, t.at AS state_at,
+           (SELECT MIN(at) FROM scan_states WHERE scan_id = s.id AND state <> 'planned') AS started_at,
+           {EARLIER_SAMPLES} AS earlier_samples
+         FROM scans s
+         JOIN scan_now w ON w.scan_id = s.id
+         JOIN sample_now p ON p.sample_id = w.sample_id
+         JOIN scan_states t ON t.id = (SELECT MAX(id) FROM scan_states WHERE scan_id = s.id)"
+    )
+}
 
 impl Store {
     /// Returns the number of the rig with these settings (canonical JSON); adds a row for new settings.
@@ -335,7 +346,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::NotFound`], or a database error.
     pub async fn scan(&self, id: i64) -> Result<Scan, StoreError> {
-        sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!("{SELECT} WHERE s.id = ?")))
+        let select = select();
+        sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!("{select} WHERE s.id = ?")))
             .bind(id)
             .fetch_optional(self.readers())
             .await?
@@ -352,8 +364,9 @@ impl Store {
         filter: ScanFilter,
         page: PageRequest,
     ) -> Result<Page<Scan>, StoreError> {
+        let select = select();
         let rows = sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!(
-            "{SELECT} WHERE (?1 IS NULL OR s.id < ?1) AND (?2 IS NULL OR s.sample_id = ?2)
+            "{select} WHERE (?1 IS NULL OR s.id < ?1) AND (?2 IS NULL OR w.sample_id = ?2)
                AND (?3 IS NULL OR t.state = ?3) ORDER BY s.id DESC LIMIT ?4"
         )))
         .bind(page.cursor)
@@ -365,12 +378,25 @@ impl Store {
         Ok(Page::read(rows, page.limit, |row: &Row| row.id))
     }
 
+    /// Returns the sample of the newest scan that a rig made of one; none before the first.
+    ///
+    /// # Errors
+    /// A database error.
+    pub async fn last_scanned_sample(&self) -> Result<Option<i64>, StoreError> {
+        Ok(sqlx::query_scalar(
+            "SELECT w.sample_id FROM scans s JOIN scan_now w ON w.scan_id = s.id
+             WHERE s.origin = 'rig' AND json_extract(s.plan, '$.repeats') > 0 ORDER BY s.id DESC LIMIT 1",
+        )
+        .fetch_optional(self.readers())
+        .await?)
+    }
+
     /// Returns the `manifest.toml` of a scan, as a reduction reads it.
     ///
     /// # Errors
     /// [`StoreError::NotFound`], or a database error.
     pub async fn manifest(&self, scan_id: i64) -> Result<String, StoreError> {
-        sqlx::query_scalar("SELECT manifest FROM scans WHERE id = ?")
+        sqlx::query_scalar("SELECT manifest FROM scan_now WHERE scan_id = ?")
             .bind(scan_id)
             .fetch_optional(self.readers())
             .await?

@@ -48,6 +48,9 @@ impl BenchInABox {
         let clock: Arc<dyn Clock> = Arc::new(SteppedClock::new());
         clock.sleep(later).await;
         let (rig, parts) = SimulatedRig::with_clock(Simulation::default(), clock).unwrap();
+        let mut parts = parts;
+        // Tests that want fits ask for them.
+        parts.settings.fit_at_end = false;
         let parts = change(parts);
         let (lab, _) = Lab::open(folder, disk, Arc::clone(&rig.clock), Some(parts))
             .await

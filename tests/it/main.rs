@@ -8,6 +8,7 @@ mod again;
 mod bench_in_a_box;
 mod check;
 mod commands;
+mod corrections;
 mod costs;
 mod cut_short;
 mod doctor;

@@ -44,9 +44,8 @@ export function completed(page: Page): () => Promise<boolean> {
   return async () => (await page.locator('section[aria-labelledby=answer-title] .card-head .chip', { hasText: 'completed' }).count()) > 0;
 }
 
-/** Presses Fit and reads a headline number when it is shown. */
+/** Reads a headline number once the fit that follows a completed scan is shown. */
 export async function fitted(page: Page, timeoutMs: number): Promise<{ theta_r_deg: number; text: string }> {
-  await page.getByRole('button', { name: /^Fit( again)?$/ }).click();
   const place = page.locator('[data-parameter=theta_r_deg]');
   await place.waitFor({ timeout: timeoutMs });
   const text = (await place.innerText()).replace(/\s+/g, ' ').trim();

@@ -14,6 +14,7 @@ use crate::cli::progress::Bar;
 use crate::cli::{CliError, interrupt, say};
 use crate::material::Material;
 use crate::scan::{OperatorAction, PlanRequest, ScanState};
+use crate::sim::operator::TRACED_SAMPLE;
 
 /// Interval between requests for the scan's state, and so the longest time that a prompt outlives its step.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -48,7 +49,7 @@ pub(super) fn scan(client: &Client, args: &Args, plan: &PlanRequest) -> Result<V
         return Err(CliError::no_result(anyhow!("{problem}")));
     }
     let simulated = rig["simulated"] == true;
-    let sample_id = daemons_sample(client, args)?;
+    let sample_id = daemons_sample(client, args, simulated)?;
     let body = json!({ "sample_id": sample_id, "plan": plan });
     // Before the rig may move.
     let stopped = interrupt::flag()?;
@@ -69,6 +70,7 @@ pub(super) fn scan(client: &Client, args: &Args, plan: &PlanRequest) -> Result<V
             "scan {id} is {state}{why}; committed frames are kept"
         )));
     }
+    say(&format_args!("its result: {}/#/scan/{id}", client.url));
     Ok(json!({ "id": id, "scan_id": id, "state": state }))
 }
 
@@ -239,11 +241,24 @@ fn paused(client: &Client, id: i64) -> Result<(), CliError> {
     }
 }
 
-fn daemons_sample(client: &Client, args: &Args) -> Result<i64, CliError> {
-    let wanted = args.sample.as_deref();
-    let query: Vec<_> = wanted.map(|name| ("name", name)).into_iter().collect();
-    let samples = client.search("/samples", &query)?;
-    let found = &samples["items"][0];
+/// Returns the sample that is on the rig: the one of `--sample`, or that of the last scan, else of a simulated rig its own.
+fn daemons_sample(client: &Client, args: &Args, simulated: bool) -> Result<i64, CliError> {
+    let mut wanted = args.sample.as_deref();
+    if wanted.is_none() {
+        let scans = client.get("/scans?limit=1000")?;
+        let last = scans["items"].as_array().into_iter().flatten();
+        let last = last
+            .filter(|scan| scan["origin"] == "rig" && scan["plan"]["repeats"] != 0)
+            .find_map(|scan| scan["sample_id"].as_i64());
+        if let Some(id) = last {
+            return Ok(id);
+        }
+        wanted = simulated.then_some(TRACED_SAMPLE);
+    }
+    let found = match wanted {
+        Some(name) => client.search("/samples", &[("name", name)])?["items"][0].take(),
+        None => Value::Null,
+    };
     if let Some(id) = found["id"].as_i64() {
         if let Ok(kept) = serde_json::from_value::<Material>(found["material"].clone()) {
             suits_the_sample(args, &kept)?;

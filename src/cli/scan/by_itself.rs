@@ -16,6 +16,7 @@ use crate::scan::runner::ScanCommand;
 use crate::scan::{Event, PlanRequest, ScanState};
 use crate::sim::operator::TRACED_SAMPLE;
 use crate::sim::rig::{SimulatedRig, Simulation};
+use crate::store::StoreError;
 use crate::store::disk::RealDisk;
 use crate::store::samples::NewSample;
 
@@ -25,7 +26,8 @@ use crate::store::samples::NewSample;
 /// Bad input for a missing rig or sample; no result where the scan does not complete; interrupted on Ctrl-C.
 pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliError> {
     let config = runtime::read_config(args.config.as_deref())?;
-    let (simulator, parts, clock) = if args.simulated_rig {
+    let is_calibration = plan.repeats == Some(0);
+    let (simulator, mut parts, clock) = if args.simulated_rig {
         let (rig, mut parts) = SimulatedRig::build(Simulation {
             time_scale: args.time_scale,
             ..Simulation::default()
@@ -44,6 +46,8 @@ pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliErr
         })?;
         (None, parts, clock)
     };
+    // This process ends with the scan.
+    parts.settings.fit_at_end = false;
     let (lab, earlier) = daemon::open_lab(&args.data, Arc::new(RealDisk), clock, Some(parts))
         .await
         .map_err(CliError::no_result)?;
@@ -113,7 +117,16 @@ pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliErr
     }
     let (state, answer) = outcome?;
     match state {
-        ScanState::Completed => Ok(answer),
+        ScanState::Completed => {
+            if !is_calibration {
+                say(&format_args!(
+                    "to fit it: ridged fit --scan {} --data {}",
+                    answer["id"],
+                    args.data.display()
+                ));
+            }
+            Ok(answer)
+        }
         other => Err(CliError::no_result(anyhow!(
             "scan {} is {other}; committed frames are kept",
             answer["id"]
@@ -148,13 +161,17 @@ async fn how_left(lab: &Lab, scan_id: i64, args: &Args) -> String {
 
 /// Returns the sample of the arguments; adds it if it does not exist.
 async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
+    let store_error = |e: StoreError| runtime::lab_error(e.into());
     let wanted = match (&args.sample, args.simulated_rig) {
         (Some(name), _) => Some(name.as_str()),
         (None, true) => Some(TRACED_SAMPLE),
-        (None, false) => None,
+        (None, false) => {
+            let last = lab.store().last_scanned_sample().await;
+            return last.map_err(store_error)?.ok_or_else(|| no_sample(None));
+        }
     };
     let found = lab.store().newest_sample(wanted, |_| true).await;
-    if let Some(sample) = found.map_err(|e| runtime::lab_error(e.into()))? {
+    if let Some(sample) = found.map_err(store_error)? {
         suits_the_sample(args, &sample.material)?;
         return Ok(sample.id);
     }

@@ -320,6 +320,12 @@ impl Plan {
         all
     }
 
+    /// Whether the plan takes dark and white-reference frames only.
+    #[must_use]
+    pub const fn is_calibration(&self) -> bool {
+        self.repeats == 0
+    }
+
     /// Frames of the whole plan, all calibrations included.
     #[must_use]
     pub fn n_frames(&self) -> u64 {

@@ -104,6 +104,14 @@ async fn post(router: &Router, path: &str, body: &str) -> Answer {
     send(router, request).await
 }
 
+async fn patch(router: &Router, path: &str, body: &str) -> Answer {
+    let request = request("PATCH", path)
+        .header("content-type", "application/json")
+        .body(Body::from(body.to_owned()))
+        .unwrap();
+    send(router, request).await
+}
+
 /// Asserts that an answer refuses by this code and says what to do.
 pub(crate) fn is_problem(answer: &Answer, status: u16, code: &str) {
     assert_eq!(answer.status, status, "{}", answer.body);

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::{get, opened, post};
+use super::{get, is_problem, opened, patch, post};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_sample_without_a_material_says_what_was_assumed() {
@@ -54,5 +54,26 @@ async fn a_sample_may_name_its_metal() {
     assert_eq!(unknown.status, 422);
     let detail = unknown.detail();
     assert!(detail.contains("known ones are Ag, Al"), "{detail}");
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_sample_is_renamed_and_its_earlier_name_stays() {
+    let (bench, router) = opened().await;
+    let renamed = patch(&router, "/api/v1/samples/2", r#"{"name": "B-17"}"#).await;
+    assert_eq!(renamed.status, 200, "{}", renamed.body);
+    assert_eq!(renamed.body["name"], json!("B-17"));
+    assert_eq!(
+        renamed.body["earlier_names"][0]["name"],
+        json!("traced polymer")
+    );
+    let read = get(&router, "/api/v1/samples/2").await;
+    assert_eq!(read.body, renamed.body);
+    let nameless = patch(&router, "/api/v1/samples/2", r#"{"name": " "}"#).await;
+    is_problem(&nameless, 422, "invalid-value");
+    let missing = patch(&router, "/api/v1/samples/99", r#"{"name": "x"}"#).await;
+    is_problem(&missing, 404, "not-found");
+    let of_nothing = patch(&router, "/api/v1/scans/99", r#"{"sample_id": 2}"#).await;
+    is_problem(&of_nothing, 404, "not-found");
     bench.end().await;
 }

@@ -7,6 +7,8 @@ export interface ErrorLine {
   readonly points: readonly AccuracyPoint[];
   /** Slope of log error over log seconds by least squares. Null for fewer than three points, a span below a factor of 3, or points that are not on a straight line. */
   readonly slope: number | null;
+  /** The error no longer falls at the end. */
+  readonly level: boolean;
 }
 
 /** Scenes in the order of their measurement. */
@@ -17,7 +19,7 @@ export function scenesOf(accuracy: Accuracy): string[] {
 /** The scene shown at first: the first one that has a curve, else the first one. */
 export function firstScene(accuracy: Accuracy): string {
   const scenes = scenesOf(accuracy);
-  return scenes.find((scene) => linesOf(accuracy, scene).some((line) => line.slope !== null)) ?? scenes[0] ?? '';
+  return scenes.find((scene) => linesOf(accuracy, scene).some((line) => line.slope !== null || line.level)) ?? scenes[0] ?? '';
 }
 
 /** Lines of a scene, one per method (and quantity, where there are several). */
@@ -30,14 +32,21 @@ export function linesOf(accuracy: Accuracy, scene: string): ErrorLine[] {
     const name = several ? `${p.method} (${last})` : p.method;
     groups.set(name, [...(groups.get(name) ?? []), p]);
   }
-  return [...groups].map(([method, points]) => ({ method, points, slope: slopeOf(points) }));
+  return [...groups].map(([method, points]) => ({ method, points, slope: slopeOf(points), level: levelsOff(points) }));
 }
 
 /** A point this far from the line, as a factor, excludes a power law: a solver that converges quadratically has none. */
 const BENT = 4;
 
 /** Slope above which an error does not fall with time: only what the method omits is left. */
-export const LEVEL = -0.25;
+const LEVEL = -0.25;
+
+/** Whether the error no longer falls between the two points of the longest run times. */
+export function levelsOff(points: readonly AccuracyPoint[]): boolean {
+  const [before, last] = [...points].sort((a, b) => a.seconds - b.seconds).slice(-2);
+  if (points.length < 3 || !before || !last) return false;
+  return Math.log(last.error / before.error) > LEVEL * Math.log(last.seconds / before.seconds);
+}
 
 export function slopeOf(points: readonly AccuracyPoint[]): number | null {
   const x = points.map((p) => Math.log(p.seconds));
@@ -48,7 +57,8 @@ export function slopeOf(points: readonly AccuracyPoint[]): number | null {
   const xy = x.reduce((sum, v, i) => sum + (v - mx) * ((y[i] ?? my) - my), 0);
   const slope = xy / x.reduce((sum, v) => sum + (v - mx) ** 2, 0);
   const off = Math.max(...x.map((v, i) => Math.abs((y[i] ?? my) - my - slope * (v - mx))));
-  return off > Math.log(BENT) ? null : slope;
+  // No slope is fitted through a knee.
+  return off > Math.log(BENT) || (slope <= LEVEL && levelsOff(points)) ? null : slope;
 }
 
 /** A range of a logarithmic axis that contains all values, with a margin. */

@@ -78,7 +78,7 @@ async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
   return (await response.json()) as T;
 }
 
-async function post<T>(path: string, body?: unknown, method: 'POST' | 'DELETE' = 'POST'): Promise<T> {
+async function post<T>(path: string, body?: unknown, method: 'POST' | 'DELETE' | 'PATCH' = 'POST'): Promise<T> {
   const init: RequestInit = { method };
   if (body !== undefined) {
     init.headers = { 'content-type': 'application/json' };
@@ -155,10 +155,13 @@ export const api = {
   stop: (): Promise<unknown> => post('/rig/stop'),
 
   samples: (): Promise<Sample[]> => getAll('/samples'),
+  renameSample: (id: number, name: string): Promise<Sample> => post(`/samples/${id}`, { name }, 'PATCH'),
   addSample: (request: SampleRequest): Promise<Sample> => post('/samples', request),
 
   scans: (): Promise<Scan[]> => getAll('/scans'),
   scan: (id: number): Promise<Scan> => get(`/scans/${id}`),
+  /** Assigns a scan to the sample that was really scanned. */
+  assignScan: (id: number, sample_id: number): Promise<Scan> => post(`/scans/${id}`, { sample_id }, 'PATCH'),
   startScan: (request: ScanRequest): Promise<{ id: number }> => post('/scans', request),
   /** Takes dark and white-reference frames only. Returns the scan that takes them. */
   takeCalibrations: (request: ScanRequest): Promise<{ id: number }> => post('/calibrations', request),

@@ -1,17 +1,9 @@
-// Uncertainties of the live fit of a scan, as lines over the rig's time.
+// The expanded uncertainty of the ridge angle during a scan, from the rows of the live fit.
 
 import type { Certainty } from './types';
 
-/** Parameters in the order of their colours. */
-export const DRAWN = ['theta_r_deg', 'alpha_u', 'alpha_v', 'rho_d'] as const;
-
-export interface FallingLine {
-  readonly name: string;
-  /** Standard uncertainty per row; null while the frames did not determine it. */
-  readonly std: readonly (number | null)[];
-  /** The newest estimate and its uncertainty. */
-  readonly now: { readonly value: number; readonly std: number } | null;
-}
+/** Coverage factor of the live fit, whose rows have standard uncertainties. */
+export const COVERAGE = 2;
 
 /** Rows of both lists by the rig's time, without duplicates. */
 export function merged(kept: readonly Certainty[], fresh: readonly Certainty[]): Certainty[] {
@@ -19,13 +11,25 @@ export function merged(kept: readonly Certainty[], fresh: readonly Certainty[]):
   return [...rows.values()].sort((a, b) => a.elapsed_s - b.elapsed_s || a.id - b.id);
 }
 
-/** One line per parameter that any row determines. */
-export function fallingLines(rows: readonly Certainty[]): FallingLine[] {
-  const lines = DRAWN.map((name): FallingLine => {
-    const known = rows.map((row) => row.parameters[name] ?? null);
-    return { name, std: known.map((p) => p?.std ?? null), now: known.findLast((p) => p !== null) ?? null };
-  });
-  return lines.filter((line) => line.now !== null);
+/** Whether the frames of a row determined the ridge angle. */
+const isKnown = (row: Certainty): boolean => row.parameters['theta_r_deg'] !== undefined;
+
+/** Expanded uncertainty of the ridge angle, degrees; null while the frames did not determine it. */
+export function expandedAngle(row: Certainty): number | null {
+  const std = row.parameters['theta_r_deg']?.std;
+  return std === undefined ? null : COVERAGE * std;
+}
+
+/** The newest row that determines the ridge angle. */
+export function newestKnown(rows: readonly Certainty[]): Certainty | null {
+  return rows.findLast(isKnown) ?? null;
+}
+
+/** The first row from which on the uncertainty of the ridge angle stays within the target; null if the newest is beyond it. */
+export function reachedAt(rows: readonly Certainty[], target: number): Certainty | null {
+  const known = rows.filter(isKnown);
+  const beyond = known.findLastIndex((row) => (expandedAngle(row) ?? Infinity) > target);
+  return known[beyond + 1] ?? null;
 }
 
 export interface LogarithmicScale {
@@ -37,11 +41,11 @@ export interface LogarithmicScale {
 
 const MARKS_MAX = 7;
 
-/** A logarithmic scale that contains all lines with a margin, from one round value to another.
+/** A logarithmic scale that contains all values with a margin, from one round value to another.
  *
  * The marks are computed here: uPlot's own loop does not end when the lower end is between 9.5 and 10 of its decade. */
-export function logarithmic(lines: readonly FallingLine[]): LogarithmicScale {
-  const all = lines.flatMap((line) => line.std.filter((s): s is number => s !== null && s > 1e-300 && s < 1e300));
+export function logarithmic(values: readonly (number | null)[]): LogarithmicScale {
+  const all = values.filter((s): s is number => s !== null && s > 1e-300 && s < 1e300);
   const [least, most] = all.length === 0 ? [1e-3, 1] : [Math.min(...all) / 1.1, Math.max(...all) * 1.1];
   const exponents = [Math.floor(Math.log10(least)) - 1, Math.ceil(Math.log10(most)) + 1] as const;
   const round = Array.from({ length: exponents[1] - exponents[0] + 1 }, (_, i) => [1, 2, 5].map((m) => Number(`${m}e${exponents[0] + i}`))).flat();

@@ -18,13 +18,18 @@ export interface Panel {
 /** Tilts closer than this share a panel: stages read back within a few thousandths of a degree. */
 const SAME_TILT_DEG = 0.25;
 
-/** Panels by ascending tilt. A curve goes to the panel with the nearest tilt. */
-export function panels(data: Curves): Panel[] {
+/** Panels by ascending tilt: one per tilt of the plan from the start, and one per further tilt of the observations. A curve goes
+ *  to the panel with the nearest tilt. */
+export function panels(data: Curves, plannedTilts: readonly number[] = []): Panel[] {
   const groups: { theta_c_deg: number; points: CurvePoint[]; curves: PanelCurve[] }[] = [];
-  for (const point of [...data.observations].sort((a, b) => a.theta_c_deg - b.theta_c_deg)) {
-    const last = groups.at(-1);
-    if (last && point.theta_c_deg - last.theta_c_deg <= SAME_TILT_DEG) last.points.push(point);
-    else groups.push({ theta_c_deg: point.theta_c_deg, points: [point], curves: [] });
+  const tilts = [...plannedTilts.map((theta_c_deg) => ({ theta_c_deg, point: null })), ...data.observations.map((point) => ({ theta_c_deg: point.theta_c_deg, point }))];
+  for (const { theta_c_deg, point } of tilts.sort((a, b) => a.theta_c_deg - b.theta_c_deg)) {
+    let last = groups.at(-1);
+    if (!last || theta_c_deg - last.theta_c_deg > SAME_TILT_DEG) {
+      last = { theta_c_deg, points: [], curves: [] };
+      groups.push(last);
+    }
+    if (point) last.points.push(point);
   }
   for (const curve of data.curves) {
     const nearest = groups.reduce<(typeof groups)[number] | null>((best, group) => {
@@ -34,7 +39,7 @@ export function panels(data: Curves): Panel[] {
     if (nearest && Math.abs(nearest.theta_c_deg - curve.theta_c_deg) <= SAME_TILT_DEG) nearest.curves.push(curve);
   }
   return groups.map((group) => ({
-    theta_c_deg: group.points.reduce((sum, p) => sum + p.theta_c_deg, 0) / group.points.length,
+    theta_c_deg: group.points.length === 0 ? group.theta_c_deg : group.points.reduce((sum, p) => sum + p.theta_c_deg, 0) / group.points.length,
     points: group.points.sort((a, b) => a.phi_s_deg - b.phi_s_deg),
     curves: group.curves,
   }));
@@ -74,6 +79,12 @@ export function aligned(columns: readonly { readonly xs: readonly number[]; read
       return out;
     }),
   };
+}
+
+/** The range of the azimuth axis, degrees, for all panels and for the whole scan: a full turn, and the plan where it goes beyond. */
+export function azimuthRange(planned: readonly number[]): [number, number] {
+  const [low, high] = [Math.min(0, ...planned), Math.max(360, ...planned)];
+  return [low - 8, high + 8];
 }
 
 /** Round azimuths within a range, degrees: quarter turns, or smaller steps if the range contains few of those. */

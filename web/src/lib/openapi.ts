@@ -16,6 +16,14 @@ export interface components {
          * @enum {string}
          */
         readonly Activity: "idle" | "moving" | "homing" | "scanning" | "paused" | "not-connected";
+        /** @description Another sample for a scan. */
+        readonly AssignBody: {
+            /**
+             * Format: int64
+             * @description Number of the sample that was scanned.
+             */
+            readonly sample_id: number;
+        };
         /** @description Both axes. */
         readonly AxesBody: {
             /** @description Sample azimuth φs. */
@@ -41,9 +49,12 @@ export interface components {
             readonly moving?: boolean | null;
             /**
              * Format: double
-             * @description Current position, degrees; null if the stage does not answer.
+             * @description Position read from the controller, degrees; null if the stage does not answer. Not a position of the axis while
+             *     `referenced` is false.
              */
             readonly position_deg?: number | null;
+            /** @description Whether `position_deg` counts from the reference position. False until the axis is homed. */
+            readonly referenced: boolean;
             /** @description Serial number of the device; null if unknown. */
             readonly serial?: string | null;
             /** @description Warnings of the controller: code and meaning. */
@@ -230,6 +241,25 @@ export interface components {
              * @description Frames per exposure; 0 leaves the dark frames out.
              */
             readonly repeats?: number | null;
+        };
+        /** @description A name that a sample had. */
+        readonly EarlierName: {
+            /** @description The name. */
+            readonly name: string;
+            /** @description When it was replaced, RFC 3339 in UTC. */
+            readonly until: string;
+        };
+        /** @description A sample that a scan was assigned to. */
+        readonly EarlierSample: {
+            /**
+             * Format: int64
+             * @description Number of the sample.
+             */
+            readonly sample_id: number;
+            /** @description The sample's present name. */
+            readonly sample_name: string;
+            /** @description When the scan was assigned to another sample, RFC 3339 in UTC. */
+            readonly until: string;
         };
         /** @description Estimate of a scan. */
         readonly EstimateBody: {
@@ -1531,6 +1561,8 @@ export interface components {
             readonly items: readonly {
                 /** @description When the sample was added, RFC 3339 in UTC. */
                 readonly created_at: string;
+                /** @description Names that it had, oldest first. */
+                readonly earlier_names: readonly components["schemas"]["EarlierName"][];
                 /**
                  * Format: int64
                  * @description Number of the sample.
@@ -1560,6 +1592,8 @@ export interface components {
                 readonly camera: components["schemas"]["ScanCameraBody"];
                 /** @description When the scan was requested, RFC 3339 in UTC. */
                 readonly created_at: string;
+                /** @description Samples that it was assigned to before, oldest first. */
+                readonly earlier_samples: readonly components["schemas"]["EarlierSample"][];
                 /** @description When it ended, RFC 3339 in UTC. */
                 readonly ended_at?: string | null;
                 /**
@@ -1944,6 +1978,11 @@ export interface components {
             /** @description Whether the store commits, records all running scans and has disk space. */
             readonly store: boolean;
         };
+        /** @description Another name for a sample. */
+        readonly RenameBody: {
+            /** @description Name, 1 to 200 characters. */
+            readonly name: string;
+        };
         /** @description Properties of a height map; lengths in µm. */
         readonly RidgeFacts: {
             /**
@@ -2056,6 +2095,8 @@ export interface components {
         readonly SampleBody: {
             /** @description When the sample was added, RFC 3339 in UTC. */
             readonly created_at: string;
+            /** @description Names that it had, oldest first. */
+            readonly earlier_names: readonly components["schemas"]["EarlierName"][];
             /**
              * Format: int64
              * @description Number of the sample.
@@ -2092,6 +2133,8 @@ export interface components {
             readonly camera: components["schemas"]["ScanCameraBody"];
             /** @description When the scan was requested, RFC 3339 in UTC. */
             readonly created_at: string;
+            /** @description Samples that it was assigned to before, oldest first. */
+            readonly earlier_samples: readonly components["schemas"]["EarlierSample"][];
             /** @description When it ended, RFC 3339 in UTC. */
             readonly ended_at?: string | null;
             /**
@@ -2357,6 +2400,7 @@ export interface components {
 }
 export type AcceptStagesBody = components['schemas']['AcceptStagesBody'];
 export type Activity = components['schemas']['Activity'];
+export type AssignBody = components['schemas']['AssignBody'];
 export type AxesBody = components['schemas']['AxesBody'];
 export type AxisBody = components['schemas']['AxisBody'];
 export type Begun = components['schemas']['Begun'];
@@ -2372,6 +2416,8 @@ export type CurvesBody = components['schemas']['CurvesBody'];
 export type DamagedBody = components['schemas']['DamagedBody'];
 export type DarkPlan = components['schemas']['DarkPlan'];
 export type DarkRequest = components['schemas']['DarkRequest'];
+export type EarlierName = components['schemas']['EarlierName'];
+export type EarlierSample = components['schemas']['EarlierSample'];
 export type EstimateBody = components['schemas']['EstimateBody'];
 export type FieldProblem = components['schemas']['FieldProblem'];
 export type Fit = components['schemas']['Fit'];
@@ -2447,6 +2493,7 @@ export type Prior = components['schemas']['Prior'];
 export type Problem = components['schemas']['Problem'];
 export type ProgressBody = components['schemas']['ProgressBody'];
 export type ReadyBody = components['schemas']['ReadyBody'];
+export type RenameBody = components['schemas']['RenameBody'];
 export type RidgeFacts = components['schemas']['RidgeFacts'];
 export type RigBody = components['schemas']['RigBody'];
 export type RigProblem = components['schemas']['RigProblem'];

@@ -151,8 +151,8 @@ describe('a lab’s day', () => {
     await fillScan(page, { sample: 'traced polymer', ...LONG_GRID });
     await startScan();
     const line = page.getByTestId('certainty').locator('[data-line=theta_r_deg]');
-    /** The displayed standard uncertainty; NaN before there is one. */
-    const std = async (): Promise<number> => ((await line.count()) === 0 ? Number.NaN : Number.parseFloat((await line.innerText()).split('u =')[1] ?? ''));
+    /** The displayed expanded uncertainty; NaN before there is one. */
+    const std = async (): Promise<number> => ((await line.count()) === 0 ? Number.NaN : Number.parseFloat((await line.innerText()).split('±')[1] ?? ''));
     // A pause gives the live fit the time that a debug binary needs.
     await doSteps(page, () => pausedAt(0.1), SCAN_MS_MAX);
     await expect.poll(std, { timeout: 90_000 }).toBeGreaterThan(0);

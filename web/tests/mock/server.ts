@@ -52,6 +52,8 @@ export class MockDaemon {
   connected = true;
   /** Whether the stages can be connected. */
   plugged = true;
+  /** Whether a completed scan is fitted, as the real daemon does. */
+  fitsAtEnd = false;
   /** Rows of the live fit, for every scan. */
   readonly certainties: Json[] = [];
   /** Calibrations of earlier scans that a new scan can use. */
@@ -60,8 +62,8 @@ export class MockDaemon {
   regions: string[] = [];
   frameMs: number;
   readonly axes = {
-    theta_c: { position_deg: 0, moving: false, homed: true, warnings: [] as string[], serial: '90001', limit_min_deg: -60, limit_max_deg: 60 },
-    phi_s: { position_deg: 0, moving: false, homed: true, warnings: [] as string[], serial: '90002', limit_min_deg: -10, limit_max_deg: 370 },
+    theta_c: { position_deg: 0, referenced: true, moving: false, homed: true, warnings: [] as string[], serial: '90001', limit_min_deg: -60, limit_max_deg: 60 },
+    phi_s: { position_deg: 0, referenced: true, moving: false, homed: true, warnings: [] as string[], serial: '90002', limit_min_deg: -10, limit_max_deg: 370 },
   };
   readonly surfaces = new Map<number, MockSurface>();
   readonly samples: Json[] = [];
@@ -123,7 +125,7 @@ export class MockDaemon {
 
   addSample(name: string, surface: MockSurface): number {
     const id = this.samples.length + 1;
-    this.samples.unshift({ id, name, material: { kind: 'dielectric', eta: 1.54, eta_std: 0.005 }, note: null, simulated: { surface: 'model', ...surface } });
+    this.samples.unshift({ id, name, material: { kind: 'dielectric', eta: 1.54, eta_std: 0.005 }, note: null, simulated: { surface: 'model', ...surface }, earlier_names: [] });
     this.surfaces.set(id, surface);
     return id;
   }
@@ -166,7 +168,7 @@ export class MockDaemon {
     const id = this.scans.length + 1;
     const scan: MockScan = {
       body: {
-        id, sample_id: sampleId, regions: this.regions, calibration_ids: [], sample_name: this.#scanName(sampleId), state: 'planned', reason: null, origin: 'rig', operator: null, plan,
+        id, sample_id: sampleId, regions: this.regions, calibration_ids: [], earlier_samples: [], sample_name: this.#scanName(sampleId), state: 'planned', reason: null, origin: 'rig', operator: null, plan,
         progress: null, frames_rejected: 0, created_at: new Date().toISOString(), started_at: new Date().toISOString(), ended_at: null,
       },
       frames: [],
@@ -206,6 +208,7 @@ export class MockDaemon {
     scan.body['ended_at'] = new Date().toISOString();
     this.#progress(scan);
     this.#tell(scan);
+    if (this.fitsAtEnd) this.addFit(scan.body.id);
   }
 
   #expose(scan: MockScan, shot: { kind: string; theta: number; phi: number; exposure: number }): void {
@@ -325,7 +328,7 @@ export class MockDaemon {
   #rig(): Json {
     const holder = this.scans.find((s) => ['planned', 'waiting-for-operator', 'running', 'pausing', 'paused'].includes(s.body.state));
     const moving = this.axes.theta_c.moving || this.axes.phi_s.moving;
-    const unheard = (axis: Json): Json => ({ ...axis, position_deg: null, moving: null, homed: false, serial: null });
+    const unheard = (axis: Json): Json => ({ ...axis, position_deg: null, referenced: false, moving: null, homed: false, serial: null });
     const axes = this.connected ? this.axes : { theta_c: unheard(this.axes.theta_c), phi_s: unheard(this.axes.phi_s) };
     return {
       connected: this.connected, problem: this.connected ? null : { code: 'port-missing', detail: 'the serial port /dev/ttyUSB0 does not exist: plug the stage in or correct [bench] port' },
@@ -344,7 +347,7 @@ export class MockDaemon {
     let text = '';
     for await (const part of request) text += String(part);
     const body = (text === '' ? {} : JSON.parse(text)) as Json;
-    if (method === 'POST') this.requests.push({ method, path, body });
+    if (method === 'POST' || method === 'PATCH') this.requests.push({ method, path, body });
     else this.reads.push(url.pathname.slice('/api/v1'.length) + url.search);
 
     const send = (status: number, answer: unknown, type = 'application/json'): void => {
@@ -424,6 +427,7 @@ export class MockDaemon {
         if (!axis.moving) return;
         axis.moving = false;
         axis.homed = true;
+        axis.referenced = true;
         axis.position_deg = target;
         this.event('rig', {});
       });
@@ -436,6 +440,15 @@ export class MockDaemon {
       return send(201, sample);
     }
     if (path === '/samples') return list(this.samples);
+    const sampleMatch = /^\/samples\/(\d+)$/.exec(path);
+    if (sampleMatch && method === 'PATCH') {
+      const sample = this.samples.find((s) => s['id'] === Number(sampleMatch[1]));
+      if (!sample) return problem(404, 'not-found', `there is no sample ${sampleMatch[1]}`);
+      sample['earlier_names'] = [...(sample['earlier_names'] as Json[]), { name: sample['name'], until: new Date().toISOString() }];
+      sample['name'] = body['name'];
+      for (const scan of this.scans.filter((s) => s.body.sample_id === sample['id'])) scan.body['sample_name'] = body['name'];
+      return send(200, sample);
+    }
     if ((path === '/scans' && method === 'POST') || path === '/scans/estimate') {
       const asked = body['plan'] as Json;
       const plan = { exposures_s: [0.02, 0.06, 0.18], repeats: 1, ...PRESETS[String(asked['preset'])], ...asked } as MockScan['body']['plan'];
@@ -459,6 +472,12 @@ export class MockDaemon {
       const scan = this.scans.find((s) => s.body.id === Number(scanMatch[1]));
       if (!scan) return problem(404, 'not-found', `there is no scan ${scanMatch[1]}`);
       const verb = scanMatch[2];
+      if (method === 'PATCH') {
+        scan.body['earlier_samples'] = [{ sample_id: scan.body.sample_id, sample_name: scan.body['sample_name'], until: new Date().toISOString() }];
+        scan.body.sample_id = Number(body['sample_id']);
+        scan.body['sample_name'] = this.#scanName(scan.body.sample_id);
+        return send(200, scan.body);
+      }
       if (verb === undefined) return send(200, scan.body);
       if (verb === 'frames') return list(scan.frames);
       if (verb === 'uncertainty') return list(this.certainties);

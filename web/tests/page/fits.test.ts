@@ -101,7 +101,7 @@ describe('the uncertainty along a scan', () => {
     await page.goto(url);
     const card = page.getByTestId('certainty');
     await card.waitFor();
-    expect(await card.locator('[data-line=theta_r_deg]').innerText()).toMatch(/10\.031°, u = 0\.043°/);
+    expect(await card.locator('[data-line=theta_r_deg]').innerText()).toMatch(/10\.031 ± 0\.085°/);
     await expect.poll(() => card.locator('canvas').count()).toBe(plots);
     expect(await card.innerText()).toMatch(/After \d+(\.\d+)? s: 15 poses/);
   });

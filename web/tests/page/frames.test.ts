@@ -2,7 +2,7 @@
 
 import { describe, expect, it } from 'vitest';
 
-import { daemon, page, text, url } from './stage';
+import { chooseSample, daemon, page, text, url } from './stage';
 
 describe('observations', () => {
   const asked = (): string[] => daemon.reads.filter((path) => path.includes('/observations'));
@@ -10,6 +10,7 @@ describe('observations', () => {
   it('are not read before the first frame of the sample, and read again when the scan ends early', async () => {
     daemon.frameMs = 40;
     await page.goto(url);
+    await chooseSample();
     await page.getByRole('button', { name: 'Start scan' }).click();
     for (let i = 0; i < 2; i++) await page.getByRole('button', { name: 'Continue' }).click();
     await page.getByRole('heading', { name: 'Place the sample' }).waitFor();

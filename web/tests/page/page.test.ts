@@ -2,7 +2,7 @@
 
 import { describe, expect, it } from 'vitest';
 
-import { anotherDaemon, daemon, page, posts, text, url } from './stage';
+import { anotherDaemon, chooseSample, daemon, page, posts, text, url } from './stage';
 
 describe('stop', () => {
   it('is sent by click and by Escape, also from inside a field', async () => {
@@ -68,6 +68,7 @@ describe('faults', () => {
 
   it('requests an estimate once, not at every event of the rig', async () => {
     await page.goto(url);
+    await chooseSample();
     await page.getByText('53 frames').waitFor();
     for (let i = 0; i < 5; i++) {
       daemon.event('rig', {});
@@ -78,6 +79,7 @@ describe('faults', () => {
 
   it('shows why a plan cannot run before it is started', async () => {
     await page.goto(url);
+    await chooseSample();
     await page.getByText('custom', { exact: true }).click();
     await page.getByLabel(/Camera tilts/).fill('0, 75');
     await page.getByText('75° is beyond the limit of 60°.').waitFor();
@@ -94,6 +96,7 @@ describe('faults', () => {
     daemon.connected = false;
     daemon.plugged = false;
     await page.goto(url);
+    await chooseSample();
     await page.getByText('The serial port /dev/ttyUSB0 does not exist').waitFor();
     expect(await page.getByRole('button', { name: /STOP/ }).isEnabled()).toBe(true);
     // Without a connection, motion and position are unknown.
@@ -163,6 +166,7 @@ describe('a scan', () => {
 
   it('shows frames of a fast rig in groups, a few times a second, and misses none', async () => {
     await page.goto(url);
+    await chooseSample();
     await page.getByText('full', { exact: true }).click();
     await page.getByRole('button', { name: 'Start scan' }).click();
     for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
@@ -193,6 +197,7 @@ describe('a scan', () => {
     // 336 frames, so that the scan does not end before the test.
     daemon.frameMs = 100;
     await page.goto(url);
+    await chooseSample();
     await page.getByText('full', { exact: true }).click();
     await page.getByRole('button', { name: 'Start scan' }).click();
     for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
@@ -221,6 +226,7 @@ describe('the form of a new scan', () => {
       await route.continue();
     });
     await page.goto(url);
+    await chooseSample();
     await start().waitFor();
     expect(await start().isDisabled()).toBe(true);
     answer();
@@ -231,6 +237,7 @@ describe('the form of a new scan', () => {
 
   it('does not misread a decimal comma, and shows what it read', async () => {
     await page.goto(url);
+    await chooseSample();
     await page.getByText('53 frames').waitFor();
     await page.getByLabel('Repeats').fill('1,5');
     await page.getByText('Repeats: give a whole number from 1 to 100.').waitFor();
@@ -248,6 +255,7 @@ describe('the form of a new scan', () => {
   it('names the calibrations that it would reuse, and takes new ones if chosen', async () => {
     daemon.calibrations.push({ id: 8, kind: 'flat', scan_id: 1, created_at: new Date(2026, 0, 2, 17, 34).toISOString() }, { id: 7, kind: 'dark', scan_id: 1, created_at: new Date(2026, 0, 2, 17, 31).toISOString() });
     await page.goto(url);
+    await chooseSample();
     const card = page.getByTestId('calibrations');
     await card.getByText('Reused: white reference of scan 1 (2026-01-02 17:34), dark frames of scan 1 (2026-01-02 17:31).').waitFor();
     await card.getByLabel('take new dark frames').check();
@@ -292,6 +300,116 @@ describe('the form of a new scan', () => {
     await form.getByRole('button', { name: 'Add sample' }).click();
     await expect.poll(sent).toEqual({ name: 'die 4', metal: { name: 'Cu' } });
     await expect.poll(() => sample.locator('option:checked').innerText()).toBe('die 4 (n 3.12, k 3.33)');
+  });
+});
+
+describe('the sample of the next scan', () => {
+  const chosen = (): Promise<string> => page.getByRole('combobox', { name: 'Sample' }).locator('option:checked').innerText();
+
+  it('is asked for before the first scan, and an import does not change it', async () => {
+    await page.goto(url);
+    await expect.poll(chosen).toBe('Which sample is on the table?');
+    expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
+    daemon.addScan(2, 'paper');
+    await page.reload();
+    await expect.poll(chosen).toBe('model 15° (n 1.54)');
+    const imported = daemon.addScan(daemon.addSample('polymer-10', { theta_r_deg: 10, alpha_u: 0.1, alpha_v: 0.1, rho_d: 0.3 }), 'paper');
+    Object.assign(daemon.scans.find((s) => s.body.id === imported)?.body ?? {}, { origin: 'import' });
+    await page.reload();
+    await expect.poll(chosen).toBe('model 15° (n 1.54)');
+  });
+
+  it('is renamed, and a scan is assigned to another one, both with their trace', async () => {
+    daemon.addScan(1, 'paper');
+    await page.goto(url);
+    await page.getByRole('button', { name: 'Rename …' }).click();
+    await page.getByLabel('New name of the sample').fill('B-17');
+    await page.keyboard.press('Enter');
+    await page.getByRole('heading', { level: 1, name: 'B-17' }).waitFor();
+    await page.getByText(/before: traced polymer \(until/).waitFor();
+    await page.getByRole('button', { name: 'Other sample …' }).click();
+    await page.locator('.sample select').selectOption({ label: 'model 15° (n 1.54)' });
+    await page.getByRole('heading', { level: 1, name: 'model 15°' }).waitFor();
+    await page.getByText(/Assigned to B-17 until/).waitFor();
+    expect(daemon.requests.filter((r) => r.method === 'PATCH').map((r) => [r.path, r.body])).toEqual([['/samples/1', { name: 'B-17' }], ['/scans/1', { sample_id: 2 }]]);
+    // Enter in the field has not started a scan.
+    expect(daemon.requests.filter((r) => r.path === '/scans')).toEqual([]);
+  });
+});
+
+describe('axes that are not homed', () => {
+  it('have no position', async () => {
+    for (const axis of Object.values(daemon.axes)) Object.assign(axis, { position_deg: -65, homed: false, referenced: false });
+    await page.goto(url);
+    await expect.poll(() => text('[data-axis=theta_c] output')).toBe('position unknown – home the axis');
+    await page.locator('header').getByText('position unknown – home the axes').waitFor();
+    expect(await page.locator('header .dot.warn').count()).toBe(1);
+    expect(await page.getByText('65.000').count()).toBe(0);
+    expect(await page.locator('[data-axis=theta_c] .marker').count()).toBe(0);
+    await page.locator('[data-axis=theta_c]').getByRole('button', { name: 'Home' }).click();
+    await expect.poll(() => text('[data-axis=theta_c] output')).toBe('0.000°');
+  });
+});
+
+describe('the answer', () => {
+  const row = (id: number, std: number) => ({ id, elapsed_s: 10 * id, n_observations: 3 * id, n_frames_used: 9 * id, variant: 'sawtooth', status: 'converged', parameters: { theta_r_deg: { value: 10.031, std } } });
+
+  it('shows the value so far until there is a fit, and never that it is not fitted', async () => {
+    daemon.certainties.push(row(1, 0.1), row(2, 0.05));
+    daemon.addScan(1, 'paper');
+    await page.goto(url);
+    await expect.poll(() => text('[data-so-far=theta_r_deg]')).toBe('10.03 ± 0.10°');
+    expect(await page.getByText('Not fitted yet').count()).toBe(0);
+    await page.getByText('ridge angle, so far').waitFor();
+    daemon.addFit(1);
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.031 ± 0.085°');
+    expect(await page.getByTestId('so-far').count()).toBe(0);
+  });
+
+  it('follows a scan that the daemon fits by itself', async () => {
+    daemon.fitsAtEnd = true;
+    await page.goto(url);
+    await chooseSample();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.031 ± 0.085°');
+    expect(posts()).not.toContain('/fits');
+  });
+
+  it('says after an abort why there is none', async () => {
+    daemon.addScan(1, 'paper');
+    Object.assign(daemon.scans[0]?.body ?? {}, { state: 'interrupted', reason: 'the daemon was stopped; resume the scan to continue' });
+    await page.goto(url);
+    await page.getByText('The scan is interrupted: The daemon was stopped; resume the scan to continue.').waitFor();
+  });
+
+  it('says when the target of the user is reached', async () => {
+    daemon.certainties.push(row(1, 0.1), row(2, 0.05), row(3, 0.04));
+    daemon.addScan(1, 'paper');
+    await page.goto(url);
+    const card = page.getByTestId('certainty');
+    const field = card.getByLabel('Target: expanded uncertainty of the ridge angle, degrees');
+    await field.fill('0.05');
+    await expect.poll(() => text('[data-testid=target]')).toBe('target not reached U(θr) is 0.080°, 0.05° is wanted.');
+    await field.fill('0,1');
+    await expect.poll(() => text('[data-testid=target]')).toBe('target reached after 6 poses.');
+    await field.fill('-1');
+    await card.getByText('Target: give an angle above 0°').waitFor();
+    await field.fill('0.1');
+    await page.reload();
+    await expect.poll(() => text('[data-testid=target]')).toBe('target reached after 6 poses.');
+  });
+});
+
+describe('the curves of a running scan', () => {
+  it('have the panels of the plan from the first second on', async () => {
+    daemon.frameMs = 100;
+    await page.goto(url);
+    await chooseSample();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    await page.getByRole('heading', { name: 'Cap the lens' }).waitFor();
+    await expect.poll(() => page.getByTestId('curves').locator('figure').count()).toBe(5);
+    expect(await page.getByText('No observations').count()).toBe(0);
   });
 });
 

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { firstScene, linesOf, scenesOf, slopeOf, ticksOf } from '../../src/lib/accuracy';
+import { firstScene, levelsOff, linesOf, scenesOf, slopeOf, ticksOf } from '../../src/lib/accuracy';
 import type { Accuracy, AccuracyPoint } from '../../src/lib/types';
 
 const point = (method: string, seconds: number, error: number, quantity = 'rms'): AccuracyPoint => ({ scene: 's', method, seconds, error, quantity, reference: 'r' });
@@ -25,6 +25,14 @@ describe('error against run time', () => {
     // Errors that are squared at each step.
     expect(slopeOf([1, 2, 3, 4].map((s) => point('a', s, 0.1 ** (2 ** s))))).toBeNull();
     expect(slopeOf([1, 1.5, 2].map((s) => point('a', s, 1 / s)))).toBeNull();
+  });
+
+  it('fits no slope through a knee', () => {
+    const knee = [[0.1, 1e-2], [1, 1e-3], [3, 4e-4], [9, 4e-4]].map(([s, e]) => point('a', s ?? 0, e ?? 0));
+    expect(levelsOff(knee)).toBe(true);
+    expect(slopeOf(knee)).toBeNull();
+    expect(levelsOff(knee.slice(0, 3))).toBe(false);
+    expect(slopeOf(knee.slice(0, 3))).not.toBeNull();
   });
 
   it('starts with a scene that has a curve', () => {

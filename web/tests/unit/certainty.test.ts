@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { fallingLines, logarithmic, merged, timeScale } from '../../src/lib/certainty';
+import { expandedAngle, logarithmic, merged, newestKnown, reachedAt, timeScale } from '../../src/lib/certainty';
 import type { Certainty } from '../../src/lib/types';
 
 const row = (id: number, elapsed_s: number, parameters: Certainty['parameters']): Certainty => ({
@@ -13,16 +13,26 @@ describe('the live fit', () => {
     expect(merged([b, a], [c, b]).map((r) => r.id)).toEqual([3, 7, 9]);
   });
 
-  it('draws each determined parameter, with gaps where it was not determined, on a scale that contains it', () => {
-    const lines = fallingLines([row(1, 10, {}), row(2, 20, { theta_r_deg: { value: 10, std: 0.3 } }), row(3, 30, { theta_r_deg: { value: 10.1, std: 0.1 } })]);
-    expect(lines).toHaveLength(1);
-    expect(lines[0]?.std).toEqual([null, 0.3, 0.1]);
-    expect(lines[0]?.now).toEqual({ value: 10.1, std: 0.1 });
-    expect(logarithmic(lines)).toEqual({ low: 0.05, high: 0.5, marks: [0.05, 0.1, 0.2, 0.5] });
+  const angle = (std: number): Certainty['parameters'] => ({ theta_r_deg: { value: 10, std } });
+
+  it('draws the expanded uncertainty, with gaps where the angle was not determined, on a scale that contains it', () => {
+    const rows = [row(1, 10, {}), row(2, 20, angle(0.15)), row(3, 30, angle(0.05))];
+    expect(rows.map(expandedAngle)).toEqual([null, 0.3, 0.1]);
+    expect(newestKnown([...rows, row(4, 40, {})])?.id).toBe(3);
+    expect(newestKnown([row(1, 10, {})])).toBeNull();
+    expect(logarithmic(rows.map(expandedAngle))).toEqual({ low: 0.05, high: 0.5, marks: [0.05, 0.1, 0.2, 0.5] });
+  });
+
+  it('has reached a target once it stays within it', () => {
+    const rows = [row(1, 10, angle(0.04)), row(2, 20, angle(0.2)), row(3, 30, {}), row(4, 40, angle(0.05)), row(5, 50, angle(0.03))];
+    expect(reachedAt(rows, 0.1)?.id).toBe(4);
+    expect(reachedAt(rows, 0.05)).toBeNull();
+    expect(reachedAt(rows.slice(0, 2), 0.1)).toBeNull();
+    expect(reachedAt([], 0.1)).toBeNull();
   });
 
   it('has a scale with few round marks for any range', () => {
-    const between = (...stds: number[]) => logarithmic([{ name: 'alpha_u', std: stds, now: null }]);
+    const between = (...stds: number[]) => logarithmic(stds);
     expect(between(0.0111)).toEqual({ low: 0.01, high: 0.02, marks: [0.01, 0.02] });
     expect(between(0.0106)).toEqual({ low: 0.005, high: 0.02, marks: [0.005, 0.01, 0.02] });
     expect(between(3e-5, 40).marks).toEqual([1e-4, 1e-3, 0.01, 0.1, 1, 10]);

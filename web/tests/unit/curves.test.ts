@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { aligned, azimuthMarks, inadequacyShape, panels, variantsOf } from '../../src/lib/curves';
+import { aligned, azimuthMarks, azimuthRange, inadequacyShape, panels, variantsOf } from '../../src/lib/curves';
 import { bestExposure, poseGrid } from '../../src/lib/poses';
 import type { Curves, FrameRow } from '../../src/lib/types';
 
@@ -20,6 +20,18 @@ describe('panels', () => {
   it('groups tilts that differ by read-back noise, with ascending azimuths', () => {
     expect(panels(data).map((p) => p.points.map((q) => q.phi_s_deg))).toEqual([[0, 90], [0, 90]]);
     expect(panels(data).map((p) => Math.round(p.theta_c_deg))).toEqual([-20, 10]);
+  });
+
+  it('has a panel for each planned tilt before its first observation', () => {
+    const planned = panels(data, [-20, 0, 10]);
+    expect(planned.map((p) => Math.round(p.theta_c_deg))).toEqual([-20, 0, 10]);
+    expect(planned.map((p) => p.points.length)).toEqual([2, 0, 2]);
+    expect(panels({ peak: 0, observations: [], curves: [] }, [5]).map((p) => p.theta_c_deg)).toEqual([5]);
+  });
+
+  it('has one azimuth axis for the whole scan', () => {
+    expect(azimuthRange([0, 90, 180])).toEqual([-8, 368]);
+    expect(azimuthRange([-30, 400])).toEqual([-38, 408]);
   });
 
   it('assigns curves to their tilt and drops those without one', () => {

@@ -25,7 +25,7 @@ describe('a typed sample', () => {
   });
 
   it('is distinguished from another of its name', () => {
-    const sample = (id: number, eta: number): Sample => ({ id, name: 'a', material: { kind: 'dielectric', eta, eta_std: 0.01 }, note: null, simulated: null });
+    const sample = (id: number, eta: number): Sample => ({ id, name: 'a', material: { kind: 'dielectric', eta, eta_std: 0.01 }, note: null, simulated: null, earlier_names: [] });
     const [one, two, three] = [sample(1, 1.5), sample(2, 1.6), sample(3, 1.6)];
     expect([one, two, three].map((s) => sampleWords(s, [one, two, three]))).toEqual(['a (n 1.5)', 'a (n 1.6), no. 2', 'a (n 1.6), no. 3']);
   });

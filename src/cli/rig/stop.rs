@@ -1,0 +1,172 @@
+//! `ridged rig stop`: stops the rigs of all daemons that run on this machine, whatever their data folders.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::anyhow;
+use serde_json::{Value, json};
+
+use crate::cli::CliError;
+use crate::cli::client::Client;
+use crate::store::Store;
+
+/// How the stop of one data folder ended.
+struct Outcome {
+    folder: PathBuf,
+    result: Result<(String, Value), CliError>,
+}
+
+/// Stops the daemon of `folder`, or all that run.
+///
+/// # Errors
+/// No result if nothing was stopped, or not everything.
+pub(super) fn stop(folder: Option<&Path>) -> Result<(Value, String), CliError> {
+    let folders = match folder {
+        Some(folder) => vec![folder.to_owned()],
+        None => held_folders(Path::new("/proc")),
+    };
+    report(stop_each(folders), folder)
+}
+
+/// Stops the daemons of several data folders at the same time: none waits for another.
+fn stop_each(folders: Vec<PathBuf>) -> Vec<Outcome> {
+    let stops: Vec<_> = folders
+        .into_iter()
+        .map(|folder| {
+            std::thread::spawn(move || Outcome {
+                result: Client::noticed(&folder)
+                    .and_then(|client| client.stop().map(|answer| (client.url, answer))),
+                folder,
+            })
+        })
+        .collect();
+    let ended = stops.into_iter().map(|stop| stop.join());
+    ended.filter_map(Result::ok).collect()
+}
+
+/// The answer as JSON and as text; an error if a rig may still move.
+fn report(outcomes: Vec<Outcome>, asked: Option<&Path>) -> Result<(Value, String), CliError> {
+    const NOTHING: &str = "NOTHING WAS STOPPED";
+    let (mut stopped, mut text, mut failures) = (Vec::new(), String::new(), Vec::new());
+    for Outcome { folder, result } in outcomes {
+        match result {
+            Ok((url, _)) => {
+                text.push_str(&format!(
+                    "stopped: {url}, data folder {}\n",
+                    folder.display()
+                ));
+                stopped.push(json!({ "url": url, "folder": folder.display().to_string() }));
+            }
+            Err(CliError::BadInput(why) | CliError::NoResult(why)) => failures.push(why),
+            Err(other @ (CliError::Interrupted | CliError::Verdict(_))) => return Err(other),
+        }
+    }
+    if stopped.is_empty() && failures.is_empty() {
+        return Err(CliError::no_result(anyhow!(
+            "{NOTHING}: no daemon of this user runs on this machine; if the stages move, use the hardware emergency switch"
+        )));
+    }
+    if let Some(first) = failures.first() {
+        let all: Vec<String> = failures.iter().map(ToString::to_string).collect();
+        let others = match (stopped.is_empty(), asked) {
+            (true, Some(_)) => {
+                "; `ridged rig stop` without --data stops every daemon of this machine".to_owned()
+            }
+            (true, None) => String::new(),
+            (false, _) => format!("\n{}", text.trim_end()),
+        };
+        let what = match stopped.is_empty() {
+            true => NOTHING,
+            false => "NOT EVERYTHING WAS STOPPED",
+        };
+        return Err(CliError::no_result(match failures.len() {
+            1 => anyhow!("{what}: {first}{others}"),
+            _ => anyhow!("{what}:\n{}{others}", all.join("\n")),
+        }));
+    }
+    Ok((json!({ "state": "stopped", "stopped": stopped }), text))
+}
+
+/// Data folders that processes of this machine hold, as far as the system shows their open files to this user.
+fn held_folders(proc: &Path) -> Vec<PathBuf> {
+    let mut folders: Vec<PathBuf> = entries(proc)
+        .filter(|process| is_number(process))
+        .flat_map(|process| entries(&process.join("fd")))
+        .filter_map(|file| fs::read_link(file).ok())
+        .filter(|file| file.file_name().is_some_and(|name| name == "lock"))
+        .filter_map(|file| file.parent().map(Path::to_owned))
+        .filter(|folder| Store::is_in_use(folder))
+        .collect();
+    folders.sort();
+    folders.dedup();
+    folders
+}
+
+fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> + use<> {
+    let entries = fs::read_dir(folder).into_iter().flatten();
+    entries.filter_map(|entry| Some(entry.ok()?.path()))
+}
+
+fn is_number(path: &Path) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str());
+    name.is_some_and(|name| name.bytes().all(|b| b.is_ascii_digit()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::symlink;
+
+    #[test]
+    fn daemons_are_found_by_the_folders_they_hold() {
+        let all = tempfile::tempdir().unwrap();
+        let (proc, held, free) = (
+            all.path().join("proc"),
+            all.path().join("held"),
+            all.path().join("free"),
+        );
+        for folder in [&held, &free] {
+            fs::create_dir_all(folder).unwrap();
+        }
+        let lock = fs::File::create(held.join("lock")).unwrap();
+        lock.lock().unwrap();
+        fs::File::create(free.join("lock")).unwrap();
+        for (process, file) in [("7", &held), ("8", &held), ("9", &free), ("self", &free)] {
+            let files = proc.join(process).join("fd");
+            fs::create_dir_all(&files).unwrap();
+            symlink(file.join("lock"), files.join("3")).unwrap();
+            symlink(file.join("other"), files.join("4")).unwrap();
+        }
+        assert_eq!(held_folders(&proc), [held]);
+    }
+
+    #[test]
+    fn a_stop_that_reached_no_rig_says_so_in_capitals() {
+        let failed = |why: &str| Outcome {
+            folder: PathBuf::from("b"),
+            result: Err(CliError::no_result(anyhow!("{why}"))),
+        };
+        let done = || Outcome {
+            folder: PathBuf::from("a"),
+            result: Ok(("http://127.0.0.1:1".into(), Value::Null)),
+        };
+        let message = |outcomes| match report(outcomes, None) {
+            Err(CliError::NoResult(why)) => why.to_string(),
+            other => panic!("{other:?}"),
+        };
+        assert!(message(vec![]).starts_with("NOTHING WAS STOPPED"));
+        assert!(message(vec![failed("silent")]).starts_with("NOTHING WAS STOPPED: silent"));
+        let partly = message(vec![done(), failed("silent")]);
+        assert!(
+            partly.starts_with("NOT EVERYTHING WAS STOPPED: silent"),
+            "{partly}"
+        );
+        assert!(
+            partly.contains("stopped: http://127.0.0.1:1, data folder a"),
+            "{partly}"
+        );
+        let (answer, text) = report(vec![done(), done()], None).unwrap();
+        assert_eq!(answer["stopped"].as_array().unwrap().len(), 2);
+        assert_eq!(text.lines().count(), 2);
+    }
+}

@@ -1,0 +1,123 @@
+//! `ridged sample`: lists and corrects the samples of a running daemon.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+
+use super::CliError;
+use super::client::{Client, CredentialArgs};
+
+/// Lists samples, renames one, or assigns a scan to another one.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  ridged sample list
+  ridged sample rename 3 \"panel B-17\"
+  ridged sample assign --scan 12 --sample 3     earlier names and samples stay on record")]
+pub struct Args {
+    /// The action.
+    #[command(subcommand)]
+    pub action: Action,
+    /// Data folder of the daemon.
+    #[arg(long, value_name = "DIR", default_value = "ridged-data", global = true)]
+    pub data: PathBuf,
+    /// Token and lease.
+    #[command(flatten)]
+    pub credentials: CredentialArgs,
+    /// One JSON object on stdout.
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+/// An action on samples.
+#[derive(Debug, clap::Subcommand)]
+pub enum Action {
+    /// List the newest samples.
+    #[command(after_help = "Example:\n  ridged sample list --json")]
+    List,
+    /// Give a sample another name.
+    #[command(after_help = "Example:\n  ridged sample rename 3 \"panel B-17\"")]
+    Rename {
+        /// Number of the sample.
+        #[arg(value_name = "ID")]
+        id: u32,
+        /// The new name.
+        #[arg(value_name = "NAME")]
+        name: String,
+    },
+    /// Assign a scan to the sample that was really scanned.
+    #[command(after_help = "Example:\n  ridged sample assign --scan 12 --sample 3")]
+    Assign {
+        /// Number of the scan.
+        #[arg(long, value_name = "ID")]
+        scan: u32,
+        /// Number of the sample.
+        #[arg(long, value_name = "ID")]
+        sample: u32,
+    },
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// No result if no daemon runs; bad input for an unknown sample or scan, or an invalid name.
+pub fn run(args: Args) -> Result<(), CliError> {
+    let client = Client::require(&args.data)?.presenting(&args.credentials)?;
+    let (answer, text) = match args.action {
+        Action::List => {
+            let answer = client.get("/samples")?;
+            let rows = answer["items"].as_array().into_iter().flatten();
+            let text = rows.map(line).collect();
+            (answer, text)
+        }
+        Action::Rename { id, name } => {
+            let answer = client.patch(&format!("/samples/{id}"), &json!({ "name": name }))?;
+            let text = line(&answer);
+            (answer, text)
+        }
+        Action::Assign { scan, sample } => {
+            let body = json!({ "sample_id": sample });
+            let answer = client.patch(&format!("/scans/{scan}"), &body)?;
+            let name = answer["sample_name"].as_str().unwrap_or_default();
+            let text = format!("scan {scan} is a scan of sample {sample}, {name}\n");
+            (answer, text)
+        }
+    };
+    let text = match args.json {
+        true => format!("{answer:#}\n"),
+        false => text,
+    };
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(CliError::no_result)
+}
+
+/// A sample in one line, with the names it had.
+fn line(sample: &Value) -> String {
+    let earlier: Vec<&str> = sample["earlier_names"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .filter_map(|earlier| earlier["name"].as_str())
+        .collect();
+    let before = match earlier.is_empty() {
+        true => String::new(),
+        false => format!(" (before: {})", earlier.join(", ")),
+    };
+    let name = sample["name"].as_str().unwrap_or_default();
+    format!("{:>6}  {name}{before}\n", sample["id"])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_line_of_a_renamed_sample_has_the_names_it_had() {
+        let sample = json!({ "id": 3, "name": "B-17", "earlier_names": [{ "name": "panel" }, { "name": "B-71" }] });
+        assert_eq!(line(&sample), "     3  B-17 (before: panel, B-71)\n");
+        let plain = json!({ "id": 4, "name": "B-18", "earlier_names": [] });
+        assert_eq!(line(&plain), "     4  B-18\n");
+    }
+}
