@@ -54,6 +54,8 @@ use axum::routing::get;
 use serde::Serialize;
 use tokio_util::sync::CancellationToken;
 use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::CompressionLayer;
+use tower_http::compression::predicate::{DefaultPredicate, NotForContentType, Predicate};
 use utoipa::{OpenApi, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -282,6 +284,7 @@ pub fn router(
         .layer(from_fn_with_state(app.clone(), keys::once_per_key))
         .layer(from_fn_with_state(app.clone(), guard::check_body))
         .layer(CatchPanicLayer::custom(panicked))
+        .layer(CompressionLayer::new().compress_when(compressible()))
         .layer(from_fn_with_state(
             app.clone(),
             authentication::authenticate,
@@ -292,6 +295,13 @@ pub fn router(
         ))
         .layer(from_fn(guard::measure))
         .with_state(app)
+}
+
+/// Frames are noise and fonts are compressed already; events must not wait for a full buffer.
+fn compressible() -> impl Predicate {
+    DefaultPredicate::new()
+        .and(NotForContentType::const_new("application/octet-stream"))
+        .and(NotForContentType::const_new("font/"))
 }
 
 fn panicked(_: Box<dyn std::any::Any + Send>) -> axum::response::Response {

@@ -13,7 +13,7 @@ use super::status::{self, ApiError, Problem};
 use super::{App, List};
 use crate::material::{Material, tables};
 use crate::series::INDEX_STD;
-use crate::store::corrections::EarlierName;
+use crate::store::earlier::EarlierName;
 use crate::store::samples::{NewSample, Sample, SimulatedSurface};
 
 /// Nominal material: complex index N = n + ik with standard uncertainties.
@@ -108,7 +108,7 @@ const ORDINARY_PLASTIC: MaterialBody = MaterialBody::Dielectric {
     eta_std: 0.05,
 };
 /// Note of such a sample.
-const ASSUMED: &str = "material not given: index 1.5 ± 0.05 assumed (an ordinary plastic)";
+const ASSUMED: &str = "material not given: index 1.5 (u = 0.05) assumed (an ordinary plastic)";
 
 impl From<MaterialBody> for Material {
     fn from(body: MaterialBody) -> Self {
@@ -165,7 +165,7 @@ pub struct MetalBody {
 pub struct SampleRequest {
     /// Name, 1 to 200 characters.
     name: String,
-    /// Nominal material. If omitted, an ordinary plastic is assumed (index 1.5 ± 0.05), and the
+    /// Nominal material. If omitted, an ordinary plastic is assumed (index 1.5, u = 0.05), and the
     /// sample's note states so.
     #[serde(default)]
     material: Option<MaterialBody>,

@@ -16,7 +16,7 @@ use crate::lab::{Lab, LabError, ScanRequest};
 use crate::scan::event::OperatorStep;
 use crate::scan::runner::ScanCommand;
 use crate::scan::{OperatorAction, Plan, Progress, ScanState};
-use crate::store::corrections::EarlierSample;
+use crate::store::earlier::EarlierSample;
 use crate::store::scans::{Origin, Scan, ScanFilter};
 use crate::wording::json;
 

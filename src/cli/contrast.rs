@@ -253,7 +253,7 @@ fn as_text(table: &Table, report: &Value, compared: Option<&TableComparison>) ->
             let std = |pair: usize, key: &str| {
                 let std = &report["lines"][n]["contrast"][PAIRS[pair].0][key];
                 std.as_f64()
-                    .map_or("–".to_owned(), |std| format!("{std:.1e}"))
+                    .map_or("–".to_owned(), |std| format!("{:.1e}", 2.0 * std))
             };
             let _ = write!(
                 text,
@@ -268,15 +268,15 @@ fn as_text(table: &Table, report: &Value, compared: Option<&TableComparison>) ->
     }
     if !predicted {
         let unit = match report["scale"] == "white reference" {
-            true => "sr⁻¹ (radiance for a lamp irradiance of 1)",
+            true => "sr⁻¹ (L is BRDF × cos θi)",
             false => "shares of the brightest level",
         };
         let of = |key: &str| report["stray_light"][key].as_f64().unwrap_or(f64::NAN);
         let _ = writeln!(
             text,
-            "L and |0–90|, |90–180| in {unit}, ± standard uncertainties (k = 1); stray light {} ± {} subtracted",
+            "L and |0–90|, |90–180| in {unit}, ± expanded uncertainties (k = 2); stray light {} ± {} subtracted",
             significant(of("radiance")),
-            significant(of("std"))
+            significant(2.0 * of("std"))
         );
     }
     let mut means = vec![("θc", &table.by_theta_c), ("φs", &table.by_phi_s)];
@@ -302,11 +302,11 @@ fn as_text(table: &Table, report: &Value, compared: Option<&TableComparison>) ->
         let of = |key: &str| all[key].as_f64().unwrap_or(f64::NAN);
         let _ = writeln!(
             text,
-            "mean of all: {:.4} ± {:.1e} ({} ± {:.1e}), as `judge` uses it",
+            "mean of all: {:.4} ± {:.1e} ({} ± {:.1e}; k = 2), as `judge` uses it",
             of("absolute"),
-            of("absolute_std"),
+            2.0 * of("absolute_std"),
             michelson(of("michelson")),
-            of("michelson_std"),
+            2.0 * of("michelson_std"),
         );
     }
     if let Some(f) = table.findings() {

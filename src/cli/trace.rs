@@ -299,11 +299,12 @@ fn table_of(report: &TraceReport, out: &mut dyn Write) -> std::io::Result<()> {
     ] {
         match x.std.is_finite() {
             true if x.std > 0.0 => {
-                let digits = decimals(x.std).max(LEAST_DECIMALS);
+                let expanded = 2.0 * x.std;
+                let digits = decimals(expanded).max(LEAST_DECIMALS);
                 writeln!(
                     out,
-                    "  {name:<12} {:.digits$} ± {:.digits$}",
-                    x.value, x.std
+                    "  {name:<12} {:.digits$} ± {expanded:.digits$} (k = 2)",
+                    x.value
                 )?;
             }
             true => writeln!(out, "  {name:<12} {:.6} ± 0", x.value)?,
@@ -313,7 +314,7 @@ fn table_of(report: &TraceReport, out: &mut dyn Write) -> std::io::Result<()> {
     if let Some(s) = &report.surfaces {
         writeln!(
             out,
-            "  over {} (± error of their mean; by the photons; from surface to surface)",
+            "  over {} (± of their mean, k = 2; u by the photons; u from surface to surface)",
             counted(s.count, "surface")
         )?;
         for (name, x) in [
@@ -321,12 +322,12 @@ fn table_of(report: &TraceReport, out: &mut dyn Write) -> std::io::Result<()> {
             ("transmitted", s.transmitted),
             ("absorbed", s.absorbed),
         ] {
-            let digits = decimals(x.std).max(LEAST_DECIMALS);
+            let expanded = 2.0 * x.std;
+            let digits = decimals(expanded).max(LEAST_DECIMALS);
             writeln!(
                 out,
-                "    {name:<12} {:.digits$} ± {:.digits$}; {}; {}",
+                "    {name:<12} {:.digits$} ± {expanded:.digits$}; {}; {}",
                 x.value,
-                x.std,
                 or_not_known(x.std_by_sampling),
                 or_not_known(x.std_between_surfaces)
             )?;

@@ -289,8 +289,8 @@ impl Drift {
     pub fn message(&self) -> String {
         let lamp = &self.lamp;
         let change = 100.0 * lamp.change_over_series.abs();
-        let std = 100.0 * lamp.change_std;
-        let decimals = crate::wording::decimals(std);
+        let expanded = 200.0 * lamp.change_std;
+        let decimals = crate::wording::decimals(expanded);
         let minutes = 60.0 * lamp.hours;
         let way = if lamp.change_over_series > 0.0 {
             "rose"
@@ -313,7 +313,7 @@ impl Drift {
             false => "The budget line `drift` contains the effect.",
         };
         format!(
-            "The lamp drifts: the signals {way} by {change:.decimals$} ± {std:.decimals$} % (k = 1) over the \
+            "The lamp drifts: the signals {way} by {change:.decimals$} ± {expanded:.decimals$} % (k = 2) over the \
              {minutes:.0} min of the series (F = {:.0}). {effect} {advice}",
             lamp.f
         )

@@ -122,7 +122,7 @@ fn denied(e: &Estimate<'_>) -> Vec<String> {
                 percent(e.values.background / peak(e.problem.set()))
             ),
             _ => format!(
-                "The data contradict the stated {}: they give about {}, {off} from {mean} ± {std} (k = 1). Check the \
+                "The data contradict the stated {}: they give about {}, {off} from {mean} (u = {std}). Check the \
                  material of the sample and the certificate of the white reference; an error of the certificate \
                  changes ρd by the same share.",
                 spoken(quantity),

@@ -500,13 +500,13 @@ impl Detector {
         match &self.bent {
             Some(bent) => Some(format!(
                 "the camera is not linear: at full scale ({:.0} DN above black) it counts {} of what a linear one would \
-                 (c = {:.4} ± {:.4} in counts = light · (1 − c · light / full scale), from {} of exposures of one \
+                 (c = {:.4} ± {:.4}, k = 2, in counts = light · (1 − c · light / full scale), from {} of exposures of one \
                  pose); all counts are corrected, and the uncertainty of the correction is the budget's line detector. Check the \
                  camera's gain and gamma settings, or expose to half of full scale",
                 bent.full_scale_dn,
                 percent(-bent.c),
                 bent.c,
-                bent.std,
+                2.0 * bent.std,
                 counted(bent.pairs, "pair"),
             )),
             None if self.times_differ => Some(format!(

@@ -16,8 +16,9 @@
 
 mod audit;
 pub mod calibrations;
-pub mod corrections;
+mod corrections;
 pub mod disk;
+pub mod earlier;
 mod error;
 pub mod events;
 pub mod frames;

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use sqlx::FromRow;
 
-use super::corrections::{EARLIER_NAMES, EarlierName};
+use super::earlier::{EARLIER_NAMES, EarlierName};
 use super::{Page, PageRequest, Store, StoreError};
 use crate::limits;
 use crate::material::Material;

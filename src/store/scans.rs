@@ -3,7 +3,7 @@
 use sqlx::FromRow;
 use sqlx::sqlite::SqliteConnection;
 
-use super::corrections::{EARLIER_SAMPLES, EarlierSample};
+use super::earlier::{EARLIER_SAMPLES, EarlierSample};
 use super::{PROGRAM, Page, PageRequest, Store, StoreError};
 use crate::scan::{Event, OperatorAction, Plan, Progress, RecordedEvent, ScanState};
 

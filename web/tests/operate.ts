@@ -16,7 +16,7 @@ export async function fillScan(page: Page, choice: GridChoice): Promise<void> {
   const option = samples.locator('option', { hasText: `${choice.sample} (` }).first();
   await option.waitFor({ state: 'attached' });
   await samples.selectOption({ label: await option.innerText() });
-  await page.locator('.grids').getByText(choice.grid, { exact: true }).click();
+  await page.locator('.grids').getByText(choice.grid === 'paper' ? 'quick' : choice.grid, { exact: true }).click();
   if (choice.tilts !== undefined) await page.getByLabel(/Camera tilts/).fill(choice.tilts);
   if (choice.azimuths !== undefined) await page.getByLabel(/Sample azimuths/).fill(choice.azimuths);
 }

@@ -13,7 +13,7 @@ async fn a_sample_without_a_material_says_what_was_assumed() {
     let note = added.body["note"]
         .as_str()
         .expect("the assumption is noted");
-    assert!(note.contains("1.5 ± 0.05 assumed"), "{note}");
+    assert!(note.contains("1.5 (u = 0.05) assumed"), "{note}");
     bench.end().await;
 }
 

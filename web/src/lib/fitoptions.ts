@@ -72,7 +72,7 @@ export function askedWords(asked: FitAsked): string[] {
   if (asked.judge === true) words.push('checked with the ray tracer');
   if (asked.loss != null && asked.loss !== 'linear') words.push(`outliers ${LOSSES[asked.loss] ?? asked.loss}`);
   for (const [name, value] of Object.entries(asked.fix ?? {})) words.push(`${what(name)} fixed at ${plain(value, 6)}${unit(name)}`);
-  for (const [name, p] of Object.entries(asked.priors ?? {})) words.push(`${what(name)} known as ${plain(p.value, 6)} ± ${plain(p.std, 3)}${unit(name)}`);
+  for (const [name, p] of Object.entries(asked.priors ?? {})) words.push(`${what(name)} known as ${plain(p.value, 6)}${unit(name)} (u = ${plain(p.std, 3)}${unit(name)})`);
   if (asked.profile === true) words.push('profile intervals');
   if (asked.bootstrap != null && asked.bootstrap > 0) words.push(`bootstrap of ${asked.bootstrap} series`);
   if (asked.starts != null) words.push(asked.starts === 1 ? 'one start' : `${asked.starts} starts`);

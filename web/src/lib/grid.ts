@@ -5,18 +5,19 @@ export type ListOutcome = { readonly ok: true; readonly values: number[] } | { r
 /** More values than this are a typing error. */
 const VALUES_MAX = 2000;
 
-/** A comma between two digits is ambiguous: a decimal mark or a separator. */
-const EITHER_COMMA = /\d,\d/;
+/** A single comma between two digits is ambiguous: a decimal mark or a separator. Several separate values. */
+const isAmbiguous = (part: string): boolean => /\d,\d/.test(part) && part.split(',').filter((word) => word !== '').length === 2;
 
 /**
  * Numbers separated by blanks, semicolons or commas with a blank; `first:step:last` is a range with both ends.
- * `-20:10:20, 35` gives −20, −10, 0, 10, 20, 35. Repeated values are kept once.
+ * `-20:10:20, 35` gives −20, −10, 0, 10, 20, 35. Repeated values are kept once. A number may have its unit, `°` or `ms`.
  */
-export function parseList(text: string): ListOutcome {
+export function parseList(typed: string, unit: '°' | 'ms' = '°'): ListOutcome {
   const values: number[] = [];
-  const words = text.replaceAll('−', '-').split(/[\s,;]+/).filter((word) => word !== '');
+  const text = typed.replaceAll('−', '-').replace(unit === 'ms' ? /(?<=\d)\s*ms\b/g : /(?<=\d)\s*°/g, '');
+  const words = text.split(/[\s,;]+/).filter((word) => word !== '');
   if (words.length === 0) return { ok: false, reason: 'Give at least one value.' };
-  const either = text.split(/[\s;]+/).find((part) => EITHER_COMMA.test(part));
+  const either = text.split(/[\s;]+/).find(isAmbiguous);
   if (either !== undefined) return { ok: false, reason: `“${either}” is ambiguous. Write a decimal point, and a blank after a comma between values.` };
   for (const word of words) {
     const numbers = word.split(':').map((part) => (part === '' ? Number.NaN : Number(part)));
@@ -31,9 +32,13 @@ export function parseList(text: string): ListOutcome {
     if (step === 0 && last !== first) return { ok: false, reason: `The range ${word} has a step of 0.` };
     const steps = last === first ? 0 : (last - first) / step;
     if (!(steps >= 0)) return { ok: false, reason: `The range ${word} does not reach ${last} from ${first}.` };
+    const whole = Math.round(steps);
+    if (Math.abs(steps - whole) > 1e-6 * Math.max(1, steps)) {
+      return { ok: false, reason: `The range ${word} does not end at ${last}: write first:step:last, for example ${first}:${step}:${Number((first + Math.floor(steps) * step).toPrecision(12))}.` };
+    }
     if (steps > VALUES_MAX) return { ok: false, reason: `The range ${word} has more than ${VALUES_MAX} values.` };
-    // A count, not a running sum: 0.1 added ten times is not 1. The small excess allows for rounding of the last step.
-    for (let i = 0; i <= Math.floor(steps + 1e-9); i++) values.push(Number((first + i * step).toPrecision(12)));
+    // A count, not a running sum: 0.1 added ten times is not 1.
+    for (let i = 0; i <= whole; i++) values.push(Number((first + i * step).toPrecision(12)));
   }
   return { ok: true, values: [...new Set(values)] };
 }

@@ -51,7 +51,7 @@ class Uncertainty {
     }
   }
 
-  /** The expanded uncertainty of θr that is needed, degrees; null without one, NaN for text that is none. */
+  /** The expanded uncertainty of θr that is needed, degrees; null without one, NaN for invalid text. */
   get targetDeg(): number | null {
     const value = typed(this.#target);
     return value === null || value > 0 ? value : Number.NaN;

@@ -164,7 +164,7 @@ describe('the options of a fit', () => {
     await form.getByLabel('Known value: standard uncertainty').nth(1).fill('0.5');
     await fit.click();
     await expect.poll(sent).toEqual({ scan_id: 1, variant: 'auto', loss: 'huber', profile: true, fix: { rho_d: 0.3 }, priors: { theta_r_deg: { value: 10, std: 0.5 } } });
-    await expect.poll(() => text('[data-testid=asked]')).toBe('model best, outliers count less (Huber), ρd fixed at 0.3, θr known as 10 ± 0.5°, profile intervals');
+    await expect.poll(() => text('[data-testid=asked]')).toBe('model best, outliers count less (Huber), ρd fixed at 0.3, θr known as 10° (u = 0.5°), profile intervals');
   });
 
   it('are refused beside the options', async () => {

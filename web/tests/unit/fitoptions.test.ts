@@ -33,7 +33,7 @@ describe('askedWords', () => {
   it('lists options that are not at their default', () => {
     expect(askedWords({ variant: 'auto', region: null, judge: false, loss: 'linear', fix: {}, priors: {}, starts: null })).toEqual(['model best']);
     expect(askedWords({ variant: 'traced', region: 'even', fix: { rho_d: 0.3 }, priors: { theta_r_deg: { value: 10, std: 0.5 } }, profile: true, shape: { name: 'map.csv' } })).toEqual([
-      'model traced', 'region even', 'ρd fixed at 0.3', 'θr known as 10 ± 0.5°', 'profile intervals', 'on the shape in map.csv',
+      'model traced', 'region even', 'ρd fixed at 0.3', 'θr known as 10° (u = 0.5°)', 'profile intervals', 'on the shape in map.csv',
     ]);
   });
 });

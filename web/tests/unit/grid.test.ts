@@ -32,11 +32,26 @@ describe('parseList', () => {
   });
 
   it('refuses an ambiguous comma', () => {
-    for (const text of ['12,5', '2,5, 6', '0,90,180', '-20,5:5:20']) {
+    for (const text of ['12,5', '20,60', '2,5, 6', '-20,5:5:20']) {
       const outcome = parseList(text);
       expect(outcome.ok ? outcome.values : outcome.reason).toMatch(/is ambiguous/);
     }
     expect(values('-20,-10, 0')).toEqual([-20, -10, 0]);
+    // Several commas separate values.
+    expect(values('-20,-10,0,10,20')).toEqual([-20, -10, 0, 10, 20]);
+    expect(values('0,90,180')).toEqual([0, 90, 180]);
+  });
+
+  it('refuses a range that misses its end, such as one in the order of numpy', () => {
+    const outcome = parseList('-20:20:5');
+    expect(outcome.ok ? outcome.values : outcome.reason).toBe('The range -20:20:5 does not end at 5: write first:step:last, for example -20:20:0.');
+  });
+
+  it('reads units after numbers', () => {
+    expect(values('-20°, 10 °, 5:5:20°')).toEqual([-20, 10, 5, 15, 20]);
+    const ms = parseList('20 ms, 60ms', 'ms');
+    expect(ms.ok ? ms.values : ms.reason).toEqual([20, 60]);
+    expect(parseList('20 ms').ok).toBe(false);
   });
 
   it('refuses a range with a step of 0', () => {
