@@ -388,7 +388,8 @@ fn may_warn() -> bool {
     may_warn
 }
 
-const DATABASE: &str = "ridged.sqlite";
+/// File of the database in a data folder.
+pub const DATABASE: &str = "ridged.sqlite";
 /// Space that a start needs: the database's log, its index, and some rows.
 pub const ROOM_TO_OPEN_KB: u64 = 512;
 

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::cli::CliError;
 use crate::cli::client::Client;
-use crate::store::Store;
+use crate::store::{DATABASE, Store};
 
 /// How the stop of one data folder ended.
 struct Outcome {
@@ -21,11 +21,15 @@ struct Outcome {
 /// # Errors
 /// No result if nothing was stopped, or not everything.
 pub(super) fn stop(folder: Option<&Path>) -> Result<(Value, String), CliError> {
-    let folders = match folder {
-        Some(folder) => vec![folder.to_owned()],
-        None => held_folders(Path::new("/proc")),
-    };
-    report(stop_each(folders), folder)
+    match folder {
+        Some(one) => report(stop_each(vec![one.to_owned()]), folder),
+        None => {
+            let proc = Path::new("/proc");
+            let mut outcomes = stop_each(held_folders(proc));
+            outcomes.extend(folderless(proc));
+            report(outcomes, folder)
+        }
+    }
 }
 
 /// Stops the daemons of several data folders at the same time: none waits for another.
@@ -87,19 +91,45 @@ fn report(outcomes: Vec<Outcome>, asked: Option<&Path>) -> Result<(Value, String
     Ok((json!({ "state": "stopped", "stopped": stopped }), text))
 }
 
-/// Data folders that processes of this machine hold, as far as the system shows their open files to this user.
-fn held_folders(proc: &Path) -> Vec<PathBuf> {
-    let mut folders: Vec<PathBuf> = entries(proc)
+/// Folders in which processes of this machine have a file of this name open, with the process, as far as the system shows
+/// their files to this user.
+fn open_files(proc: &Path, name: &'static str) -> impl Iterator<Item = (PathBuf, PathBuf)> {
+    entries(proc)
         .filter(|process| is_number(process))
-        .flat_map(|process| entries(&process.join("fd")))
-        .filter_map(|file| fs::read_link(file).ok())
-        .filter(|file| file.file_name().is_some_and(|name| name == "lock"))
-        .filter_map(|file| file.parent().map(Path::to_owned))
-        .filter(|folder| Store::is_in_use(folder))
+        .flat_map(|process| entries(&process.join("fd")).map(move |file| (process.clone(), file)))
+        .filter_map(|(process, file)| Some((process, fs::read_link(file).ok()?)))
+        .filter(move |(_, file)| file.file_name().is_some_and(|own| own == name))
+        .filter_map(|(process, file)| Some((process, file.parent()?.to_owned())))
+}
+
+/// Data folders of ridged that processes hold.
+fn held_folders(proc: &Path) -> Vec<PathBuf> {
+    let mut folders: Vec<PathBuf> = open_files(proc, "lock")
+        .map(|(_, folder)| folder)
+        .filter(|folder| folder.join(DATABASE).is_file() && Store::is_in_use(folder))
         .collect();
     folders.sort();
     folders.dedup();
     folders
+}
+
+/// Processes of ridged whose data folder was deleted: the address of such a daemon is not known.
+fn folderless(proc: &Path) -> Vec<Outcome> {
+    // The system adds this to the name of a file that was deleted while it is open.
+    let gone = open_files(proc, "lock (deleted)");
+    let of_ridged = gone.filter(|(process, _)| {
+        fs::read_to_string(process.join("comm")).is_ok_and(|name| name.trim() == "ridged")
+    });
+    of_ridged
+        .map(|(process, folder)| Outcome {
+            result: Err(CliError::no_result(anyhow!(
+                "process {0} of ridged drives a rig, but its data folder {1} was deleted: `kill -INT {0}` stops it",
+                process.file_name().unwrap_or_default().display(),
+                folder.display()
+            ))),
+            folder,
+        })
+        .collect()
 }
 
 fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> + use<> {
@@ -127,6 +157,7 @@ mod tests {
         );
         for folder in [&held, &free] {
             fs::create_dir_all(folder).unwrap();
+            fs::write(folder.join(DATABASE), "").unwrap();
         }
         let lock = fs::File::create(held.join("lock")).unwrap();
         lock.lock().unwrap();
@@ -137,7 +168,23 @@ mod tests {
             symlink(file.join("lock"), files.join("3")).unwrap();
             symlink(file.join("other"), files.join("4")).unwrap();
         }
-        assert_eq!(held_folders(&proc), [held]);
+        assert!(held_folders(&proc).iter().eq([&held]));
+        // Another program's lock.
+        fs::remove_file(held.join(DATABASE)).unwrap();
+        assert!(held_folders(&proc).is_empty());
+        // A daemon without its folder is named.
+        assert!(folderless(&proc).is_empty());
+        let files = proc.join("7").join("fd");
+        symlink("/gone/lock (deleted)", files.join("5")).unwrap();
+        fs::write(proc.join("7").join("comm"), "other\n").unwrap();
+        assert!(folderless(&proc).is_empty());
+        fs::write(proc.join("7").join("comm"), "ridged\n").unwrap();
+        let found = folderless(&proc);
+        assert_eq!(found.len(), 1);
+        let Err(CliError::NoResult(why)) = report(found, None) else {
+            panic!("it is no success");
+        };
+        assert!(why.to_string().contains("kill -INT 7"), "{why}");
     }
 
     #[test]
