@@ -15,8 +15,6 @@ enum Due {
     Healed,
     /// The scan pauses for a reason with these words and completes after a person resumed it.
     Pause(&'static str),
-    /// The scan pauses for a reason with these words, however often a person resumes it.
-    Refusal(&'static str),
     /// The scan ends so, for a person to resume.
     Interrupted,
 }
@@ -124,7 +122,7 @@ const CASES: &[(u32, &str, &str, Due)] = &[
         24,
         "power-cycle",
         "at_s = 17.5\naxis = \"theta_c\"",
-        Due::Pause("restarted"),
+        Due::Pause("power cycle"),
     ),
     (
         25,
@@ -166,12 +164,7 @@ const CASES: &[(u32, &str, &str, Due)] = &[
         "at_s = 18.5\naxis = \"theta_c\"\nby_deg = 2",
         Due::Healed,
     ),
-    (
-        43,
-        "frame-behind",
-        "at_s = 17\ntimes = 100000",
-        Due::Refusal("earlier poses"),
-    ),
+    (43, "frame-behind", "at_s = 17\ntimes = 100000", Due::Healed),
     (45, "frame-full", "at_s = 17.5", Due::Nothing),
     (48, "frame-half-dark", "at_s = 17.5", Due::Healed),
     (48, "frame-exposure", "at_s = 17.5\nfactor = 2", Due::Healed),
@@ -226,7 +219,6 @@ fn in_words(night: &Night) -> String {
 fn difference(night: &Night, due: Due) -> Option<String> {
     let end = match due {
         Due::Interrupted => "interrupted",
-        Due::Refusal(_) => "aborted",
         _ => "completed",
     };
     if night.faults == 0 {

@@ -274,7 +274,7 @@ fn ended(state: &ScanState, reason: Option<&str>) -> Result<String, String> {
 
 /// What is wrong with an accepted frame of a scan, if anything is.
 async fn wrong_datum(lab: &Lab, scan_id: i64, night: &Night) -> Option<String> {
-    // Whoever resumes a scan that found no light confirms that the sample has none.
+    // A person who resumes a scan that found no light confirms that the sample has none.
     let black_is_confirmed = night.pauses.iter().any(|why| why.contains("black"));
     let frames = lab.store().frames_for_reduction(scan_id).await.unwrap();
     for record in frames {
