@@ -168,7 +168,7 @@ export class MockDaemon {
     const id = this.scans.length + 1;
     const scan: MockScan = {
       body: {
-        id, sample_id: sampleId, regions: this.regions, calibration_ids: [], earlier_samples: [], sample_name: this.#scanName(sampleId), state: 'planned', reason: null, origin: 'rig', operator: null, plan,
+        id, sample_id: sampleId, regions: this.regions, calibration_ids: [], earlier_samples: [], camera: { width_px: SIZE_PX, height_px: SIZE_PX, saturation_dn: 65535, states_exposure_start: true }, sample_name: this.#scanName(sampleId), state: 'planned', reason: null, origin: 'rig', operator: null, plan,
         progress: null, frames_rejected: 0, created_at: new Date().toISOString(), started_at: new Date().toISOString(), ended_at: null,
       },
       frames: [],
