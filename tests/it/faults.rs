@@ -231,9 +231,7 @@ fn difference(night: &Night, due: Due) -> Option<String> {
     let fine = match due {
         Due::Nothing => by_itself && night.rejected.is_empty(),
         Due::Healed => by_itself && !night.recovered.is_empty(),
-        Due::Pause(words) | Due::Refusal(words) => {
-            night.pauses.iter().any(|why| why.contains(words))
-        }
+        Due::Pause(words) => night.pauses.iter().any(|why| why.contains(words)),
         Due::Interrupted => true,
     };
     (!fine).then(|| format!("due is {due:?}"))
