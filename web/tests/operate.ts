@@ -11,7 +11,7 @@ export interface GridChoice {
 
 /** Fills in the form of a new scan. */
 export async function fillScan(page: Page, choice: GridChoice): Promise<void> {
-  const samples = page.getByRole('combobox', { name: 'Sample' });
+  const samples = page.getByRole('combobox', { name: /^Sample/ });
   // The index follows the name.
   const option = samples.locator('option', { hasText: `${choice.sample} (` }).first();
   await option.waitFor({ state: 'attached' });

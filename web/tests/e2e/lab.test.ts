@@ -228,18 +228,18 @@ describe('a lab’s day', () => {
 
   it('moves an axis by hand and reads the position back', async () => {
     const axis = page.locator('[data-axis=theta_c]');
-    await axis.getByRole('button', { name: 'Move' }).waitFor();
+    await axis.getByRole('button', { name: 'Move', exact: true }).waitFor();
     if (await axis.getByText('not homed').isVisible()) {
       await axis.getByRole('button', { name: 'Home' }).click();
       await axis.getByText('homed', { exact: true }).waitFor();
     }
     await page.getByLabel('camera tilt: move to, degrees').fill('7.5');
-    await axis.getByRole('button', { name: 'Move' }).click();
+    await axis.getByRole('button', { name: 'Move', exact: true }).click();
     await expect.poll(async () => Number.parseFloat((await axis.locator('output').innerText()).replace('−', '-')), { timeout: 20_000 }).toBeCloseTo(7.5, 1);
   });
 
   it('adds a metal by its name, and names the calibrations of earlier scans unless new ones are chosen', async () => {
-    const samples = page.getByRole('combobox', { name: 'Sample' });
+    const samples = page.getByRole('combobox', { name: /^Sample/ });
     await samples.selectOption({ label: 'New sample …' });
     const form = page.getByTestId('sample-form');
     await form.getByLabel('Name', { exact: true }).fill('die 4');

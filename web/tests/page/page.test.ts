@@ -41,14 +41,14 @@ describe('moving by hand', () => {
     await page.goto(url);
     await page.getByLabel('camera tilt: move to, degrees').fill('75');
     expect(await page.getByText('Between −60° and 60°.').isVisible()).toBe(true);
-    expect(await page.locator('[data-axis=theta_c]').getByRole('button', { name: 'Move' }).isDisabled()).toBe(true);
+    expect(await page.locator('[data-axis=theta_c]').getByRole('button', { name: 'Move', exact: true }).isDisabled()).toBe(true);
     expect(posts()).toEqual([]);
   });
 
   it('sends the angle typed with a comma or a true minus', async () => {
     await page.goto(url);
     await page.getByLabel('camera tilt: move to, degrees').fill('−12,5');
-    await page.locator('[data-axis=theta_c]').getByRole('button', { name: 'Move' }).click();
+    await page.locator('[data-axis=theta_c]').getByRole('button', { name: 'Move', exact: true }).click();
     await expect.poll(() => daemon.requests.find((r) => r.path.startsWith('/rig'))).toEqual({ method: 'POST', path: '/rig/axes/theta_c/move', body: { position_deg: -12.5 } });
     await expect.poll(() => text('[data-axis=theta_c] output')).toBe('−12.500°');
   });
@@ -150,7 +150,7 @@ describe('faults', () => {
 describe('a scan', () => {
   it('shows its operator steps, counts its frames and is fitted', async () => {
     await page.goto(url);
-    await page.getByRole('combobox', { name: 'Sample' }).selectOption({ label: 'model 15° (n 1.54)' });
+    await page.getByRole('combobox', { name: /^Sample/ }).selectOption({ label: 'model 15° (n 1.54)' });
     await page.getByRole('button', { name: 'Start scan' }).click();
     for (const step of ['Cap the lens', 'Place the white reference', 'Place the sample model 15°']) {
       await page.getByRole('heading', { name: step }).waitFor();
@@ -279,7 +279,7 @@ describe('the form of a new scan', () => {
   it('adds a plastic with its uncertainty and a metal by its name, and reports faults beside their fields', async () => {
     const sent = (): unknown => daemon.requests.findLast((r) => r.path === '/samples')?.body;
     await page.goto(url);
-    const sample = page.getByRole('combobox', { name: 'Sample' });
+    const sample = page.getByRole('combobox', { name: /^Sample/ });
     await sample.selectOption({ label: 'New sample …' });
     const form = page.getByTestId('sample-form');
     await form.getByLabel('Name', { exact: true }).fill('model 15°');
@@ -304,7 +304,7 @@ describe('the form of a new scan', () => {
 });
 
 describe('the sample of the next scan', () => {
-  const chosen = (): Promise<string> => page.getByRole('combobox', { name: 'Sample' }).locator('option:checked').innerText();
+  const chosen = (): Promise<string> => page.getByRole('combobox', { name: /^Sample/ }).locator('option:checked').innerText();
 
   it('is asked for before the first scan, and an import does not change it', async () => {
     await page.goto(url);
