@@ -106,7 +106,9 @@ fn line(sample: &Value) -> String {
         false => format!(" (before: {})", earlier.join(", ")),
     };
     let name = sample["name"].as_str().unwrap_or_default();
-    format!("{:>6}  {name}{before}\n", sample["id"])
+    // A JSON value ignores the width of its place.
+    let id = sample["id"].to_string();
+    format!("{id:>6}  {name}{before}\n")
 }
 
 #[cfg(test)]
