@@ -31,6 +31,10 @@ pub trait Clock: Send + Sync + 'static {
     fn now(&self) -> Duration;
     /// The machine's wall-clock time, however fast a simulated rig runs. Only a label: it may jump.
     fn utc(&self) -> OffsetDateTime;
+    /// Seconds of the machine's time in a second of this clock: below 1 on a simulated rig that runs faster.
+    fn machine_s_per_s(&self) -> f64 {
+        1.0
+    }
     /// The same as [`Clock::utc`].
     fn wall(&self) -> OffsetDateTime {
         self.utc()
@@ -113,6 +117,10 @@ impl Clock for ScaledClock {
 
     fn utc(&self) -> OffsetDateTime {
         OffsetDateTime::now_utc()
+    }
+
+    fn machine_s_per_s(&self) -> f64 {
+        self.scale.recip()
     }
 
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {

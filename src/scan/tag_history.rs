@@ -43,6 +43,8 @@ pub(super) struct ExposureWindow {
     pub from: OffsetDateTime,
     /// The frame had arrived.
     pub until: OffsetDateTime,
+    /// Seconds of these times in a second of exposure (see [`crate::clock::Clock::machine_s_per_s`]).
+    pub machine_s_per_s: f64,
 }
 
 /// What a tag says about its frame.
@@ -132,7 +134,8 @@ impl TagHistory {
             ));
         }
         if let Some(start) = tag.exposure_start {
-            let length = time::Duration::seconds_f64(tag.exposure_s.unwrap_or(exposure_s));
+            let length_s = tag.exposure_s.unwrap_or(exposure_s) * window.machine_s_per_s;
+            let length = time::Duration::seconds_f64(length_s);
             let ahead = start + length - window.until;
             if ahead > rules.clock_tolerance {
                 let ahead_s = ahead.as_seconds_f64();
@@ -216,6 +219,7 @@ mod tests {
         ExposureWindow {
             from: datetime!(2026-01-01 00:00:10 UTC),
             until: datetime!(2026-01-01 00:00:11 UTC),
+            machine_s_per_s: 1.0,
         }
     }
 
@@ -257,6 +261,23 @@ mod tests {
         assert_eq!(check(&tag(1, near)), TagVerdict::Fresh);
         let ahead = tag(2, datetime!(2026-01-01 00:00:12 UTC));
         assert!(matches!(check(&ahead), TagVerdict::Wrong(_)));
+    }
+
+    #[test]
+    fn an_exposure_of_a_fast_rig_takes_less_time_of_the_machine() {
+        let long = FrameTag {
+            exposure_s: Some(4.0),
+            ..tag(1, datetime!(2026-01-01 00:00:10.5 UTC))
+        };
+        let check = |machine_s_per_s: f64| {
+            let window = ExposureWindow {
+                machine_s_per_s,
+                ..window()
+            };
+            TagHistory::default().check(&long, 4.0, window, &rules())
+        };
+        assert_eq!(check(0.05), TagVerdict::Fresh);
+        assert!(matches!(check(1.0), TagVerdict::Wrong(_)));
     }
 
     #[test]

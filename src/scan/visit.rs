@@ -174,6 +174,7 @@ pub(super) async fn visit(
                 let window = ExposureWindow {
                     from: at_rest_utc,
                     until: clock.utc(),
+                    machine_s_per_s: clock.machine_s_per_s(),
                 };
                 match tags.check(&captured.tag, exposure_s, window, tag_rules) {
                     TagVerdict::Fresh => break captured,
