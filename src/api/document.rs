@@ -44,6 +44,7 @@ pub(super) fn complete(document: &mut OpenApi) {
         for (method, operation) in [
             (Method::GET, &mut item.get),
             (Method::POST, &mut item.post),
+            (Method::PATCH, &mut item.patch),
             (Method::DELETE, &mut item.delete),
         ] {
             if let Some(operation) = operation {
@@ -57,8 +58,8 @@ pub(super) fn complete(document: &mut OpenApi) {
             operation.parameters.get_or_insert_default().push(key());
         }
         let asks = item.get.iter_mut().map(|get| (get, false));
-        let posts = item.post.iter_mut().chain(item.delete.iter_mut());
-        let does = posts.map(|post| (post, true));
+        let writes = [&mut item.post, &mut item.patch, &mut item.delete];
+        let does = writes.into_iter().flatten().map(|write| (write, true));
         for (operation, does) in asks.chain(does) {
             let has = |place: &ParameterIn| {
                 let all = operation.parameters.iter().flatten();

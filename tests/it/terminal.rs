@@ -84,7 +84,7 @@ exposures_s = [0.02]
     /// Begins a scan at a terminal.
     fn scan(&self) -> Terminal {
         let mut child = Command::new(env!("CARGO_BIN_EXE_ridged"))
-            .args(["scan", "plan.toml", "--data", "data"])
+            .args(["scan", "plan.toml", "--sample", "s", "--data", "data"])
             .current_dir(self.folder.path())
             .env("RIDGED_LOG", "off")
             .stdin(Stdio::piped())
@@ -218,7 +218,7 @@ fn ctrl_c_at_the_prompt_pauses_the_scan_and_then_says_how_it_is_left() {
 #[test]
 fn an_unattended_terminal_leaves_the_step_to_others() {
     let rig = RealRig::start();
-    let args = ["scan", "plan.toml", "--data", "data"];
+    let args = ["scan", "plan.toml", "--sample", "s", "--data", "data"];
     let words = ["scan 1 waits for the operator", "http://127.0.0.1"];
     refuses(rig.folder.path(), &args, 1, &words);
     rig.until(1, "cap-lens");
@@ -234,18 +234,17 @@ fn a_full_daemon_stops_the_rig_is_alive_and_is_said_to_be_full() {
     shell.args(["-c", r#"ulimit -n 128; exec "$0" "$@""#, program]);
     let mut daemon = Daemon::start_by(shell, at, &["--simulated-rig"]);
     let host = daemon.url.strip_prefix("http://").unwrap().to_owned();
-    // Half of the open files are seats; each of these keeps one as long as it lasts.
-    let streams: Vec<TcpStream> = (0..64)
+    // Half of the open files are seats, half of these for one peer; each request in hand keeps one.
+    let head = format!(
+        "POST /api/v1/scans HTTP/1.1\r\nHost: {host}\r\nContent-Type: application/json\r\nContent-Length: 9\r\n"
+    );
+    let connections: Vec<TcpStream> = (0..32)
         .map(|_| {
             let mut stream = TcpStream::connect(&host).unwrap();
-            write!(
-                stream,
-                "GET /api/v1/events HTTP/1.1\r\nHost: {host}\r\n\r\n"
-            )
-            .unwrap();
+            write!(stream, "{head}Expect: 100-continue\r\n\r\n").unwrap();
             let mut begun = [0; 12];
             stream.read_exact(&mut begun).unwrap();
-            assert_eq!(&begun, b"HTTP/1.1 200");
+            assert_eq!(&begun, b"HTTP/1.1 100");
             stream
         })
         .collect();
@@ -259,7 +258,7 @@ fn a_full_daemon_stops_the_rig_is_alive_and_is_said_to_be_full() {
     );
     let alive = ureq::get(format!("{}/healthz", daemon.url)).call().unwrap();
     assert_eq!(alive.status(), 200);
-    drop(streams);
+    drop(connections);
     assert!(daemon.terminate().success());
 }
 

@@ -4,6 +4,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::thread::JoinHandle;
 
 use serde_json::Value;
 
@@ -20,6 +21,8 @@ fn output(folder: &Path, args: &[&str]) -> String {
 struct Program {
     child: Child,
     url: String,
+    /// Reads the log from the start: a full pipe would block the daemon.
+    log: JoinHandle<String>,
 }
 
 impl Program {
@@ -43,21 +46,21 @@ impl Program {
             .strip_prefix("listening on ")
             .unwrap()
             .to_owned();
-        Program { child, url }
+        let mut stderr = child.stderr.take().unwrap();
+        let log = std::thread::spawn(move || {
+            let mut text = String::new();
+            stderr.read_to_string(&mut text).ok();
+            text
+        });
+        Program { child, url, log }
     }
 
     /// Ends it and returns its log.
     fn end(mut self) -> String {
-        let mut log = self.child.stderr.take().unwrap();
-        let reader = std::thread::spawn(move || {
-            let mut text = String::new();
-            log.read_to_string(&mut text).ok();
-            text
-        });
         let process = rustix::process::Pid::from_child(&self.child);
         rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
         self.child.wait().unwrap();
-        reader.join().unwrap()
+        self.log.join().unwrap()
     }
 
     fn get(&self, path: &str, headers: &[(&str, &str)]) -> (u16, Value) {
