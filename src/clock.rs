@@ -35,10 +35,6 @@ pub trait Clock: Send + Sync + 'static {
     fn machine_s_per_s(&self) -> f64 {
         1.0
     }
-    /// The same as [`Clock::utc`].
-    fn wall(&self) -> OffsetDateTime {
-        self.utc()
-    }
     /// Time of the machine since it was switched on, the time it was suspended included; `None` if it is unknown. Used only to
     /// find gaps in which the program did not run.
     fn machine_uptime(&self) -> Option<Duration> {

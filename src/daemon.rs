@@ -161,7 +161,7 @@ async fn watch_the_time_of_day(ending: CancellationToken) {
     let clock = SystemClock::new();
     let mut watch = WallWatch::default();
     while !ending.is_cancelled() {
-        if let Some(step) = watch.step(clock.now(), clock.wall()) {
+        if let Some(step) = watch.step(clock.now(), clock.utc()) {
             let step_s = step.as_seconds_f64();
             tracing::warn!(
                 step_s,

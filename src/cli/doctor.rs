@@ -89,7 +89,7 @@ async fn check(args: &Args, config: &Config, findings: &mut Findings) -> Result<
         findings,
     );
     let known = folder::check_store(&data, args.deep, findings).await;
-    host::check_clock(SystemClock::new().wall(), known.newest_event, findings).await;
+    host::check_clock(SystemClock::new().utc(), known.newest_event, findings).await;
     // The client waits on its thread.
     let asked = data.clone();
     let daemon = tokio::task::spawn_blocking(move || Client::find(&asked));

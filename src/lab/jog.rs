@@ -107,7 +107,7 @@ impl Lab {
         let (order, orders) = watch::channel(first);
         let at_end = Arc::new(Mutex::new(None));
         // Numbers differ between jogs, also of earlier daemons: a late renewal must not find another jog.
-        let number = side.sink.clock.wall().unix_timestamp_nanos() / 1000;
+        let number = side.sink.clock.utc().unix_timestamp_nanos() / 1000;
         let live = LiveJog {
             number: u64::try_from(number).unwrap_or_default(),
             axis,

@@ -34,7 +34,7 @@ pub struct KeyedRequest<'a> {
 impl Store {
     /// Time before which keys are forgotten.
     fn oldest_key(&self) -> String {
-        utc_text(self.inner.clock.wall() - KEY_AGE_MAX)
+        utc_text(self.inner.clock.utc() - KEY_AGE_MAX)
     }
 
     /// Returns the answer stored for this request.
@@ -88,7 +88,7 @@ impl Store {
         .bind(answer.status)
         .bind(&answer.location)
         .bind(&answer.body)
-        .bind(self.wall_text())
+        .bind(self.now_text())
         .execute(&mut *transaction)
         .await?;
         transaction.commit().await

@@ -164,7 +164,7 @@ impl Store {
         .bind(&new.request)
         .bind(&new.options)
         .bind(PROGRAM)
-        .bind(self.wall_text())
+        .bind(self.now_text())
         .bind(&new.who)
         .fetch_one(&mut *transaction)
         .await?;
@@ -215,7 +215,7 @@ impl Store {
         .bind(fit.and_then(|fit| fit.theta_r_deg).map(|angle| angle.value))
         .bind(error.map(|(code, _)| code))
         .bind(error.map(|(_, detail)| detail))
-        .bind(self.wall_text())
+        .bind(self.now_text())
         .execute(&mut *transaction)
         .await?;
         let event = event(id, started.scan_id, state, started.variant, fit);

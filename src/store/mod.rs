@@ -333,11 +333,6 @@ impl Store {
     fn now_text(&self) -> String {
         utc_text(self.inner.clock.utc())
     }
-
-    /// The same as [`Store::now_text`].
-    fn wall_text(&self) -> String {
-        utc_text(self.inner.clock.wall())
-    }
 }
 
 /// Asks the file system on a thread for blocking work: a disk that hangs must not hold the threads that serve the stop.

@@ -129,7 +129,7 @@ impl Store {
         .bind(context)
         .bind(last_frame_id)
         .bind(PROGRAM)
-        .bind(self.wall_text())
+        .bind(self.now_text())
         .execute(&mut *transaction)
         .await?
         .last_insert_rowid();

@@ -143,7 +143,7 @@ impl Store {
             .bind(list(&text.flat_frames)?)
             .bind(&text.body)
             .bind(PROGRAM)
-            .bind(self.wall_text())
+            .bind(self.now_text())
             .execute(&mut *transaction)
             .await?;
         }

@@ -179,7 +179,7 @@ impl Store {
         .bind(serde_json::to_string(&new.material).map_err(bad)?)
         .bind(&new.note)
         .bind(simulated)
-        .bind(self.wall_text())
+        .bind(self.now_text())
         .execute(&mut *transaction)
         .await?
         .last_insert_rowid();
