@@ -207,7 +207,7 @@ pub struct GapWatch {
 
 impl GapWatch {
     /// Time between two looks.
-    pub const LOOK_EVERY: Duration = Duration::from_millis(500);
+    const LOOK_EVERY: Duration = Duration::from_millis(500);
     /// Shortest gap that counts; a busy machine makes shorter ones.
     const GAP_MIN: Duration = Duration::from_secs(5);
 
@@ -219,8 +219,18 @@ impl GapWatch {
         }
     }
 
+    /// Completes after a gap.
+    pub async fn next(&mut self, clock: &dyn Clock) -> Duration {
+        loop {
+            tokio::time::sleep(Self::LOOK_EVERY).await;
+            if let Some(gap) = self.gap(clock) {
+                return gap;
+            }
+        }
+    }
+
     /// Returns the gap since the last look, if there was one.
-    pub fn gap(&mut self, clock: &dyn Clock) -> Option<Duration> {
+    fn gap(&mut self, clock: &dyn Clock) -> Option<Duration> {
         let now = clock.machine_uptime()?;
         let last = self.last.replace(now)?;
         let gap = now.saturating_sub(last);

@@ -433,43 +433,38 @@ impl<'a> Runner<'a> {
             clock: &*clock,
         };
         let camera = self.rig.camera.as_mut();
-        let mut work = Box::pin(visit::visit(&stage, camera, shot, attempt, context));
+        let visit = visit::visit(&stage, camera, shot, attempt, context);
         let mut gaps = GapWatch::new(&*clock);
-        let cut = loop {
+        let watched = async {
             tokio::select! {
                 biased;
-                request = self.commands.recv() => {
-                    let request = request.unwrap_or_else(waiting::shut_down);
-                    let orders = waiting::Orders {
-                        recorder: &mut *self.recorder,
-                        state: &mut self.state,
-                        progress: self.totals.progress,
-                    };
-                    if let Some(cut) = orders.heed(request).await? {
-                        break cut;
-                    }
-                }
                 // Before the outcome: after a gap it says nothing about the stages.
-                () = tokio::time::sleep(GapWatch::LOOK_EVERY) => {
-                    if let Some(gap) = gaps.gap(&*clock) {
-                        drop(work);
-                        drop(stage);
-                        self.totals.at = None;
-                        self.rig.let_go();
-                        let gap_s = gap.as_secs_f64();
-                        return Ok(Some(Err(VisitError::Suspended { gap_s })));
-                    }
-                }
-                outcome = &mut work => {
-                    drop(work);
-                    if outcome.is_err() {
-                        self.totals.at = None;
-                    }
-                    return Ok(Some(outcome));
-                }
+                gap = gaps.next(&*clock) => Err(gap),
+                outcome = visit => Ok(outcome),
             }
         };
-        drop(work);
+        let orders = waiting::Orders {
+            commands: &mut *self.commands,
+            recorder: &mut *self.recorder,
+            state: &mut self.state,
+            progress: self.totals.progress,
+        };
+        let cut = match orders.during(watched).await? {
+            Ok(Ok(outcome)) => {
+                if outcome.is_err() {
+                    self.totals.at = None;
+                }
+                return Ok(Some(outcome));
+            }
+            Ok(Err(gap)) => {
+                drop(stage);
+                self.totals.at = None;
+                self.rig.let_go();
+                let gap_s = gap.as_secs_f64();
+                return Ok(Some(Err(VisitError::Suspended { gap_s })));
+            }
+            Err(cut) => cut,
+        };
         if let Err(error) = stage.stop().await {
             tracing::error!(%error, "the stop of a scan did not reach the stage: {error}");
         }

@@ -1,6 +1,5 @@
 //! Switches the lamp on before the first exposure.
 
-use super::waiting::{Orders, shut_down};
 use super::{Ending, Runner};
 
 impl Runner<'_> {
@@ -10,27 +9,8 @@ impl Runner<'_> {
             return Ok(());
         };
         loop {
-            let mut work = Box::pin(program.run(b""));
-            let ended = loop {
-                tokio::select! {
-                    biased;
-                    request = self.commands.recv() => {
-                        let orders = Orders {
-                            recorder: &mut *self.recorder,
-                            state: &mut self.state,
-                            progress: self.totals.progress,
-                        };
-                        let request = request.unwrap_or_else(shut_down);
-                        if let Some(cut) = orders.heed(request).await? {
-                            break Err(cut);
-                        }
-                    }
-                    outcome = &mut work => break Ok(outcome),
-                }
-            };
-            // A command that was cut short is killed and runs again, since what it did so far is unknown.
-            drop(work);
-            match ended {
+            // A command that is cut short is killed and runs again, since what it did so far is unknown.
+            match self.orders().during(program.run(b"")).await? {
                 Ok(Ok(())) => return self.pause_if_asked().await,
                 Ok(Err(error)) => {
                     let why =

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use tokio::sync::oneshot;
+use tokio::sync::{mpsc, oneshot};
 
 use super::{CommandRequest, Ending, Runner, ScanCommand};
 use crate::bench::stage::StageError;
@@ -12,17 +12,38 @@ use crate::scan::recorder::{RecordError, Recorder};
 use crate::scan::state::ScanState;
 use crate::scan::visit::VisitError;
 
-/// What an order to a busy scan changes.
+/// The orders to a busy scan, and what they change.
 pub(super) struct Orders<'a> {
+    pub commands: &'a mut mpsc::Receiver<CommandRequest>,
     pub recorder: &'a mut dyn Recorder,
     pub state: &'a mut ScanState,
     pub progress: Progress,
 }
 
 impl Orders<'_> {
+    /// Does some work and obeys orders meanwhile. An order that ends the work drops it and is returned.
+    pub async fn during<T>(
+        mut self,
+        work: impl Future<Output = T>,
+    ) -> Result<Result<T, CommandRequest>, RecordError> {
+        let mut work = std::pin::pin!(work);
+        loop {
+            tokio::select! {
+                biased;
+                request = self.commands.recv() => {
+                    let request = request.unwrap_or_else(shut_down);
+                    if let Some(cut) = self.obey(request).await? {
+                        return Ok(Err(cut));
+                    }
+                }
+                outcome = &mut work => return Ok(Ok(outcome)),
+            }
+        }
+    }
+
     /// Obeys an order that does not end the current work; returns one that does.
-    pub async fn heed(
-        self,
+    async fn obey(
+        &mut self,
         request: CommandRequest,
     ) -> Result<Option<CommandRequest>, RecordError> {
         let next = match (request.command, *self.state) {
@@ -48,24 +69,22 @@ impl Runner<'_> {
     /// scan.
     pub(super) async fn rest(&mut self, wait: Duration) -> Result<bool, Ending> {
         let clock = std::sync::Arc::clone(&self.run.clock);
-        let mut over = clock.sleep(wait);
-        loop {
-            tokio::select! {
-                biased;
-                request = self.commands.recv() => {
-                    let orders = Orders {
-                        recorder: &mut *self.recorder,
-                        state: &mut self.state,
-                        progress: self.totals.progress,
-                    };
-                    let request = request.unwrap_or_else(shut_down);
-                    if let Some(cut) = orders.heed(request).await? {
-                        self.pause_or_end(cut).await?;
-                        return Ok(true);
-                    }
-                }
-                () = &mut over => return Ok(false),
+        match self.orders().during(clock.sleep(wait)).await? {
+            Ok(()) => Ok(false),
+            Err(cut) => {
+                self.pause_or_end(cut).await?;
+                Ok(true)
             }
+        }
+    }
+
+    /// The orders to this scan, for work that needs nothing of the runner.
+    pub(super) fn orders(&mut self) -> Orders<'_> {
+        Orders {
+            commands: &mut *self.commands,
+            recorder: &mut *self.recorder,
+            state: &mut self.state,
+            progress: self.totals.progress,
         }
     }
 
