@@ -14,7 +14,7 @@ use crate::bench::AxisName;
 use crate::clock::{Clock, ScaledClock};
 use crate::sim::controller::Controller;
 use crate::sim::faults::controller::FaultyController;
-use crate::sim::faults::plan::FaultPlan;
+use crate::sim::faults::injector::FaultInjector;
 use crate::sim::rig::{TIME_SCALES_OF_CONTROLLER, check_range};
 use crate::sim::server::{serve_pty, serve_tcp};
 use crate::sim::world::{World, WorldSettings};
@@ -73,7 +73,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             kind.kind_name()
         )));
     }
-    let plan = FaultPlan::new(Arc::clone(&world), text, seed);
+    let plan = FaultInjector::new(Arc::clone(&world), text, seed);
     let controller = FaultyController::new(controller, plan);
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()

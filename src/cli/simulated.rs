@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 
 use super::CliError;
-use crate::sim::faults::plan::PlanText;
+use crate::sim::faults::plan::FaultPlan;
 use crate::sim::rig::{Construction, SimulationError};
 
 /// How a simulated rig is built: near or far, and which parts are off their place.
@@ -62,14 +62,14 @@ impl FaultArgs {
     ///
     /// # Errors
     /// Bad input for a file that cannot be read or that is no such plan.
-    pub fn read(&self) -> Result<Option<(PlanText, u64)>, CliError> {
+    pub fn read(&self) -> Result<Option<(FaultPlan, u64)>, CliError> {
         let Some(file) = &self.faults else {
             return Ok(None);
         };
         let text = std::fs::read_to_string(file)
             .with_context(|| format!("cannot read {}", file.display()))
             .map_err(CliError::bad_input)?;
-        let plan = PlanText::read(&text)
+        let plan = FaultPlan::read(&text)
             .with_context(|| format!("{} is not a plan of faults", file.display()))
             .map_err(CliError::bad_input)?;
         Ok(Some((plan, self.fault_seed)))

@@ -1,13 +1,14 @@
 //! Faults put into a simulated rig: on the line to the stages, in the stages, the camera and the disk.
 //!
 //! A fault on the line is a [`LineFault`] of one exchange. [`FaultyLine`] applies it, on either side of the line. What
-//! happens when comes from a [`FaultSource`]: [`ScriptedFaults`] for tests, or a [`plan::FaultPlan`] that a user writes
-//! or a seed draws. [`FaultySeam`] is the seam to pass when a port is opened, [`camera::FaultyCamera`] and
-//! [`disk::FaultyDisk`] wrap the other devices.
+//! happens when comes from a [`FaultSource`]: [`ScriptedFaults`] for tests, or the [`injector::FaultInjector`] of a plan
+//! that a user writes or a seed draws. [`FaultySeam`] is the seam to pass when a port is opened, [`camera::FaultyCamera`]
+//! and [`disk::FaultyDisk`] wrap the other devices.
 
 pub mod camera;
 pub mod controller;
 pub mod disk;
+pub mod injector;
 mod line;
 pub mod plan;
 

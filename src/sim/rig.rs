@@ -14,7 +14,8 @@ use super::camera::{SampleHandle, SimulatedCamera, SimulatedCameraSettings};
 use super::controller::Controller;
 use super::faults::FaultySeam;
 use super::faults::camera::FaultyCamera;
-use super::faults::plan::{FaultPlan, PlanText};
+use super::faults::injector::FaultInjector;
+use super::faults::plan::FaultPlan;
 use super::sample::SimulatedSample;
 use super::server::{PtyServer, serve_pty};
 use super::world::{Mounting, World, WorldSettings};
@@ -277,10 +278,10 @@ impl SimulatedRig {
     pub fn with_faults(
         &self,
         parts: RigParts,
-        text: PlanText,
+        text: FaultPlan,
         seed: u64,
-    ) -> (RigParts, Arc<FaultPlan>) {
-        let plan = FaultPlan::new(Arc::clone(&self.world), text, seed);
+    ) -> (RigParts, Arc<FaultInjector>) {
+        let plan = FaultInjector::new(Arc::clone(&self.world), text, seed);
         let RigParts { rig, settings } = parts;
         let mut link = rig.link().clone();
         link.seam = Arc::new(FaultySeam::over(link.seam, plan.clone()));

@@ -2,7 +2,7 @@
 //!
 //! `docs/faults.md` lists all faults of a rig with the reaction of the scan and the tests that check it.
 
-use ridged::sim::faults::plan::PlanText;
+use ridged::sim::faults::plan::FaultPlan;
 
 use crate::night::{Night, night, states_its_settings};
 
@@ -182,7 +182,7 @@ fn each_fault_has_its_reaction() {
     let mut wrong = Vec::new();
     for (row, kind, lines, due) in CASES {
         let text = format!("[[fault]]\nkind = \"{kind}\"\n{lines}\n");
-        let plan = PlanText::read(&text).unwrap_or_else(|error| panic!("{text}{error}"));
+        let plan = FaultPlan::read(&text).unwrap_or_else(|error| panic!("{text}{error}"));
         let lines = lines.replace('\n', ", ");
         // Only what the camera states shows another exposure; all else has to be found without.
         let seed = if *kind == "frame-exposure" { 2 } else { 1 };

@@ -19,7 +19,7 @@ use ridged::lab::ScanRequest;
 use ridged::scan::PlanRequest;
 use ridged::series::Manifest;
 use ridged::sim::controller::Controller;
-use ridged::sim::faults::plan::PlanText;
+use ridged::sim::faults::plan::FaultPlan;
 use ridged::sim::world::{World, WorldSettings};
 use ridged::trace::scene::Scene;
 use ridged::wording::json;
@@ -317,7 +317,7 @@ fn manifests_and_scenes() {
     let scenes = scenes.map(|name| file(&format!("scenes/{name}.toml")));
     fuzz_text(&scenes.each_ref().map(String::as_str), Scene::parse);
     let faults = file("docs/example-faults.toml");
-    fuzz_text(&[&faults], PlanText::read);
+    fuzz_text(&[&faults], FaultPlan::read);
 }
 
 #[test]

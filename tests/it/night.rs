@@ -17,7 +17,7 @@ use ridged::scan::runner::ScanCommand;
 use ridged::scan::{Event, Rig, ScanState};
 use ridged::sim::controller::Controller;
 use ridged::sim::faults::disk::FaultyDisk;
-use ridged::sim::faults::plan::PlanText;
+use ridged::sim::faults::plan::FaultPlan;
 use ridged::sim::memory_port::MemoryPorts;
 use ridged::sim::rig::{SimulatedRig, Simulation};
 use ridged::sim::world::{OnTable, World};
@@ -57,7 +57,7 @@ pub struct Night {
 ///
 /// # Errors
 /// A wrong datum, a hang, a panic, an end or a pause without a cause; with the story.
-pub fn night(seed: u64, text: &PlanText, presses: &[Press]) -> Result<Night, String> {
+pub fn night(seed: u64, text: &FaultPlan, presses: &[Press]) -> Result<Night, String> {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -76,7 +76,7 @@ pub fn states_its_settings(seed: u64) -> bool {
     seed.is_multiple_of(2)
 }
 
-async fn pass(seed: u64, text: &PlanText, presses: &[Press]) -> Result<Night, String> {
+async fn pass(seed: u64, text: &FaultPlan, presses: &[Press]) -> Result<Night, String> {
     let plan_text = toml::to_string(text).unwrap();
     let clock = Arc::new(SteppedClock::new());
     let folder = folder();

@@ -11,7 +11,7 @@ use std::time::Instant;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use ridged::bench::AxisName;
-use ridged::sim::faults::plan::{FaultKind, PlanText, PlannedFault};
+use ridged::sim::faults::plan::{FaultKind, FaultPlan, PlannedFault};
 
 use crate::night::{Button, Press, night, states_its_settings};
 
@@ -54,7 +54,7 @@ fn range(text: &str) -> Option<Range<u64>> {
 }
 
 /// The faults and the presses of a seed.
-fn drawn(seed: u64) -> (PlanText, Vec<Press>) {
+fn drawn(seed: u64) -> (FaultPlan, Vec<Press>) {
     let mut rng = Pcg64::seed_from_u64(seed ^ 0x50A4);
     let mut one_of = |n: usize| rng.random_range(0..n);
     const COMMANDS: [&str; 6] = ["", "move abs", "get pos", "warnings", "home", "stop"];
@@ -89,7 +89,7 @@ fn drawn(seed: u64) -> (PlanText, Vec<Press>) {
         }
         fault
     });
-    let text = PlanText {
+    let text = FaultPlan {
         fault: faults.collect(),
     };
     let presses = (0..one_of(3)).map(|_| Press {

@@ -4,14 +4,14 @@ use std::sync::Arc;
 
 use futures::future::BoxFuture;
 
-use super::plan::{CameraFault, FaultPlan};
+use super::injector::{CameraFault, FaultInjector};
 use crate::bench::{Camera, CameraError, CaptureRequest, Captured};
 use crate::frame::Frame;
 
 /// A camera whose frames suffer the faults of a plan.
 pub struct FaultyCamera {
     camera: Box<dyn Camera>,
-    plan: Arc<FaultPlan>,
+    plan: Arc<FaultInjector>,
     /// The frame that a camera with a ring buffer delivers next.
     buffered: Option<Captured>,
     last: Option<Captured>,
@@ -20,7 +20,7 @@ pub struct FaultyCamera {
 impl FaultyCamera {
     /// Adds the faults of a plan to a camera.
     #[must_use]
-    pub fn new(camera: Box<dyn Camera>, plan: Arc<FaultPlan>) -> Self {
+    pub fn new(camera: Box<dyn Camera>, plan: Arc<FaultInjector>) -> Self {
         FaultyCamera {
             camera,
             plan,

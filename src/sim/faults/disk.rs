@@ -4,19 +4,19 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::plan::{DiskFault, FaultPlan};
+use super::injector::{DiskFault, FaultInjector};
 use crate::store::disk::Disk;
 
 /// A disk that fills up or fails as a plan says.
 pub struct FaultyDisk {
     disk: Arc<dyn Disk>,
-    plan: Arc<FaultPlan>,
+    plan: Arc<FaultInjector>,
 }
 
 impl FaultyDisk {
     /// Adds the faults of a plan to a disk.
     #[must_use]
-    pub fn new(disk: Arc<dyn Disk>, plan: Arc<FaultPlan>) -> Self {
+    pub fn new(disk: Arc<dyn Disk>, plan: Arc<FaultInjector>) -> Self {
         FaultyDisk { disk, plan }
     }
 }
