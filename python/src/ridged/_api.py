@@ -1,0 +1,823 @@
+"""Bodies of the HTTP API, as TypedDicts. Made by `tools/python_types.py` from the OpenAPI document; do not edit."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NotRequired, TypedDict
+
+Activity = Literal["idle", "moving", "homing", "scanning", "paused", "not-connected"]
+"""What the rig is doing."""
+
+FitFindingCode = Literal["tails", "rounded-crests", "translucent", "wedge-across", "non-linear", "lamp-drift", "index", "bad-block", "bad-pose"]
+"""A known cause. Scripts compare its code."""
+
+FitReferencePlane = Literal["turntable", "sample"]
+"""The plane that angles refer to."""
+
+FitStatus = Literal["converged", "at-bound", "rank-deficient", "stalled", "not-finite", "too-few-observations", "cancelled"]
+"""How a fit ended. Scripts compare the word."""
+
+FitTracerEnd = Literal["settled", "most-paths", "most-passes", "stopped"]
+"""Why a tracing ended."""
+
+FitVariantName = Literal["paper", "sawtooth", "traced"]
+"""Names of the variants in the JSON form."""
+
+FrameKind = Literal["sample", "dark", "flat"]
+"""Kind of a frame."""
+
+IncidentKind = Literal["alarm", "recovered"]
+"""Whether something went wrong or is over."""
+
+Loss = Literal["linear", "huber", "tukey"]
+"""How residuals count."""
+
+MaterialBody = dict[str, Any]
+"""Nominal material: complex index N = n + ik with standard uncertainties."""
+
+OperatorAction = Literal["cap-lens", "place-white-reference", "place-sample"]
+"""What a person has to do at the rig before the scan can go on."""
+
+Phase = Literal["dark", "flat", "sample", "done"]
+"""Phase of a scan: the kind of the frames being taken, and done at its end."""
+
+Pitch = float | list[float]
+"""One number for both axes, or one for each."""
+
+Preset = Literal["paper", "full"]
+"""Named plans."""
+
+Role = Literal["viewer", "analyst", "operator", "admin"]
+"""What the holder of a token may do. Every role may stop the rig."""
+
+ScanOrigin = Literal["rig", "import"]
+"""Where a scan comes from."""
+
+ScanState = Literal["planned", "waiting-for-operator", "running", "pausing", "paused", "interrupted", "completed", "aborted", "failed"]
+"""Where a scan stands."""
+
+TaskState = Literal["running", "completed", "failed", "cancelled", "interrupted"]
+"""The state of a job."""
+
+VariantChoice = Literal["paper", "sawtooth", "traced", "auto"]
+"""Variant that the report is based on."""
+
+
+class AxesBody(TypedDict):
+    """Both axes."""
+
+    phi_s: AxisBody
+    theta_c: AxisBody
+
+
+class AxisBody(TypedDict):
+    """One axis."""
+
+    homed: bool
+    limit_max_deg: float
+    limit_min_deg: float
+    moving: NotRequired[bool | None]
+    position_deg: NotRequired[float | None]
+    referenced: bool
+    serial: NotRequired[str | None]
+    warnings: list[str]
+
+
+class CalibrationBody(TypedDict):
+    """A set of calibration frames."""
+
+    created_at: str
+    exposures_s: list[float]
+    id: int
+    kind: FrameKind
+    n_frames: int
+    scan_id: int
+    theta_c_deg: list[float]
+    valid: bool
+    valid_until: str
+
+
+class CameraBody(TypedDict):
+    """The camera."""
+
+    bit_depth: int
+    description: str
+    exposures_s: list[float]
+    height_px: int
+    saturation_dn: float
+    width_px: int
+
+
+class CertaintyBody(TypedDict):
+    """Result of the live fit of the frames so far."""
+
+    at: str
+    elapsed_s: float
+    id: int
+    n_frames_used: int
+    n_observations: int
+    parameters: dict[str, UncertainBody]
+    status: FitStatus
+    variant: FitVariantName
+
+
+class ControllerBody(TypedDict):
+    """A controller."""
+
+    device_id: int
+    firmware: str
+    serial: str
+
+
+class CurveBody(TypedDict):
+    """Predicted signal over φs at one tilt."""
+
+    phi_s_deg: list[float]
+    signal: list[float]
+    theta_c_deg: float
+    variant: FitVariantName
+
+
+class CurvesBody(TypedDict):
+    """A fit with its observations."""
+
+    curves: list[CurveBody]
+    fit_id: int
+    observations: list[PointBody]
+    peak: float
+
+
+class DarkPlan(TypedDict):
+    """Dark frames of a plan."""
+
+    repeats: int
+
+
+class DarkRequest(TypedDict):
+    """Dark frames of a request."""
+
+    repeats: NotRequired[int | None]
+
+
+class EarlierName(TypedDict):
+    """A name that a sample had."""
+
+    name: str
+    until: str
+
+
+class EarlierSample(TypedDict):
+    """A sample that a scan was assigned to."""
+
+    sample_id: int
+    sample_name: str
+    until: str
+
+
+class EstimateBody(TypedDict):
+    """Estimate of a scan."""
+
+    calibration_ids: list[int]
+    disk_bytes: int
+    disk_free_bytes: int
+    duration_s: float
+    n_frames: int
+    n_shots: int
+    operator_steps: list[OperatorBody]
+    plan: Plan
+
+
+class FieldProblem(TypedDict):
+    """What is wrong with one value."""
+
+    field: str
+    message: str
+    out_of_range: NotRequired[OutOfRange]
+
+
+class Fit(TypedDict):
+    """A fit: its request and its state; from `status` on its report, once it has completed"""
+
+    chi2_reduced: NotRequired[float | None]
+    chi2_reduced_without_model: NotRequired[float | None]
+    created_at: str
+    ended_at: NotRequired[str | None]
+    error: NotRequired[FitError | None]
+    findings: NotRequired[list[FitFinding]]
+    fitted: NotRequired[list[FittedPoint]]
+    forecast: NotRequired[Forecast | None]
+    freedom: NotRequired[FitFreedom]
+    id: int
+    iterations: NotRequired[list[FitIteration]]
+    left_out: NotRequired[list[WorkLeftOut]]
+    model_discrepancy: NotRequired[float | None]
+    n_frames_used: NotRequired[int]
+    n_observations: NotRequired[int]
+    notes: NotRequired[list[str]]
+    parameters: NotRequired[FitParameters]
+    program: NotRequired[str]
+    progress: NotRequired[WorkProgress | None]
+    reference_plane: NotRequired[FitReferencePlane]
+    region: NotRequired[str | None]
+    rejected_frames: NotRequired[list[FrameRejected]]
+    request: FitRequest
+    rms_residual: NotRequired[float | None]
+    sample_id: int
+    sample_name: str
+    scan_id: int
+    seconds: NotRequired[float]
+    slope_distribution: NotRequired[FitSlopes | None]
+    starts: NotRequired[FitStarts]
+    state: TaskState
+    status: NotRequired[FitStatus]
+    timing_s: NotRequired[FitTiming]
+    tracer: NotRequired[FitTracer | None]
+    variant: VariantChoice
+    variants: NotRequired[list[FitVariant]]
+    warnings: NotRequired[list[str]]
+    wedge_across: NotRequired[FitAcross | None]
+    who: str
+
+
+class FitAcross(TypedDict):
+    """Azimuth of the facets from the stage's zero, and its possible causes; degrees."""
+
+    azimuth_deg: float
+    azimuth_std_deg: float
+    azimuth_zero_deg: float
+    azimuth_zero_std_deg: NotRequired[float | None]
+    split: bool
+    wedge_deg: float
+    wedge_std_deg: NotRequired[float | None]
+
+
+class FitError(TypedDict):
+    """Why a job has no result."""
+
+    code: str
+    detail: str
+
+
+class FitFinding(TypedDict):
+    """A cause that was found."""
+
+    advice: str
+    change_of_theta_r_deg: NotRequired[float | None]
+    code: FitFindingCode
+    explains: float
+
+
+class FitFreedom(TypedDict):
+    """Degrees of freedom of a budget's parts. The other parts count as exactly known."""
+
+    counting: float
+    model: float
+
+
+class FitInterval(TypedDict):
+    """Ends of an interval at the coverage of the report; null for an open end."""
+
+    lower: NotRequired[float | None]
+    upper: NotRequired[float | None]
+
+
+class FitIteration(TypedDict):
+    """One evaluation of the model on the way to the minimum."""
+
+    accepted: bool
+    cost: float
+    error: float
+    gradient: float
+    seconds: float
+    step: float
+
+
+class FitParameter(TypedDict):
+    """A parameter with its uncertainty."""
+
+    bootstrap: NotRequired[FitInterval | None]
+    budget: NotRequired[dict[str, float] | None]
+    coverage_factor: NotRequired[float | None]
+    degrees_of_freedom: NotRequired[float | None]
+    expanded: NotRequired[float | None]
+    identifiable: bool
+    note: NotRequired[str | None]
+    profile: NotRequired[FitInterval | None]
+    std: NotRequired[float | None]
+    value: NotRequired[float | None]
+
+
+class FitParameters(TypedDict):
+    """All parameters; angles in degrees."""
+
+    alpha_u: FitParameter
+    alpha_v: FitParameter
+    azimuth_offset_deg: FitParameter
+    background: FitParameter
+    crest_radius: NotRequired[FitParameter | None]
+    rho_d: FitParameter
+    scale: FitParameter
+    theta_r_deg: FitParameter
+    tilt_offset_deg: FitParameter
+    translucency: NotRequired[FitParameter | None]
+
+
+class FitRequest(TypedDict):
+    """A request for a fit."""
+
+    bootstrap: NotRequired[int | None]
+    fix: NotRequired[dict[str, float]]
+    iterations: NotRequired[bool]
+    judge: NotRequired[bool]
+    loss: NotRequired[Loss]
+    max_seconds: NotRequired[float | None]
+    priors: NotRequired[dict[str, Prior]]
+    profile: NotRequired[bool]
+    region: NotRequired[str | None]
+    scan_id: int
+    shape: NotRequired[ShapeFile | None]
+    starts: NotRequired[int | None]
+    target_error: NotRequired[float | None]
+    tolerance: NotRequired[float | None]
+    variant: NotRequired[VariantChoice]
+
+
+class FitSlopes(TypedDict):
+    """Slope distribution of the facets."""
+
+    alpha_half_width_u: NotRequired[float | None]
+    alpha_half_width_v: NotRequired[float | None]
+    name: str
+    shape: NotRequired[float | None]
+
+
+class FitStarts(TypedDict):
+    """Outcomes of the starts."""
+
+    at_minimum: int
+    elsewhere: int
+    not_converged: int
+    tried: int
+
+
+class FitTiming(TypedDict):
+    """Durations in seconds; filled in by the caller that has a clock."""
+
+    fit: float
+    read: float
+    reduce: float
+
+
+class FitTracer(TypedDict):
+    """What the ray tracer did for a fit."""
+
+    end: FitTracerEnd
+    error: float
+    height_map: NotRequired[RidgeFacts | None]
+    passes: int
+    paths_per_pose: int
+    polarised: bool
+    profile_theta_r_deg: NotRequired[float | None]
+    profile_turned: NotRequired[bool]
+
+
+class FitVariant(TypedDict):
+    """One variant in the comparison."""
+
+    alpha_u: NotRequired[float | None]
+    alpha_v: NotRequired[float | None]
+    chi2_reduced_without_model: float
+    qaic: float
+    rho_d: NotRequired[float | None]
+    rms_residual: float
+    status: FitStatus
+    theta_r_deg: NotRequired[float | None]
+    variant: FitVariantName
+
+
+class FittedPoint(TypedDict):
+    """An observation with the value that the fit expects; angles as recorded."""
+
+    fitted: float
+    phi_s_deg: float
+    sigma: float
+    signal: float
+    theta_c_deg: float
+
+
+class FlatPlan(TypedDict):
+    """White-reference frames of a plan."""
+
+    exposures_s: list[float]
+    repeats: int
+    theta_c_deg: list[float]
+
+
+class FlatRequest(TypedDict):
+    """White-reference frames of a request."""
+
+    exposures_s: NotRequired[list[float] | None]
+    repeats: NotRequired[int | None]
+    theta_c_deg: NotRequired[Values | None]
+
+
+class Forecast(TypedDict):
+    """Time, work and error that a calculation is expected to take."""
+
+    amount: NotRequired[ForecastAmount | None]
+    at_limit: NotRequired[ForecastAtLimit | None]
+    at_most: bool
+    cut_short: NotRequired[bool]
+    error: NotRequired[ForecastError | None]
+    parts: NotRequired[list[ForecastPart]]
+    seconds: float
+    uncut_seconds: NotRequired[float | None]
+
+
+class ForecastAmount(TypedDict):
+    """Countable work."""
+
+    count: int
+    of: str
+
+
+class ForecastAtLimit(TypedDict):
+    """What random sampling reaches at a time limit."""
+
+    count: NotRequired[int | None]
+    error: NotRequired[float | None]
+
+
+class ForecastError(TypedDict):
+    """An expected error."""
+
+    of: str
+    value: float
+
+
+class ForecastPart(TypedDict):
+    """Seconds of a part."""
+
+    seconds: float
+    what: str
+
+
+class FrameBody(TypedDict):
+    """A frame."""
+
+    accepted: bool
+    bytes: int
+    exposure_s: float
+    file: str
+    height_px: int
+    id: int
+    image: str
+    kind: FrameKind
+    max_dn: int
+    mean_dn: float
+    original_sha256: NotRequired[str | None]
+    phi_s_deg: float
+    reason: NotRequired[str | None]
+    repeat: int
+    saturated_px: int
+    scan_id: int
+    sha256: str
+    tag: NotRequired[TagBody | None]
+    theta_c_deg: float
+    timestamp: str
+    width_px: int
+
+
+class FrameRejected(TypedDict):
+    """A frame that the reduction left out, with its reason."""
+
+    detail: str
+    file: str
+    reason: str
+
+
+class GeometryBody(TypedDict):
+    """Positions of lamp and camera."""
+
+    azimuth_zero_deg: float
+    lens_angular_radius_deg: NotRequired[float | None]
+    light_angular_radius_deg: NotRequired[float | None]
+    light_azimuth_deg: float
+    theta_l_deg: float
+    wavelength_nm: NotRequired[float | None]
+
+
+Grid = TypedDict("Grid", {"from": float, "step": float, "to": float})
+"""Evenly spaced values."""
+
+
+class HolderBody(TypedDict):
+    """Who holds the rig."""
+
+    name: str
+    until: NotRequired[str | None]
+    who: str
+
+
+class IncidentBody(TypedDict):
+    """An alarm or a recovery."""
+
+    at: str
+    attended: NotRequired[bool | None]
+    code: str
+    id: int
+    kind: IncidentKind
+    message: str
+    points: list[int]
+    took_s: NotRequired[float | None]
+
+
+class Job(TypedDict):
+    """A job with the fields of its result, once it has one."""
+
+    created_at: str
+    ended_at: NotRequired[str | None]
+    error: NotRequired[FitError | None]
+    forecast: NotRequired[Forecast | None]
+    id: int
+    progress: NotRequired[WorkProgress | None]
+    request: dict[str, Any]
+    sample_id: NotRequired[int | None]
+    sample_name: NotRequired[str | None]
+    scan_id: NotRequired[int | None]
+    state: TaskState
+    who: str
+
+
+class LeaseBody(TypedDict):
+    """A lease that was taken."""
+
+    expires_at: str
+    id: str
+    name: str
+    taken_from: NotRequired[HolderBody | None]
+    who: str
+
+
+class LeaseStateBody(TypedDict):
+    """State of the lease."""
+
+    holder: NotRequired[HolderBody | None]
+    own: bool
+
+
+class ObservationBody(TypedDict):
+    """A reduced measurement."""
+
+    n_frames: int
+    phi_s_deg: float
+    sigma: float
+    signal: float
+    theta_c_deg: float
+
+
+class ObservationsBody(TypedDict):
+    """Observations of a scan."""
+
+    absolute: bool
+    complete: bool
+    items: list[ObservationBody]
+    next_cursor: NotRequired[str | None]
+    region: NotRequired[str | None]
+    rejected_frames: list[FrameRejected]
+    scan_id: int
+    warnings: list[str]
+
+
+class OperatorBody(TypedDict):
+    """An operator step."""
+
+    action: OperatorAction
+    message: str
+
+
+class OutOfRange(TypedDict):
+    """A value and the range that it should be in, in the unit of the field."""
+
+    lower: float
+    upper: float
+    value: float
+
+
+class Plan(TypedDict):
+    """A whole plan, nothing left open."""
+
+    dark: DarkPlan
+    exposures_s: list[float]
+    flat: FlatPlan
+    phi_s_deg: list[float]
+    reference_every: NotRequired[int]
+    repeats: int
+    reuse_calibrations: bool
+    theta_c_deg: list[float]
+
+
+class PlanRequest(TypedDict):
+    """A plan as a file or a request states it: everything may be left out that a preset or the rig's settings know. Unknown keys are errors."""
+
+    dark: NotRequired[DarkRequest]
+    exposures_s: NotRequired[list[float] | None]
+    flat: NotRequired[FlatRequest]
+    phi_s_deg: NotRequired[Values | None]
+    preset: NotRequired[Preset | None]
+    reference_every: NotRequired[int | None]
+    repeats: NotRequired[int | None]
+    reuse_calibrations: NotRequired[bool | None]
+    theta_c_deg: NotRequired[Values | None]
+
+
+class PointBody(TypedDict):
+    """An observation and the prediction of the fit."""
+
+    phi_s_deg: float
+    predicted: float
+    residual: float
+    sigma: float
+    signal: float
+    theta_c_deg: float
+
+
+class Prior(TypedDict):
+    """Prior knowledge of a parameter: a value and its standard uncertainty."""
+
+    std: float
+    value: float
+
+
+class Problem(TypedDict):
+    """A problem by RFC 9457 (`application/problem+json`)."""
+
+    code: str
+    detail: str
+    errors: NotRequired[list[FieldProblem]]
+    holder: NotRequired[HolderBody]
+    status: int
+    title: str
+    type: str
+
+
+class ProgressBody(TypedDict):
+    """Progress of a scan."""
+
+    elapsed_s: float
+    fraction: float
+    frames_done: int
+    frames_total: int
+    phase: NotRequired[Phase | None]
+    shots_done: int
+    shots_total: int
+    time_left_s: NotRequired[float | None]
+
+
+class RidgeFacts(TypedDict):
+    """Properties of a height map; lengths in µm."""
+
+    explained: float
+    filled_share: NotRequired[float]
+    height_um: float
+    lean_azimuth_deg: float
+    lobe_error_deg: NotRequired[float]
+    period_um: float
+    ridges: int
+    sample_um: float
+    theta_r_deg: float
+    unevenness_um: float
+    unseen_share: NotRequired[float]
+
+
+class RigBody(TypedDict):
+    """State of the rig."""
+
+    activity: Activity
+    axes: AxesBody
+    camera: CameraBody
+    connected: bool
+    description: str
+    failure: NotRequired[RigProblem | None]
+    geometry: GeometryBody
+    problem: NotRequired[RigProblem | None]
+    refused_stages: NotRequired[StagesBody | None]
+    scan_id: NotRequired[int | None]
+    scan_reason: NotRequired[str | None]
+    scan_state: NotRequired[ScanState | None]
+    simulated: bool
+    time_scale: float
+
+
+class RigProblem(TypedDict):
+    """What is wrong with the stages."""
+
+    code: str
+    detail: str
+
+
+class SampleBody(TypedDict):
+    """A sample."""
+
+    created_at: str
+    earlier_names: list[EarlierName]
+    id: int
+    material: MaterialBody
+    name: str
+    note: NotRequired[str | None]
+    simulated: NotRequired[dict[str, Any] | None]
+
+
+class ScanBody(TypedDict):
+    """A scan."""
+
+    calibration_ids: list[int]
+    camera: ScanCameraBody
+    created_at: str
+    earlier_samples: list[EarlierSample]
+    ended_at: NotRequired[str | None]
+    frames_rejected: int
+    id: int
+    operator: NotRequired[OperatorBody | None]
+    origin: ScanOrigin
+    plan: Plan
+    progress: ProgressBody
+    reason: NotRequired[str | None]
+    regions: list[str]
+    sample_id: int
+    sample_name: str
+    started_at: NotRequired[str | None]
+    state: ScanState
+    who: str
+
+
+class ScanCameraBody(TypedDict):
+    """Properties of the camera that displaying its frames needs."""
+
+    height_px: int
+    saturation_dn: float
+    states_exposure_start: NotRequired[bool | None]
+    width_px: int
+
+
+class SessionBody(TypedDict):
+    """Who sends requests."""
+
+    logged_in: bool
+    role: Role
+    who: str
+
+
+class ShapeFile(TypedDict):
+    """The sample's own shape, measured: a profile or a height map (see `docs/height-maps.md`)."""
+
+    content: str
+    height_unit_um: NotRequired[float | None]
+    name: str
+    pitch_um: NotRequired[Pitch | None]
+
+
+class StagesBody(TypedDict):
+    """Two controllers."""
+
+    phi_s: ControllerBody
+    theta_c: ControllerBody
+
+
+class TagBody(TypedDict):
+    """What a camera's program states with a frame."""
+
+    counter: NotRequired[int | None]
+    exposure_s: NotRequired[float | None]
+    exposure_start: NotRequired[str | None]
+    gain: NotRequired[float | None]
+    serial: NotRequired[str | None]
+    temperature_c: NotRequired[float | None]
+
+
+class UncertainBody(TypedDict):
+    """A parameter with its standard uncertainty."""
+
+    std: float
+    value: float
+
+
+class WorkLeftOut(TypedDict):
+    """Something that a computation omits."""
+
+    cost: NotRequired[float | None]
+    what: str
+    why: str
+
+
+class WorkProgress(TypedDict):
+    """A snapshot of a job's progress."""
+
+    elapsed_s: float
+    fraction: float
+    queued_position: NotRequired[int | None]
+    stage: str
+    time_left_s: NotRequired[float | None]
+
+
+Values = list[float] | Grid
+"""A list of numbers, written out or as a grid."""

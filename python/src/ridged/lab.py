@@ -1,0 +1,256 @@
+"""The lab: what a connection to the daemon gives."""
+
+from __future__ import annotations
+
+import os
+import ssl
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+from . import events, samples
+from ._api import CalibrationBody, EstimateBody, Preset, Problem, Role, ScanState, SessionBody
+from ._connection import Connection
+from ._place import place_of
+from .errors import ConnectionLost, NoDaemon, NotFound
+from .events import Event
+from .fits import Fit
+from .jobs import Files, Map, Work
+from .plans import Angles, plan_of
+from .rig import Rig
+from .samples import Sample
+from .scans import Scan
+
+
+def connect(
+    url: str | None = None,
+    *,
+    token: str | None = None,
+    token_file: str | Path | None = None,
+    lease: str | None = None,
+    data: str | Path | None = None,
+    verify: bool | str | ssl.SSLContext = True,
+    patience_s: float = 60.0,
+) -> Lab:
+    """Connects to a daemon.
+
+    Without `url`, to the daemon of this machine: that of the data folder `data` or `ridged-data`, or else the only one
+    of this user. It needs no token.
+
+    `token` or `token_file` (or the variable RIDGED_TOKEN_FILE) presents a token, `lease` (or RIDGED_LEASE) a lease that
+    `ridged rig lease take` printed. `verify` may name a file with the certificate to trust. While the daemon does not
+    answer, requests are sent again for `patience_s` seconds; none is executed twice.
+
+    Raises NoDaemon if none is found or it does not answer, Unauthorized if it asks for another token.
+    """
+    place = place_of(url, token, token_file, data)
+    held = lease or os.environ.get("RIDGED_LEASE") or None
+    connection = Connection(place, lease=held, patience_s=0.0, verify=verify)
+    try:
+        session = cast("SessionBody", connection.get("/session"))
+    except ConnectionLost as error:
+        connection.close()
+        raise NoDaemon(str(error)) from error
+    except Exception:
+        connection.close()
+        raise
+    connection.patience_s = patience_s
+    return Lab(connection, session)
+
+
+class Lab:
+    """A daemon: its samples, its rig, its scans. A `with` block closes the connection at its end."""
+
+    def __init__(self, connection: Connection, session: SessionBody) -> None:
+        self._connection = connection
+        self.who: str = session["who"]
+        """Name under which the daemon records what this program does."""
+        self.role: Role = session["role"]
+        """What this program may do: viewer, analyst, operator, admin."""
+        self.rig = Rig(connection)
+        """The stages."""
+
+    def __repr__(self) -> str:
+        return f"<lab {self.url} as {self.who} ({self.role})>"
+
+    def __enter__(self) -> Lab:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def url(self) -> str:
+        """Address of the daemon, which is also that of the page."""
+        return self._connection.address.url
+
+    def close(self) -> None:
+        """Closes the connection."""
+        self._connection.close()
+
+    def samples(self, name: str | None = None, *, limit: int | None = None) -> list[Sample]:
+        """Returns samples, newest first; with `name`, those of this name."""
+        rows = self._connection.pages("/samples", {"name": name}, limit)
+        return [Sample(self._connection, row) for row in rows]
+
+    def sample(self, sample: str | int | Sample) -> Sample:
+        """Returns the sample of a name or number.
+
+        Raises NotFound if there is none, ValueError if several have the name.
+        """
+        match sample:
+            case Sample():
+                return sample
+            case int():
+                return Sample(self._connection, self._connection.get(f"/samples/{sample}"))
+        found = self.samples(sample)
+        match found:
+            case [one]:
+                return one
+            case []:
+                raise NotFound(no_sample(sample))
+            case _:
+                numbers = ", ".join(str(one.id) for one in found)
+                raise ValueError(f"{len(found)} samples have the name {sample!r}; give the number of one: {numbers}")
+
+    def add_sample(
+        self,
+        name: str,
+        *,
+        index: float | complex | None = None,
+        index_std: float | None = None,
+        metal: str | None = None,
+        note: str | None = None,
+        simulated: Mapping[str, Any] | None = None,
+    ) -> Sample:
+        """Adds a sample of a material: an index of refraction (`1.54`, or `n + 1jk`), or a metal by name.
+
+        `index_std` is its standard uncertainty (0.01 if omitted). `simulated` describes the surface that a simulated
+        rig shows for it.
+        """
+        body = samples.request_of(name, index, index_std, metal, note)
+        if simulated is not None:
+            body["simulated"] = dict(simulated)
+        return Sample(self._connection, self._connection.post("/samples", body))
+
+    def measure(
+        self,
+        sample: str | int | Sample,
+        *,
+        preset: Preset | None = None,
+        plan: Mapping[str, Any] | None = None,
+        theta_c_deg: Angles | None = None,
+        phi_s_deg: Angles | None = None,
+        exposures_s: Iterable[float] | None = None,
+        repeats: int | None = None,
+    ) -> Scan:
+        """Starts a scan of a sample and returns it at once; `scan.wait()` waits for it.
+
+        `preset` is `paper` (5 × 3 poses) or `full` (9 × 12), or give the angles. `plan` takes all fields of the plan
+        of a request. Raises Invalid if the plan cannot run (`fields` lists why), Conflict if the rig is busy.
+        """
+        request = {
+            "sample_id": self.sample(sample).id,
+            "plan": plan_of(plan, preset, theta_c_deg, phi_s_deg, exposures_s, repeats),
+        }
+        return self.scan(self._connection.post("/scans", request)["id"])
+
+    def estimate(
+        self,
+        sample: str | int | Sample,
+        *,
+        preset: Preset | None = None,
+        plan: Mapping[str, Any] | None = None,
+        theta_c_deg: Angles | None = None,
+        phi_s_deg: Angles | None = None,
+        exposures_s: Iterable[float] | None = None,
+        repeats: int | None = None,
+    ) -> EstimateBody:
+        """Returns time, disk space and operator steps of a scan. Nothing moves and nothing is stored."""
+        request = {
+            "sample_id": self.sample(sample).id,
+            "plan": plan_of(plan, preset, theta_c_deg, phi_s_deg, exposures_s, repeats),
+        }
+        return cast("EstimateBody", self._connection.post("/scans/estimate", request))
+
+    def scan(self, number: int) -> Scan:
+        """Returns a scan by its number."""
+        return Scan(self._connection, self._connection.get(f"/scans/{number}"))
+
+    def scans(
+        self, *, sample: str | int | Sample | None = None, state: ScanState | None = None, limit: int | None = None
+    ) -> list[Scan]:
+        """Returns scans, newest first."""
+        of = None if sample is None else self.sample(sample).id
+        rows = self._connection.pages("/scans", {"sample_id": of, "state": state}, limit)
+        return [Scan(self._connection, row) for row in rows]
+
+    def import_series(self, folder: str | Path, *, skip_unreadable: bool = False) -> Scan:
+        """Imports a recorded series from a folder of the daemon's machine, and returns it as a scan."""
+        body = {"folder": str(folder), "skip_unreadable": skip_unreadable}
+        return self.scan(self._connection.post("/imports", body, timeout_s=None)["scan_id"])
+
+    def fit(self, number: int) -> Fit:
+        """Returns a fit by its number."""
+        return Fit(self._connection, self._connection.get(f"/fits/{number}"))
+
+    def fits(
+        self,
+        *,
+        sample: str | int | Sample | None = None,
+        theta_r_deg_min: float | None = None,
+        theta_r_deg_max: float | None = None,
+        since: str | None = None,
+        limit: int | None = None,
+    ) -> list[Fit]:
+        """Returns fits, newest first, by sample, range of θr and time (`since`, RFC 3339)."""
+        filters = {
+            "sample_id": None if sample is None else self.sample(sample).id,
+            "theta_r_deg_min": theta_r_deg_min,
+            "theta_r_deg_max": theta_r_deg_max,
+            "since": since,
+        }
+        return [Fit(self._connection, row) for row in self._connection.pages("/fits", filters, limit)]
+
+    def map(self, number: int) -> Map:
+        """Returns a map by its number."""
+        return Map(self._connection, "maps", self._connection.get(f"/maps/{number}"))
+
+    def contrast(self, number: int) -> Work:
+        """Returns a measurement of the contrast by its number."""
+        return Work(self._connection, "contrasts", self._connection.get(f"/contrasts/{number}"))
+
+    def verdict(self, number: int) -> Work:
+        """Returns a verdict by its number."""
+        return Work(self._connection, "verdicts", self._connection.get(f"/verdicts/{number}"))
+
+    def start_trace(self, scene: str, **options: Any) -> Files:
+        """Traces polarised light through a scene (TOML); `options` are the fields of the request, e.g. `photons`."""
+        begun = self._connection.post("/traces", {"scene": scene, **options})
+        return self.trace(begun["id"])
+
+    def trace(self, number: int) -> Files:
+        """Returns a trace by its number."""
+        return Files(self._connection, "traces", self._connection.get(f"/traces/{number}"))
+
+    def calibrations(self, *, limit: int | None = None) -> list[CalibrationBody]:
+        """Returns dark frames and white references that were taken, newest first."""
+        return list(self._connection.pages("/calibrations", {}, limit))
+
+    def events(self, since: int | None = None) -> Iterator[Event]:
+        """Yields events as they happen, without end; `since` continues after an id, 0 begins with the first.
+
+        When the stream breaks off it is opened again, and continues after the last event.
+        """
+        return events.follow(self._connection, since)
+
+
+def no_sample(name: str) -> Problem:
+    """The problem of a name that no sample has."""
+    return {
+        "type": "urn:ridged:problem:not-found",
+        "title": "not found",
+        "status": 404,
+        "code": "not-found",
+        "detail": f"no sample has the name {name!r}; lab.add_sample({name!r}, index=1.54) adds one, lab.samples() lists them",
+    }
