@@ -11,10 +11,12 @@ demo: setup-build web  ## A simulated rig scans a sample, fits it, and the page 
 build: setup-build web  ## The program with its page, in target/release/ridged
 	cargo build --release
 
-# The tests of the page that need no program run beside the build of the Rust tests.
+# What needs no program runs beside the build of the Rust tests.
 test: setup-build setup-test web  ## Everything that must hold
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target build-tests test-page
-	@$(MAKE) --no-print-directory test-rust test-vendor test-e2e
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target build-tests test-page check-python
+	@$(MAKE) --no-print-directory test-rust
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-vendor test-python
+	@$(MAKE) --no-print-directory test-e2e
 	@echo "all tests passed"
 
 build-tests: check
@@ -45,6 +47,13 @@ code-figures:  ## Lines of code and tests, and the longest files
 test-vendor: web  ## The stage maker's own client against the simulated controller, GTC against the budgets
 	cargo test --no-run
 	tests/vendor/run target/debug/ridged
+
+check-python:  ## Types of the Python package (makes its venv)
+	python/check
+
+test-python: web  ## The Python package with a live daemon, and its notebook
+	cargo test --no-run
+	python/run target/debug/ridged
 
 test-web: test-page test-e2e  ## The page's unit tests, and the page in a real browser against the real daemon
 
@@ -86,4 +95,4 @@ setup-build:
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-fit bench-peers-trace code-figures faults fuzz help demo build build-tests test check test-e2e test-page test-rust test-times test-vendor test-web web screenshot setup-build setup-test soak
+.PHONY: bench-peers bench-peers-fit bench-peers-trace code-figures faults fuzz help demo build build-tests test check check-python test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshot setup-build setup-test soak

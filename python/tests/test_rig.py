@@ -1,0 +1,73 @@
+"""Motions, stop and lease."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+import ridged
+from conftest import Daemon
+
+
+def test_the_rig_is_homed_moved_and_read(lab: ridged.Lab) -> None:
+    status = lab.rig.home(timeout_s=60)
+    assert status.is_homed
+    status = lab.rig.move(theta_c_deg=10, phi_s_deg=90, timeout_s=60)
+    assert status.theta_c_deg == pytest.approx(10, abs=0.01)
+    assert status.phi_s_deg == pytest.approx(90, abs=0.01)
+    assert str(status) == "idle: theta_c 10.000°, phi_s 90.000°"
+
+
+def test_a_refusal_has_code_field_and_the_words_of_the_daemon(lab: ridged.Lab) -> None:
+    with pytest.raises(ridged.Invalid, match="-60") as refused:
+        lab.rig.move(theta_c_deg=900)
+    assert refused.value.code == "outside-limits"
+    with pytest.raises(ridged.Invalid) as refused:
+        lab.measure("model 15°", theta_c_deg=[0, 900], phi_s_deg=[0])
+    assert refused.value.code == "plan-invalid"
+    [field] = refused.value.fields
+    assert field["field"] == "plan.theta_c_deg[1]"
+    assert field["out_of_range"] == {"value": 900.0, "lower": -60.0, "upper": 60.0}
+
+
+def test_a_motion_that_was_stopped_raises(daemon: Daemon, lab: ridged.Lab) -> None:
+    lab.rig.home(timeout_s=60)
+
+    def stop_soon() -> None:
+        with ridged.connect(daemon.url) as other:
+            while other.rig.status().activity != "moving":
+                pass
+            other.rig.stop()
+
+    stopper = threading.Thread(target=stop_soon)
+    stopper.start()
+    with pytest.raises(ridged.MotionFailed, match="phi_s did not reach .* stopped"):
+        for target in (380, 0) * 20:
+            lab.rig.move(phi_s_deg=target, timeout_s=60)
+    stopper.join()
+
+
+def test_a_lease_keeps_others_out_until_it_is_returned_or_taken_over(daemon: Daemon, lab: ridged.Lab) -> None:
+    lab.rig.home(timeout_s=60)
+    with ridged.connect(daemon.url) as other:
+        with lab.rig.lease("night run", seconds=10) as lease:
+            assert lab.rig.move(theta_c_deg=5).theta_c_deg == pytest.approx(5, abs=0.01)
+            with pytest.raises(ridged.LeaseHeld, match="night run") as refused:
+                other.rig.move(theta_c_deg=0)
+            holder = refused.value.holder
+            assert holder is not None and holder["name"] == "night run"
+            assert other.rig.holder() == holder
+            other.rig.stop()
+            assert not lease.lost
+        assert other.rig.holder() is None
+        with lab.rig.lease("night run", seconds=10) as lease, other.rig.lease("urgent", take_over=True) as taken:
+            assert taken.taken_from is not None and taken.taken_from["name"] == "night run"
+            until = time.monotonic() + 10
+            while not lease.lost and time.monotonic() < until:
+                time.sleep(0.05)
+            assert lease.lost, "the renewal notices that another caller has the rig"
+            with pytest.raises(ridged.LeaseHeld, match="urgent"):
+                lab.rig.move(theta_c_deg=0)
+        assert lab.rig.holder() is None
