@@ -160,7 +160,10 @@ describe('a lab’s day', () => {
     await page.getByRole('button', { name: 'Resume' }).click();
     await doSteps(page, () => pausedAt(0.25), SCAN_MS_MAX);
     await expect.poll(std, { timeout: 90_000 }).toBeLessThan(early);
-    expect(await page.getByTestId('certainty').locator('canvas').count()).toBe(1);
+    // A line needs three points.
+    await page.getByRole('button', { name: 'Resume' }).click();
+    await doSteps(page, () => pausedAt(0.4), SCAN_MS_MAX);
+    await expect.poll(() => page.getByTestId('certainty').locator('canvas').count(), { timeout: 90_000 }).toBe(1);
     // A page that is opened now shows the earlier rows.
     await page.reload();
     await expect.poll(async () => Number(await page.getByTestId('certainty').getAttribute('data-rows'))).toBeGreaterThanOrEqual(2);
