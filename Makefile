@@ -13,7 +13,7 @@ build: setup-build web  ## The program with its page, in target/release/ridged
 
 # What needs no program runs beside the build of the Rust tests.
 test: setup-build setup-test web  ## Everything that must hold
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target build-tests test-page check-python
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target build-tests test-page check-python docs
 	@$(MAKE) --no-print-directory test-rust
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-vendor test-python
 	@$(MAKE) --no-print-directory test-e2e
@@ -47,6 +47,9 @@ code-figures:  ## Lines of code and tests, and the longest files
 test-vendor: web  ## The stage maker's own client against the simulated controller, GTC against the budgets
 	cargo test --no-run
 	tests/vendor/run target/debug/ridged
+
+docs:  ## The documents as a site in target/docs, with all links checked
+	tests/documents/run
 
 check-python:  ## Types of the Python package (makes its venv)
 	python/check
@@ -95,4 +98,4 @@ setup-build:
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-fit bench-peers-trace code-figures faults fuzz help demo build build-tests test check check-python test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshot setup-build setup-test soak
+.PHONY: bench-peers bench-peers-fit bench-peers-trace code-figures faults fuzz help demo docs build build-tests test check check-python test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshot setup-build setup-test soak
