@@ -61,6 +61,8 @@ def test_a_lease_keeps_others_out_until_it_is_returned_or_taken_over(daemon: Dae
             assert other.rig.holder() == holder
             other.rig.stop()
             assert not lease.lost
+            with pytest.raises(ValueError, match="already"), lab.rig.lease("inner"):
+                pass
         assert other.rig.holder() is None
         with lab.rig.lease("night run", seconds=10) as lease, other.rig.lease("urgent", take_over=True) as taken:
             assert taken.taken_from is not None and taken.taken_from["name"] == "night run"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import stat
@@ -70,6 +69,11 @@ Place = FixedPlace | FolderPlace
 
 def is_held(folder: Path) -> bool:
     """Whether a process holds the lock of a data folder. The notice of a killed daemon remains, so it proves nothing."""
+    try:
+        import fcntl
+    except ImportError:
+        # No daemon runs on Windows; a client there gives an address.
+        return False
     try:
         with (folder / LOCK).open() as lock:
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)

@@ -174,18 +174,20 @@ class Rig:
         """Holds the rig for a `with` block: other callers can read and stop, and are refused everything else.
 
         The lease is renewed in the background, so that it ends `seconds` after this program has gone. `name` is shown
-        to others. Raises LeaseHeld if another caller holds the rig, unless `take_over` is true.
+        to others. Raises LeaseHeld if another caller holds the rig, unless `take_over` is true, and ValueError inside
+        another such block.
         """
+        if self._connection.lease is not None:
+            raise ValueError("this connection presents a lease already (a `with` block around this one, or RIDGED_LEASE)")
         body = {"name": name, "seconds": seconds, "take_over": take_over}
         taken = cast("LeaseBody", self._connection.post("/lease", body))
-        before = self._connection.lease
         self._connection.lease = taken["id"]
         lease = Lease(self._connection, taken, seconds)
         try:
             yield lease
         finally:
             lease.end()
-            self._connection.lease = before
+            self._connection.lease = None
 
 
 class Lease:
