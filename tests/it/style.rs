@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::imports::code::without_comments_and_texts;
 
-/// What is read beside Rust sources: documents, settings and the page.
+/// What is read beside Rust sources: documents, settings, the page and the Python package.
 const TEXTS: &[&str] = &[
     "README.md",
     "ARCHITECTURE.md",
@@ -14,9 +14,13 @@ const TEXTS: &[&str] = &[
     "ridged.example.toml",
     "scenes",
     "tests/data/README.md",
+    "python",
     "web/src",
     "web/tests",
 ];
+
+/// Their extensions.
+const KINDS: &[&str] = &["md", "toml", "svelte", "ts", "css", "html", "py", "ipynb"];
 
 /// Rust sources; identifiers are checked there too.
 const SOURCES: &[&str] = &["src", "tests/it", "benches"];
@@ -123,7 +127,7 @@ fn no_text_or_name_has_what_the_style_sheet_avoids() {
         found.push(format!("{path}:{line}: {what}"));
     };
     for place in TEXTS {
-        for path in files(place, &["md", "toml", "svelte", "ts", "css", "html"]) {
+        for path in files(place, KINDS) {
             if path == sheet_path {
                 continue;
             }
