@@ -9,6 +9,16 @@ export interface GridChoice {
   readonly azimuths?: string;
 }
 
+/** Opens a view by its link in the bar. */
+export async function openView(page: Page, name: 'Measure' | 'Result' | 'Records' | 'Rig' | 'Lab'): Promise<void> {
+  await page.getByRole('navigation', { name: 'Views' }).getByRole('link', { name }).click();
+}
+
+/** Opens a part of the shown result. */
+export async function openPart(page: Page, name: string): Promise<void> {
+  await page.getByRole('navigation', { name: 'Parts of the result' }).getByRole('link', { name, exact: true }).click();
+}
+
 /** Fills in the form of a new scan. */
 export async function fillScan(page: Page, choice: GridChoice): Promise<void> {
   const samples = page.getByRole('combobox', { name: /^Sample/ });

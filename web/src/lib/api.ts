@@ -170,6 +170,8 @@ export const api = {
   /** Confirms one step by its name, since another page or terminal may have confirmed it already. */
   proceed: (id: number, action: OperatorStep['action']): Promise<unknown> => post(`/scans/${id}/continue`, { action }),
   calibrationsOf: async (scanId: number, signal?: AbortSignal): Promise<readonly Calibration[]> => (await get<Page<Calibration>>(`/calibrations?scan_id=${scanId}`, signal)).items,
+  /** The newest calibrations, newest first. */
+  calibrations: async (limit: number, signal?: AbortSignal): Promise<readonly Calibration[]> => (await get<Page<Calibration>>(`/calibrations?limit=${limit}`, signal)).items,
   calibration: (id: number, signal?: AbortSignal): Promise<Calibration> => get(`/calibrations/${id}`, signal),
   frames: (id: number, signal?: AbortSignal): Promise<FrameRow[]> => getAll(`/scans/${id}/frames`, signal),
   observations: (id: number, region: string | null, signal?: AbortSignal): Promise<Omit<CurvePoint, 'predicted' | 'residual'>[]> =>

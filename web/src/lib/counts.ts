@@ -10,8 +10,8 @@ export interface CountStatistics {
   readonly median: number;
   /** Pixels at or above saturation. */
   readonly saturated: number;
-  /** Counts per bin over 0 … 65535, `HISTOGRAM_BINS` bins of equal width. */
-  readonly histogram: Uint32Array;
+  /** Pixels of each count from 0 to 65535. */
+  readonly counts: Uint32Array;
   /** Levels that hide the lowest and the highest 0.2 % of the pixels. */
   readonly autoLow: number;
   readonly autoHigh: number;
@@ -19,11 +19,35 @@ export interface CountStatistics {
 
 export const HISTOGRAM_BINS = 256;
 
+/** Both ends of the axis of a histogram, DN; the upper one is not included. */
+export interface CountRange {
+  readonly from: number;
+  readonly to: number;
+}
+
+export const WHOLE_RANGE: CountRange = { from: 0, to: 65536 };
+
+/** The range of nearly all pixels with a margin: a few defect pixels do not widen it. */
+export function usedRange(statistics: CountStatistics): CountRange {
+  const span = Math.max(statistics.autoHigh - statistics.autoLow, 16);
+  const from = Math.max(0, Math.floor(statistics.autoLow - 0.5 * span));
+  return { from, to: Math.min(65536, Math.ceil(statistics.autoHigh + 0.5 * span) + 1) };
+}
+
+/** Pixels per bin of equal width over a range; a narrow range has one bin per count. */
+export function binned(counts: Uint32Array, { from, to }: CountRange): Uint32Array {
+  const bins = new Uint32Array(Math.min(HISTOGRAM_BINS, to - from));
+  for (let dn = from; dn < to; dn++) {
+    const bin = Math.floor(((dn - from) * bins.length) / (to - from));
+    bins[bin] = (bins[bin] ?? 0) + (counts[dn] ?? 0);
+  }
+  return bins;
+}
+
 export function countStatistics(frame: Frame16, saturationDn: number): CountStatistics {
   const counts = new Uint32Array(65536);
   for (const dn of frame.pixels) counts[dn] = (counts[dn] ?? 0) + 1;
   const total = frame.pixels.length;
-  const histogram = new Uint32Array(HISTOGRAM_BINS);
   let min = -1;
   let max = 0;
   let sum = 0;
@@ -38,8 +62,6 @@ export function countStatistics(frame: Frame16, saturationDn: number): CountStat
     max = dn;
     sum += n * dn;
     if (dn >= saturationDn) saturated += n;
-    const bin = (dn * HISTOGRAM_BINS) >> 16;
-    histogram[bin] = (histogram[bin] ?? 0) + n;
     const before = seen;
     seen += n;
     quantiles.forEach((q, i) => {
@@ -53,7 +75,7 @@ export function countStatistics(frame: Frame16, saturationDn: number): CountStat
     mean: sum / total,
     median,
     saturated,
-    histogram,
+    counts,
     autoLow: low,
     autoHigh: Math.max(high, low + 1),
   };

@@ -1,27 +1,35 @@
-// The shown scan and fit, kept in the address so that reloads and links work.
+// The shown view, scan and fit, kept in the address so that reloads, links and the back button work.
 
+import { isCalibration } from './calibrations';
 import { live } from './live.svelte';
+import { parseRoute, resultHash, type Route } from './route';
 import type { Fit, Scan } from './types';
 
 class Selection {
-  scanId = $state<number | null>(null);
-  fitId = $state<number | null>(null);
+  route = $state.raw<Route>(parseRoute(''));
   /** Region of the shown scan's sample, if it has several: one choice for curves, fits and calculations. */
   region = $state<string | null>(null);
 
   start(): () => void {
     const read = (): void => {
-      const [, scan, fit] = /^#\/scan\/(\d+)(?:\/fit\/(\d+))?/.exec(location.hash) ?? [];
-      this.scanId = scan === undefined ? null : Number(scan);
-      this.fitId = fit === undefined ? null : Number(fit);
+      this.route = parseRoute(location.hash);
     };
     read();
     addEventListener('hashchange', read);
     return () => removeEventListener('hashchange', read);
   }
 
+  get scanId(): number | null {
+    return this.route.scans[0] ?? null;
+  }
+
+  get fitId(): number | null {
+    return this.route.fit;
+  }
+
+  /** Shows a result, and of it the part that is shown now. */
   show(scanId: number, fitId: number | null = null): void {
-    location.hash = `#/scan/${scanId}${fitId === null ? '' : `/fit/${fitId}`}`;
+    location.hash = resultHash(scanId, fitId, this.route.view === 'result' ? this.route.tab : null);
   }
 
   /** The chosen scan, else the running one, else the newest. If the chosen scan does not exist, no other one replaces it. */
@@ -30,10 +38,18 @@ class Selection {
     return live.activeScan ?? live.scans[0] ?? null;
   }
 
+  /** The scan at the rig: the running one, else its newest. */
+  get atRig(): Scan | null {
+    return live.activeScan ?? live.scans.find((s) => s.origin === 'rig' && !isCalibration(s)) ?? null;
+  }
+
   /** Fits of the shown scan, newest first. */
   get fits(): readonly Fit[] {
-    const id = this.scan?.id;
-    return live.fits.filter((f) => f.scan_id === id).sort((a, b) => b.id - a.id);
+    return this.fitsOf(this.scan);
+  }
+
+  fitsOf(scan: Scan | null): readonly Fit[] {
+    return live.fits.filter((f) => f.scan_id === scan?.id).sort((a, b) => b.id - a.id);
   }
 
   /** The chosen fit of the shown scan, else its newest. */

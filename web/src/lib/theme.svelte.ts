@@ -1,6 +1,8 @@
 // Light or dark: the system's choice until a person chooses otherwise. `data-theme` on the root
 // element carries the resolved choice, so that CSS and canvases read the same tokens.
 
+import { flushSync } from 'svelte';
+
 type Choice = 'light' | 'dark' | 'system';
 const KEY = 'ridged-theme';
 
@@ -17,20 +19,34 @@ class Theme {
     const apply = (): void => this.#apply(query.matches);
     query.addEventListener('change', apply);
     apply();
+    // Paper is white.
+    addEventListener('beforeprint', () => this.#show(false));
+    addEventListener('afterprint', apply);
     void Promise.all(['11px', '600 11px'].map((f) => document.fonts.load(`${f} "Inter Variable"`, '0θ'))).then(() => {
       this.fontReady = true;
     });
   }
 
   toggle(): void {
-    this.choice = this.dark ? 'light' : 'dark';
-    localStorage.setItem(KEY, this.choice);
-    this.#apply(this.dark);
+    this.choose(this.dark ? 'light' : 'dark');
+  }
+
+  choose(choice: Choice): void {
+    this.choice = choice;
+    if (choice === 'system') localStorage.removeItem(KEY);
+    else localStorage.setItem(KEY, choice);
+    this.#apply(matchMedia('(prefers-color-scheme: dark)').matches);
   }
 
   #apply(systemDark: boolean): void {
-    this.dark = this.choice === 'system' ? systemDark : this.choice === 'dark';
-    document.documentElement.dataset['theme'] = this.dark ? 'dark' : 'light';
+    this.#show(this.choice === 'system' ? systemDark : this.choice === 'dark');
+  }
+
+  #show(dark: boolean): void {
+    document.documentElement.dataset['theme'] = dark ? 'dark' : 'light';
+    this.dark = dark;
+    // A print does not wait: canvases are drawn again at once.
+    flushSync();
   }
 }
 

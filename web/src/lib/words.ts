@@ -1,7 +1,7 @@
 // Codes and names of the daemon as text.
 
 import { significant } from './format';
-import type { Fit, JobKind, JobProgress, JobState, Parameter, Sample, Scan, ScanState } from './types';
+import type { Fit, JobKind, JobProgress, JobState, Parameter, Sample, Scan, ScanState, VerdictWord } from './types';
 
 export interface ParameterWords {
   /** Symbol in plain text; the part after `_` becomes a subscript. */
@@ -206,4 +206,10 @@ export const VARIANTS: Readonly<Record<string, { name: string; meaning: string }
   sawtooth: { name: 'sawtooth', meaning: 'exact visibility of the sawtooth, diffuse light from below the surface, double reflections' },
   paper: { name: 'paper', meaning: 'the closed form of Luongo et al. 2017 as printed' },
   traced: { name: 'traced', meaning: 'the sawtooth corrected by ray tracing on the ideal or measured shape; takes seconds to minutes' },
+};
+
+export const VERDICTS: Readonly<Record<VerdictWord, { readonly word: string; readonly tone: 'good' | 'warn' | 'bad' }>> = {
+  pass: { word: 'pass', tone: 'good' },
+  fail: { word: 'fail', tone: 'bad' },
+  'cannot-tell': { word: 'cannot tell', tone: 'warn' },
 };

@@ -5,7 +5,7 @@ import { afterAll, afterEach, beforeAll, beforeEach, describe, expect, it } from
 
 import { openBrowser, type OpenBrowser } from '../browser';
 import { startDaemon, type RunningDaemon } from '../daemon';
-import { completed, doSteps, fillScan, fitted } from '../operate';
+import { completed, doSteps, fillScan, fitted, openPart, openView } from '../operate';
 
 const TIME_SCALE = 50;
 /** Enough poses that a test that is delayed by seconds still finds its scan running. */
@@ -44,9 +44,9 @@ async function get(path: string): Promise<Record<string, unknown>> {
   return (await response.json()) as Record<string, unknown>;
 }
 
-/** Opens the scan of the traced polymer; until its heading appears, the page shows the newest one. */
-async function openFirstScan(): Promise<void> {
-  await page.goto(`${daemon.url}/#/scan/1`);
+/** Opens the result of the traced polymer. */
+async function openFirstScan(part = 'curves'): Promise<void> {
+  await page.goto(`${daemon.url}/#/result/1/${part}`);
   await page.getByRole('heading', { level: 1, name: 'traced polymer' }).waitFor();
 }
 
@@ -83,22 +83,28 @@ describe('a lab’s day', () => {
     // The true angle of the traced sample is 10°; its uncertainty is covered by the tests of the fit.
     expect(Math.abs(polymer.theta_r_deg - 10)).toBeLessThan(0.5);
     expect(polymer.text).toMatch(/^\d+\.\d+ ± \d+\.\d+°$/);
+    await page.getByRole('link', { name: 'Open the result' }).click();
     await page.getByRole('button', { name: 'sawtooth', exact: true }).waitFor();
     expect(await page.getByTestId('curves').locator('figure').count()).toBe(5);
     const [fit] = (await get('/fits'))['items'] as { parameters: Record<string, { value: number; expanded: number }> }[];
     expect(polymer.theta_r_deg).toBeCloseTo(fit?.parameters['theta_r_deg']?.value ?? Number.NaN, 1);
 
+    await openView(page, 'Measure');
     await fillScan(page, { sample: 'model 15°', grid: 'paper' });
     await page.getByRole('button', { name: 'Start scan' }).click();
     await page.getByRole('heading', { level: 1, name: 'model 15°' }).waitFor();
     await doSteps(page, completed(page), SCAN_MS_MAX);
     const model = await fitted(page, 60_000);
     expect(Math.abs(model.theta_r_deg - 15)).toBeLessThan(0.5);
-    expect(await page.getByTestId('fits').locator('tbody tr').count()).toBe(2);
+    expect(await page.getByTestId('last-results').locator('tbody tr').count()).toBe(2);
+    await openView(page, 'Records');
+    await page.getByLabel('Search').fill('polymer');
+    await expect.poll(() => page.getByTestId('scans').locator('tbody tr').count()).toBe(1);
+    expect(await page.getByTestId('scans').innerText()).toContain(polymer.text.split(' ')[0]);
   });
 
   it('shows the counts of the camera, pixel by pixel', async () => {
-    await openFirstScan();
+    await openFirstScan('frames');
     const canvas = page.getByTestId('frame');
     const frames = (await get('/scans/1/frames?limit=1000'))['items'] as { id: number }[];
     // The frame of the newest scan may still be shown for a moment.
@@ -173,7 +179,7 @@ describe('a lab’s day', () => {
   });
 
   it('maps a scan, measures its contrast and judges it against limits', async () => {
-    await openFirstScan();
+    await openFirstScan('map');
     const card = page.getByTestId('calculations');
     await card.getByRole('button', { name: 'Map every pixel' }).click();
     await card.getByRole('progressbar').waitFor();
@@ -185,12 +191,12 @@ describe('a lab’s day', () => {
     expect(median).toBeCloseTo(map?.parameters['theta_r_deg']?.median ?? Number.NaN, 1);
     expect(Math.abs(median - 10)).toBeLessThan(0.5);
 
-    await card.getByRole('tab', { name: 'Contrast' }).click();
+    await openPart(page, 'Contrast');
     await card.getByRole('button', { name: 'Measure contrast' }).click();
     await card.getByTestId('contrast').waitFor({ timeout: CALCULATION_MS_MAX });
     expect(await card.getByTestId('contrast').locator('tbody tr').count()).toBe(5);
 
-    await card.getByRole('tab', { name: 'Verdict' }).click();
+    await openPart(page, 'Verdict');
     const verdict = card.getByTestId('verdict');
     const judge = async (lower: string, upper: string): Promise<void> => {
       await card.getByLabel('ridge angle: lower limit').fill(lower);
@@ -204,6 +210,7 @@ describe('a lab’s day', () => {
   }, 2 * CALCULATION_MS_MAX);
 
   it('traces a scene, and the page shows the expected physics', async () => {
+    await openView(page, 'Lab');
     const card = page.getByTestId('traces');
     const form = card.getByTestId('trace-form');
     await form.getByLabel('Scene, TOML').fill('[[interface]]\nshape = "flat"\nbelow = { n = 0 }\n');
@@ -230,6 +237,7 @@ describe('a lab’s day', () => {
   });
 
   it('moves an axis by hand and reads the position back', async () => {
+    await openView(page, 'Rig');
     const axis = page.locator('[data-axis=theta_c]');
     await axis.getByRole('button', { name: 'Move', exact: true }).waitFor();
     if (await axis.getByText('not homed').isVisible()) {
@@ -271,13 +279,14 @@ describe('a lab’s day', () => {
     ]);
     await page.getByText('You will be asked to: place the sample.').waitFor();
     await expect.poll(() => page.getByTestId('calibrations').innerText(), { timeout: 20_000 }).toContain(`white reference of scan ${id} (`);
-    expect(await page.locator(`a[href="#/scan/${id}"]`).innerText()).toContain('Calibration');
+    await page.goto(`${daemon.url}/#/result/${id}`);
+    await page.getByTestId('taken').waitFor();
     // It has no form of a fit.
     expect(await page.getByRole('button', { name: 'Fit', exact: true }).count()).toBe(0);
   });
 
   it('shows nothing in place of a missing scan', async () => {
-    await page.goto(`${daemon.url}/#/scan/999`);
+    await page.goto(`${daemon.url}/#/result/999`);
     await page.getByText('Scan 999 is not in this store.').waitFor();
     expect(await page.locator('#answer-title').count()).toBe(0);
   });

@@ -332,7 +332,7 @@ export class MockDaemon {
     const axes = this.connected ? this.axes : { theta_c: unheard(this.axes.theta_c), phi_s: unheard(this.axes.phi_s) };
     return {
       connected: this.connected, problem: this.connected ? null : { code: 'port-missing', detail: 'the serial port /dev/ttyUSB0 does not exist: plug the stage in or correct [bench] port' },
-      simulated: true, description: 'Zaber ASCII on /dev/pts/3', time_scale: 20, geometry: { wavelength_nm: 550 },
+      simulated: true, description: 'Zaber ASCII on /dev/pts/3', time_scale: 20, geometry: { theta_l_deg: 10, light_azimuth_deg: 0, azimuth_zero_deg: 0, light_angular_radius_deg: 1, lens_angular_radius_deg: null, wavelength_nm: 550 },
       camera: { description: 'simulated camera, 96 × 96, 16 bit', width_px: SIZE_PX, height_px: SIZE_PX, bit_depth: 16, saturation_dn: 65535, exposures_s: [0.02, 0.06, 0.18] },
       axes, activity: holder?.body.state === 'running' ? 'scanning' : holder?.body.state === 'paused' ? 'paused' : moving ? 'moving' : 'idle', scan_id: holder?.body.id ?? null,
       scan_state: holder?.body.state ?? null, scan_reason: holder?.body.reason ?? null, refused_stages: null,
@@ -439,6 +439,7 @@ export class MockDaemon {
       if (sample) sample['material'] = body['material'] ?? { kind: 'conductor', eta: 3.12, k: 3.33, eta_std: 0.1, k_std: 0.1 };
       return send(201, sample);
     }
+    if (['/verdicts', '/maps', '/contrasts'].includes(path) && method === 'GET') return list([]);
     if (path === '/samples') return list(this.samples);
     const sampleMatch = /^\/samples\/(\d+)$/.exec(path);
     if (sampleMatch && method === 'PATCH') {
@@ -506,7 +507,7 @@ export class MockDaemon {
       return send(202, { id: scan.body.id, state: scan.body.state });
     }
     const calibration = /^\/calibrations\/(\d+)$/.exec(path);
-    if (path === '/calibrations') return list(this.calibrations.filter((c) => c['scan_id'] === Number(url.searchParams.get('scan_id'))));
+    if (path === '/calibrations') return list(this.calibrations.filter((c) => !url.searchParams.has('scan_id') || c['scan_id'] === Number(url.searchParams.get('scan_id'))));
     if (calibration) return send(200, this.calibrations.find((c) => c['id'] === Number(calibration[1])));
     const imageMatch = /^\/frames\/(\d+)\/image\.png$/.exec(path);
     if (imageMatch) return send(200, this.#image(Number(imageMatch[1])), 'image/png');
@@ -557,6 +558,10 @@ export class MockDaemon {
       return file ? send(200, file, 'application/octet-stream') : problem(422, 'invalid-value', 'no such file');
     }
     if (path === '/accuracy' && this.accuracy) return send(200, this.accuracy);
+    if (path === '/accuracy') {
+      response.writeHead(204).end();
+      return;
+    }
     return problem(404, 'not-found', `there is no ${path}`);
   }
 

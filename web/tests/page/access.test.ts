@@ -12,10 +12,10 @@ async function loggedIn(token: string): Promise<void> {
 it('asks for a token, refuses a wrong one, and shows who is logged in', async () => {
   daemon.tokens.set('ridged_anna', { who: 'anna', role: 'operator' });
   daemon.addScan(1, 'paper');
-  await page.goto(url);
+  await page.goto(`${url}/#/records`);
   await page.getByRole('heading', { name: 'Log in to ridged' }).waitFor();
   // Nothing is shown or asked before, and the stop works.
-  expect(await page.locator('#scans-title').count()).toBe(0);
+  expect(await page.locator('#records-title').count()).toBe(0);
   expect(daemon.reads.filter((path) => path.startsWith('/scans'))).toEqual([]);
   await page.keyboard.press('Escape');
   await expect.poll(posts).toContain('/rig/stop');
@@ -23,7 +23,7 @@ it('asks for a token, refuses a wrong one, and shows who is logged in', async ()
   await page.getByText('The token is not valid, or was revoked.').waitFor();
   expect(await page.locator('input[type=password]').inputValue()).toBe('');
   await loggedIn('ridged_anna');
-  await page.locator('#scans-title').waitFor();
+  await page.locator('#records-title').waitFor();
   await expect.poll(() => text('header .user')).toContain('anna operator');
   await page.getByRole('button', { name: 'Log out' }).click();
   await page.getByRole('heading', { name: 'Log in to ridged' }).waitFor();
@@ -32,7 +32,7 @@ it('asks for a token, refuses a wrong one, and shows who is logged in', async ()
 
 it('shows who holds the rig and takes it over after a confirmation only', async () => {
   daemon.holder = { who: 'bert', name: 'night run', until: new Date(Date.now() + 60_000).toISOString() };
-  await page.goto(url);
+  await page.goto(`${url}/#/rig`);
   await page.getByText('holds the rig: night run').waitFor();
   const home = page.getByRole('button', { name: 'Home' }).first();
   await expect.poll(() => home.isDisabled()).toBe(true);
@@ -49,7 +49,7 @@ it('shows who holds the rig and takes it over after a confirmation only', async 
 it('offers no lease to a viewer', async () => {
   daemon.tokens.set('ridged_vera', { who: 'vera', role: 'viewer' });
   daemon.holder = { who: 'bert', name: 'night run', until: null };
-  await page.goto(url);
+  await page.goto(`${url}/#/rig`);
   await loggedIn('ridged_vera');
   await page.getByText('holds the rig: night run, until its end.').waitFor();
   expect(await page.getByRole('button', { name: 'Take over …' }).count()).toBe(0);

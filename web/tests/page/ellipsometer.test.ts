@@ -6,7 +6,7 @@ import { daemon, page, posts, url } from './stage';
 
 describe('the virtual ellipsometer', () => {
   it('does not send files that a request cannot carry', async () => {
-    await page.goto(url);
+    await page.goto(`${url}/#/lab`);
     const form = page.getByTestId('trace-form');
     await form.getByLabel('Height files').setInputFiles({ name: 'hills.tif', mimeType: 'image/tiff', buffer: Buffer.alloc(7_000_000) });
     await form.getByRole('button', { name: 'Trace' }).click();
@@ -15,7 +15,7 @@ describe('the virtual ellipsometer', () => {
   });
 
   it('shows under each field why nothing can be traced', async () => {
-    await page.goto(url);
+    await page.goto(`${url}/#/lab`);
     const form = page.getByTestId('trace-form');
     await form.getByLabel('Photons').fill('1,5e5');
     await form.getByText('Give a whole number above 0, e.g. 200000 or 2e5.').waitFor();
@@ -28,7 +28,7 @@ describe('the virtual ellipsometer', () => {
 
   it('reports a fault of a scene beside it and selects its line', async () => {
     daemon.refusals.set('POST /traces', { status: 422, body: { code: 'invalid-value', title: 'a value is not valid', detail: 'scene: the scene cannot be read: TOML parse error at line 2, column 9' } });
-    await page.goto(url);
+    await page.goto(`${url}/#/lab`);
     const form = page.getByTestId('trace-form');
     await form.getByLabel('Scene, TOML').fill('[light]\ntheta = x\n');
     await form.getByRole('button', { name: 'Trace' }).click();
@@ -39,7 +39,7 @@ describe('the virtual ellipsometer', () => {
 
   it('sends the files that a scene names, and does not select a line for a fault in one of them', async () => {
     daemon.refusals.set('POST /traces', { status: 422, body: { code: 'invalid-value', title: 'a value is not valid', detail: 'scene: interface 1: hills.csv: line 2 has 1 heights, the lines before it 2' } });
-    await page.goto(url);
+    await page.goto(`${url}/#/lab`);
     const form = page.getByTestId('trace-form');
     await form.getByLabel('Scene, TOML').fill('[[interface]]\nshape = "file"\npath = "hills.csv"\n');
     await form.getByLabel('Height files').setInputFiles({ name: 'hills.csv', mimeType: 'text/csv', buffer: Buffer.from('0,1\n2\n') });
@@ -51,7 +51,7 @@ describe('the virtual ellipsometer', () => {
   });
 
   it('starts the example within its limits, shows the time left, and can be cancelled', async () => {
-    await page.goto(url);
+    await page.goto(`${url}/#/lab`);
     const form = page.getByTestId('trace-form');
     expect(await form.getByLabel('Scene, TOML').inputValue()).toContain('[[interface]]');
     await form.getByLabel('Photons').fill('2e5');
@@ -65,7 +65,7 @@ describe('the virtual ellipsometer', () => {
   });
 
   it('shows the energies, every component, the plane of incidence and the omissions', async () => {
-    await page.goto(url);
+    await page.goto(`${url}/#/lab`);
     const card = page.getByTestId('traces');
     await card.getByRole('button', { name: 'Trace', exact: true }).click();
     await card.getByRole('progressbar').waitFor();

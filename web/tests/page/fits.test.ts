@@ -8,17 +8,17 @@ describe('a fit', () => {
   it('is requested with the model chosen for its own scan', async () => {
     daemon.addScan(1, 'paper');
     const other = daemon.addScan(2, 'paper');
-    await page.goto(`${url}/#/scan/1`);
+    await page.goto(`${url}/#/result/1`);
     const model = page.getByTestId('fit-form').getByLabel('Model');
     await model.selectOption('traced');
-    await page.goto(`${url}/#/scan/${other}`);
+    await page.goto(`${url}/#/result/${other}`);
     await expect.poll(() => model.inputValue()).toBe('auto');
   });
 
   it('shows which parameter the data do not determine, and the budget of an uncertainty', async () => {
     const scan = daemon.addScan(1, 'full');
     daemon.addFit(scan, 'paper');
-    await page.goto(url);
+    await page.goto(`${url}/#/result/1/uncertainty`);
     const tilt = page.locator('[data-row=tilt_offset_deg]');
     await tilt.waitFor();
     expect(await tilt.innerText()).toContain('not determined by these data');
@@ -31,27 +31,30 @@ describe('a fit', () => {
     const scan = daemon.addScan(1, 'full');
     daemon.addFit(scan, 'paper');
     daemon.addFit(scan);
-    await page.goto(`${url}/#/scan/1/fit/2`);
+    await page.goto(`${url}/#/result/1/fit/2/record`);
     const findings = page.getByTestId('findings');
     await findings.waitFor();
     const shown = await findings.innerText();
     expect(shown).toContain('Translucent body');
     expect(shown).toContain('of χ², moves θr by 0.457°');
     expect(shown).toContain('State sample.translucency');
-    await page.goto(`${url}/#/scan/1/fit/1`);
+    await page.goto(`${url}/#/result/1/fit/1/record`);
     await expect.poll(() => page.getByTestId('findings').count()).toBe(0);
   });
 
   it('is compared with others, and another one is shown by its link', async () => {
     daemon.addFit(daemon.addScan(1, 'full'), 'paper');
     daemon.addFit(daemon.addScan(2, 'paper'));
-    await page.goto(url);
+    await page.goto(`${url}/#/result/2/fits`);
     await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
+    await page.getByLabel('of all scans').check();
     await page.getByTestId('fits').getByRole('link', { name: '1', exact: true }).click();
     await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.61 ± 0.42°');
     expect(await text('.figures .first dt')).toContain('to the turntable');
-    expect(await page.getByTestId('curves').locator('figure').count()).toBe(9);
-    expect(new URL(page.url()).hash).toBe('#/scan/1/fit/1');
+    expect(new URL(page.url()).hash).toBe('#/result/1/fit/1/fits');
+    await page.getByRole('link', { name: 'Curves' }).click();
+    await expect.poll(() => page.getByTestId('curves').locator('figure').count()).toBe(9);
+    expect(new URL(page.url()).hash).toBe('#/result/1/fit/1/curves');
   });
 });
 
@@ -60,9 +63,10 @@ describe('a store of many fits', () => {
     daemon.addFit(daemon.addScan(2, 'paper'));
     const scan = daemon.addScan(1, 'paper');
     for (let i = 0; i < 230; i++) daemon.addFit(scan);
-    await page.goto(`${url}/#/scan/1/fit/1`);
+    await page.goto(`${url}/#/result/1/fit/1/fits`);
     await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('15.031 ± 0.085°');
     expect(await page.getByTestId('missing').count()).toBe(0);
+    await page.getByLabel('of all scans').check();
     const rows = page.getByTestId('fits').locator('tbody tr');
     expect(await rows.count()).toBe(50);
     expect(await page.getByTestId('fits-count').innerText()).toBe('101 newest fits');
@@ -84,7 +88,7 @@ describe('the fit of a metal', () => {
     const parameters = daemon.fits[0]?.['parameters'] as Record<string, unknown>;
     Object.assign(daemon.samples.find((s) => s['id'] === 1) ?? {}, { material: { kind: 'conductor', eta: 0.35, eta_std: 0.01, k: 2.7, k_std: 0.01 } });
     parameters['rho_d'] = { value: null, std: null, expanded: null, coverage_factor: null, identifiable: false, budget: null, note: 'a metal returns no light from below its surface, so it has no ρd' };
-    await page.goto(url);
+    await page.goto(`${url}/#/result`);
     const place = page.locator('[data-parameter=rho_d] span');
     await place.waitFor();
     expect(await place.innerText()).toBe('not applicable (metal)');
@@ -98,12 +102,12 @@ describe('the uncertainty along a scan', () => {
   it.each([[1, 0], [2, 1]])('of %i fits and the last one is drawn as %i plots, in words always', async (fits, plots) => {
     for (let id = 1; id <= fits; id++) daemon.certainties.push(row(id));
     daemon.addFit(daemon.addScan(1, 'paper'));
-    await page.goto(url);
+    await page.goto(`${url}/#/result/1/uncertainty`);
     const card = page.getByTestId('certainty');
     await card.waitFor();
     expect(await card.locator('[data-line=theta_r_deg]').innerText()).toMatch(/10\.031 ± 0\.085°/);
     await expect.poll(() => card.locator('canvas').count()).toBe(plots);
-    expect(await card.innerText()).toMatch(/After \d+(\.\d+)? s: 15 poses/);
+    expect(await card.innerText()).toMatch(/After \d+ s of the rig’s time: 15 poses/);
   });
 });
 
@@ -119,7 +123,7 @@ describe('error against run time', () => {
       forecasts: [{ scene: 'flat', forecast_s: 1, taken_s: 1.5 }, { scene: 'rough', forecast_s: 1, taken_s: 3 }],
       proofs: [{ scene: 'flat', off: 0.002, allowed: 0.011, holds: true, full_s: 0.3, planned_s: 0.1, parts: [{ what: 'polarisation of light', speed_up: 2.9 }] }],
     };
-    await page.goto(url);
+    await page.goto(`${url}/#/lab`);
     const view = page.getByTestId('accuracy');
     await view.waitFor();
     await expect.poll(() => view.locator('g[data-method]').count()).toBe(3);
@@ -134,8 +138,8 @@ describe('error against run time', () => {
   });
 
   it('is not shown without a measurement', async () => {
-    await page.goto(url);
-    await page.getByRole('button', { name: 'Start scan' }).waitFor();
+    await page.goto(`${url}/#/lab`);
+    await page.getByTestId('traces').waitFor();
     expect(await page.getByTestId('accuracy').count()).toBe(0);
   });
 });
@@ -145,7 +149,7 @@ describe('the options of a fit', () => {
 
   it('are sent as chosen, and the result lists them', async () => {
     daemon.addScan(1, 'paper');
-    await page.goto(url);
+    await page.goto(`${url}/#/result`);
     const form = page.getByTestId('fit-form');
     const fit = form.getByRole('button', { name: 'Fit', exact: true });
     await form.getByRole('button', { name: 'Options' }).click();
@@ -164,13 +168,14 @@ describe('the options of a fit', () => {
     await form.getByLabel('Known value: standard uncertainty').nth(1).fill('0.5');
     await fit.click();
     await expect.poll(sent).toEqual({ scan_id: 1, variant: 'auto', loss: 'huber', profile: true, fix: { rho_d: 0.3 }, priors: { theta_r_deg: { value: 10, std: 0.5 } } });
+    await page.getByRole('link', { name: 'Record', exact: true }).click();
     await expect.poll(() => text('[data-testid=asked]')).toBe('model best, outliers count less (Huber), ρd fixed at 0.3, θr known as 10° (u = 0.5°), profile intervals');
   });
 
   it('are refused beside the options', async () => {
     daemon.addScan(1, 'paper');
     daemon.refusals.set('POST /fits', { status: 422, body: { code: 'invalid-value', title: 'a value is not valid', detail: 'fix.rho_d: lies between 0 and 1', errors: [{ field: 'fix.rho_d', message: 'lies between 0 and 1' }] } });
-    await page.goto(url);
+    await page.goto(`${url}/#/result`);
     const form = page.getByTestId('fit-form');
     await form.getByRole('button', { name: 'Options' }).click();
     await form.getByRole('button', { name: 'Add a known value' }).click();
@@ -183,18 +188,19 @@ describe('the options of a fit', () => {
 
 describe('a recorded series', () => {
   it('is imported from its folder and shown', async () => {
-    await page.goto(url);
+    await page.goto(`${url}/#/records`);
     await page.getByText('Import a series').click();
     await page.getByLabel('Folder on the measuring PC').fill('/data/seven');
     await page.getByRole('button', { name: 'Import' }).click();
     await page.getByText('Scan 1 with 48 frames; left out: frames/7.png.').waitFor();
+    await page.getByRole('link', { name: 'Open scan 1' }).click();
     expect(daemon.requests.find((r) => r.path === '/imports')?.body).toEqual({ folder: '/data/seven', skip_unreadable: false });
     await page.locator('#answer-title').waitFor();
   });
 
   it('reports beside the folder what is wrong and what to do', async () => {
     daemon.refusals.set('POST /imports', { status: 422, body: { code: 'frame-unreadable', title: 'a value is not valid', detail: 'frames/7.png is torn; nothing was imported' } });
-    await page.goto(url);
+    await page.goto(`${url}/#/records`);
     await page.getByText('Import a series').click();
     await page.getByLabel('Folder on the measuring PC').fill('/data/seven');
     await page.getByRole('button', { name: 'Import' }).click();
@@ -209,7 +215,7 @@ describe('a fit on a measured shape', () => {
 
   beforeEach(async () => {
     daemon.addScan(1, 'paper');
-    await page.goto(url);
+    await page.goto(`${url}/#/result`);
     await page.getByTestId('fit-form').getByLabel('Model').selectOption('traced');
   });
 
@@ -220,6 +226,7 @@ describe('a fit on a measured shape', () => {
     await form.getByLabel('Height unit, µm').fill('0,001');
     await form.getByRole('button', { name: 'Fit', exact: true }).click();
     await expect.poll(sent).toEqual({ scan_id: 1, variant: 'traced', shape: { name: 'map.csv', content: heights.toString('base64'), pitch_um: 0.5, height_unit_um: 0.001 } });
+    await page.getByRole('link', { name: 'Record', exact: true }).click();
     await expect.poll(() => text('[data-testid=traced-on]')).toBe('a height map of 6 ridges, 102 µm apart, θr 9.998° by its heights');
   });
 
@@ -234,6 +241,7 @@ describe('a fit on a measured shape', () => {
     expect(await form.getByRole('alert').count()).toBe(0);
     await form.getByRole('button', { name: 'Fit', exact: true }).click();
     await expect.poll(sent).toEqual({ scan_id: 1, variant: 'traced' });
+    await page.getByRole('link', { name: 'Record', exact: true }).click();
     await expect.poll(() => text('[data-testid=traced-on]')).toBe('an ideal sawtooth');
   });
 
@@ -259,13 +267,13 @@ describe('a fit on a measured shape', () => {
 
   it('does not carry the shape of one sample over to another', async () => {
     const other = daemon.addScan(2, 'paper');
-    await page.goto(`${url}/#/scan/1`);
+    await page.goto(`${url}/#/result/1`);
     await page.reload();
     const form = page.getByTestId('fit-form');
     await form.getByLabel('Model').selectOption('traced');
     await form.getByLabel('Height file').setInputFiles(map);
     await form.getByLabel('Sample spacing, µm').waitFor();
-    await page.goto(`${url}/#/scan/${other}`);
+    await page.goto(`${url}/#/result/${other}`);
     await form.getByLabel('Sample spacing, µm').waitFor({ state: 'detached' });
     await form.getByLabel('Model').selectOption('traced');
     expect(await form.getByLabel('Height file').inputValue()).toBe('');
@@ -276,7 +284,7 @@ describe('a fit that runs', () => {
   it('shows its stage and the time left, and can be cancelled', async () => {
     daemon.addScan(1, 'paper');
     daemon.fitMs = null;
-    await page.goto(url);
+    await page.goto(`${url}/#/result`);
     await page.getByRole('button', { name: 'Fit', exact: true }).click();
     await page.getByText('Fit 1: tracing, 42 s left').waitFor();
     await page.getByText('Forecast: about 50 s for 108 poses').waitFor();

@@ -16,7 +16,7 @@ describe('observations', () => {
     await page.getByRole('heading', { name: 'Place the sample' }).waitFor();
     expect(asked()).toEqual([]);
     await page.getByRole('button', { name: 'Continue' }).click();
-    await page.locator('.kinds').getByText(/^sample [1-9]/).waitFor();
+    await page.getByText(/^sample, [1-9]\d* of/).waitFor();
     await page.getByRole('button', { name: 'Abort …' }).click();
     await page.getByRole('button', { name: 'Abort for good' }).click();
     await page.getByText('aborted').first().waitFor();
@@ -27,7 +27,7 @@ describe('observations', () => {
     daemon.regions = ['left', 'right half'];
     daemon.addFit(daemon.addScan(1, 'paper'));
     daemon.refusals.set('GET /fits/1/curve', { status: 200, body: { peak: 0, observations: [], curves: [] } });
-    await page.goto(url);
+    await page.goto(`${url}/#/result`);
     await expect.poll(() => page.getByTestId('curves').locator('figure').count()).toBe(5);
     await page.getByTestId('fit-form').getByLabel('Region').selectOption('right half');
     await expect.poll(asked).toContainEqual(expect.stringContaining('region=right%20half'));
@@ -38,7 +38,7 @@ describe('observations', () => {
 describe('a map', () => {
   it('is not started with an invalid time limit', async () => {
     daemon.addScan(1, 'paper');
-    await page.goto(url);
+    await page.goto(`${url}/#/result/1/map`);
     const limit = page.getByLabel('Time limit of the map, s');
     const begin = page.getByRole('button', { name: 'Map every pixel' });
     for (const wrong of ['-5', 'abc', '0']) {
@@ -55,7 +55,7 @@ describe('a map', () => {
 describe('a frame', () => {
   it('shows the full 16-bit count of the pixel under the cursor, by pointer and by keys', async () => {
     daemon.addScan(1, 'paper');
-    await page.goto(url);
+    await page.goto(`${url}/#/result/1/frames`);
     const canvas = page.getByTestId('frame');
     await canvas.waitFor();
     await expect.poll(() => canvas.evaluate((c) => (c as HTMLCanvasElement).width)).toBe(96);
@@ -71,7 +71,7 @@ describe('a frame', () => {
 
   it('marks saturated pixels only if the option is set', async () => {
     daemon.addScan(1, 'full');
-    await page.goto(url);
+    await page.goto(`${url}/#/result/1/frames`);
     await page.getByRole('button', { name: 'θc −15°, φs 180°', exact: false }).click();
     await page.getByRole('button', { name: '0.18 s' }).click();
     const red = (): Promise<number> =>
@@ -91,7 +91,7 @@ describe('a frame', () => {
 describe('the map of poses', () => {
   it('is one stop of the Tab key, follows the arrow keys, and has a colour scale', async () => {
     daemon.addScan(1, 'full');
-    await page.goto(url);
+    await page.goto(`${url}/#/result/1/frames`);
     const poses = page.getByTestId('poses');
     await poses.waitFor();
     expect(await poses.locator('button[tabindex="0"]').count()).toBe(1);

@@ -8,7 +8,7 @@ import { afterAll, beforeAll, expect, it } from 'vitest';
 
 import { openBrowser, type OpenBrowser } from '../browser';
 import { startDaemon, type RunningDaemon } from '../daemon';
-import { completed, doSteps, fillScan, fitted } from '../operate';
+import { completed, doSteps, fillScan, fitted, openPart, openView } from '../operate';
 
 /** Device pixels per CSS pixel: sharp in the README, with few bytes. */
 const SCALE = 1;
@@ -38,20 +38,19 @@ it('makes the pictures of the README', async () => {
   await page.getByRole('button', { name: 'Start scan' }).click();
   await doSteps(page, completed(page), 200_000);
   await fitted(page, 200_000);
+  await openView(page, 'Result');
   await page.getByRole('button', { name: 'sawtooth', exact: true }).waitFor({ timeout: 60_000 });
   await page.mouse.move(700, 20);
-  await page.getByTestId('frame').waitFor();
   await page.waitForTimeout(500);
   await page.screenshot({ path: join(DOCS, 'screenshot.png') });
 
   const dark = await openBrowser({ width: 1440, height: 1000, scale: SCALE, dark: true });
   browsers.push(dark);
   const night = await dark.context.newPage();
-  await night.goto(daemon.url);
-  await night.getByRole('button', { name: 'sawtooth', exact: true }).waitFor({ timeout: 60_000 });
-  await night.getByTestId('frame').waitFor();
+  await night.goto(`${daemon.url}/#/result`);
+  await openPart(night, 'Uncertainty');
+  await night.getByTestId('parameters').waitFor({ timeout: 60_000 });
   await night.waitForTimeout(500);
-  await night.locator('section[aria-labelledby=parameters-title]').evaluate((e) => scrollTo(0, e.getBoundingClientRect().top + scrollY - 80));
   await night.screenshot({ path: join(DOCS, 'screenshot-dark.png') });
   expect(await night.getByTestId('parameters').isVisible()).toBe(true);
 });
@@ -60,7 +59,7 @@ it('makes the picture of the virtual ellipsometer', async () => {
   const light = await openBrowser({ width: 1440, height: 1000, scale: SCALE });
   browsers.push(light);
   const page = await light.context.newPage();
-  await page.goto(daemon.url);
+  await page.goto(`${daemon.url}/#/lab`);
   const card = page.getByTestId('traces');
   await card.getByTestId('trace-form').getByLabel('Photons').fill('1e6');
   await card.getByRole('button', { name: 'Trace', exact: true }).click();

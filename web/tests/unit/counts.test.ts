@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 
 import { colourMap, SATURATED_RGB } from '../../src/lib/colourmap';
-import { countStatistics, levelFraction, paintCounts } from '../../src/lib/counts';
+import { binned, countStatistics, levelFraction, paintCounts, usedRange, WHOLE_RANGE } from '../../src/lib/counts';
 
 /** CIE lightness of an sRGB colour (IEC 61966-2-1, CIE 15). */
 function lightness(r: number, g: number, b: number): number {
@@ -29,9 +29,20 @@ describe('countStatistics', () => {
     const s = countStatistics(frame, 65535);
     expect([s.min, s.max, s.median, s.saturated]).toEqual([10, 65535, 20, 2]);
     expect(s.mean).toBeCloseTo((10 + 60 + 30 + 40 + 2 * 65535) / 8, 9);
-    expect(s.histogram[0]).toBe(6);
-    expect(s.histogram[255]).toBe(2);
-    expect(s.histogram.reduce((a, b) => a + b, 0)).toBe(8);
+    const bins = binned(s.counts, WHOLE_RANGE);
+    expect([bins[0], bins[255], bins.reduce((a, b) => a + b, 0)]).toEqual([6, 2, 8]);
+  });
+
+  it('has a histogram of the used counts, which a hot pixel does not widen', () => {
+    const pixels = Uint16Array.from({ length: 2000 }, (_, i) => 190 + (i % 31));
+    pixels[7] = 65535;
+    const s = countStatistics({ width: 2000, height: 1, pixels }, 65535);
+    const range = usedRange(s);
+    expect(range.from).toBeGreaterThan(150);
+    expect(range.to).toBeLessThan(260);
+    const bins = binned(s.counts, range);
+    expect(bins.length).toBe(range.to - range.from);
+    expect(bins.reduce((a, b) => a + b, 0)).toBe(1999);
   });
 
   it('gives levels that differ even in a uniform frame', () => {

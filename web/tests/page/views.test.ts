@@ -1,0 +1,147 @@
+// The page with a mock daemon: its views, their addresses, their size, and rules that hold in every view.
+
+import { createRequire } from 'node:module';
+import { readFile } from 'node:fs/promises';
+import { join } from 'node:path';
+import { gzipSync } from 'node:zlib';
+
+import { describe, expect, it } from 'vitest';
+
+import { chooseSample, daemon, page, text, url } from './stage';
+
+const DIST = join(import.meta.dirname, '../../dist');
+const AXE = createRequire(import.meta.url).resolve('axe-core/axe.min.js');
+
+/** Views and a text of each that shows that it is there. */
+const VIEWS: readonly (readonly [string, string])[] = [
+  ['measure', 'Last results'],
+  ['result/1', 'BRDF × cos'],
+  ['result/1/uncertainty', 'Share of the variance'],
+  ['result/1/verdict', 'Ridge angle'],
+  ['result/1/map', 'The fit of every pixel'],
+  ['result/1/contrast', 'turned by 90°'],
+  ['result/1/frames', 'automatic levels'],
+  ['result/1/record', 'Variants tried'],
+  ['result/1/fits', 'of all scans'],
+  ['records', 'Search'],
+  ['rig', 'Axes by hand'],
+  ['lab', 'Virtual ellipsometer'],
+  ['setup', 'Look of the page'],
+];
+
+async function open(view: string, words: string): Promise<void> {
+  await page.goto(`${url}/#/${view}`);
+  await page.locator('main').getByText(words, { exact: false }).first().waitFor();
+}
+
+/** Bytes of script and style that the page has requested so far, as the daemon sends them. */
+async function loaded(): Promise<{ names: string[]; bytes: number }> {
+  const names = await page.evaluate(() => performance.getEntriesByType('resource').map((r) => new URL(r.name).pathname).filter((name) => /\.(js|css)$/.test(name)));
+  const files = await Promise.all([...new Set(names)].map((name) => readFile(join(DIST, name))));
+  return { names, bytes: files.reduce((sum, file) => sum + gzipSync(file, { level: 6 }).length, 0) };
+}
+
+describe('the first view', () => {
+  it('needs less than 60 kB of script and style, and nothing of the other views', async () => {
+    daemon.addFit(daemon.addScan(1, 'full'));
+    await open('', 'Last results');
+    await chooseSample();
+    await page.getByText(/\d+ frames/).first().waitFor();
+    const first = await loaded();
+    expect(first.bytes).toBeLessThan(60_000);
+    expect(first.names.filter((name) => /plot|LabView|ResultView|RigView|Trace/.test(name))).toEqual([]);
+    await open('lab', 'Virtual ellipsometer');
+    expect((await loaded()).names.some((name) => name.includes('LabView'))).toBe(true);
+  });
+});
+
+describe('the address', () => {
+  it('keeps view, scan, fit and part over a reload and the back button, also in its earlier form', async () => {
+    daemon.addFit(daemon.addScan(1, 'full'), 'paper');
+    daemon.addFit(daemon.addScan(2, 'paper'));
+    await page.goto(`${url}/#/scan/1/fit/1`);
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.61 ± 0.42°');
+    await page.getByRole('navigation', { name: 'Parts of the result' }).getByRole('link', { name: 'Uncertainty' }).click();
+    await page.getByTestId('parameters').waitFor();
+    expect(new URL(page.url()).hash).toBe('#/result/1/fit/1/uncertainty');
+    await page.reload();
+    await page.getByTestId('parameters').waitFor();
+    const views = page.getByRole('navigation', { name: 'Views' });
+    await views.getByRole('link', { name: 'Rig' }).click();
+    await page.getByRole('heading', { name: 'Axes by hand' }).waitFor();
+    expect(await views.locator('[aria-current=page]').innerText()).toBe('Rig');
+    await page.goBack();
+    await page.getByTestId('parameters').waitFor();
+    await views.getByRole('link', { name: 'Result' }).click();
+    await expect.poll(() => text('#answer-title')).toBe('model 15°');
+    await views.getByRole('link', { name: 'Set-up' }).click();
+    await page.getByTestId('samples').getByText('traced polymer').waitFor();
+  });
+});
+
+describe('every view', () => {
+  it('has no violation of axe-core, in light and dark, and no console error', async () => {
+    daemon.certainties.push(...[1, 2, 3].map((id) => ({ id, elapsed_s: 9 * id, n_observations: id, n_frames_used: id, variant: 'sawtooth', status: 'converged', parameters: { theta_r_deg: { value: 10, std: 0.3 / id } } })));
+    daemon.addFit(daemon.addScan(1, 'full'));
+    const errors: string[] = [];
+    page.on('console', (message) => message.type() === 'error' && errors.push(message.text()));
+    const found: string[] = [];
+    for (const [view, words] of VIEWS) {
+      await open(view, words);
+      for (const dark of [false, true]) {
+        await page.evaluate((on) => (document.documentElement.dataset['theme'] = on ? 'dark' : 'light'), dark);
+        if ((await page.evaluate(() => 'axe' in window)) === false) await page.addScriptTag({ path: AXE });
+        const violations = await page.evaluate(async () => {
+          const { axe } = window as unknown as { axe: { run(options: object): Promise<{ violations: { id: string; nodes: { html: string; failureSummary: string }[] }[] }> } };
+          const { violations } = await axe.run({ resultTypes: ['violations'] });
+          return violations.map((v) => `${v.id}: ${v.nodes.map((n) => `${n.html.slice(0, 160)} ${n.failureSummary}`).join('\n')}`);
+        });
+        found.push(...violations.map((v) => `${view} ${dark ? 'dark' : 'light'} ${v}`));
+      }
+    }
+    expect(found).toEqual([]);
+    expect(errors).toEqual([]);
+  });
+
+  it.each([320, 1440])('fits a window of %i pixels and does not jump while it is read', async (width) => {
+    daemon.addFit(daemon.addScan(1, 'full'));
+    await page.setViewportSize({ width, height: width === 320 ? 640 : 900 });
+    await page.addInitScript(() => {
+      const shifts = window as unknown as { shift: number; moved: string[] };
+      [shifts.shift, shifts.moved] = [0, []];
+      new PerformanceObserver((list) => {
+        for (const entry of list.getEntries() as unknown as { value: number; hadRecentInput: boolean; sources: { node: Element | null }[] }[]) {
+          if (entry.hadRecentInput) continue;
+          shifts.shift += entry.value;
+          shifts.moved.push(...entry.sources.map(({ node }) => `${entry.value.toFixed(3)} ${node?.nodeName ?? ''}.${node?.className ?? ''}`));
+        }
+      }).observe({ type: 'layout-shift', buffered: true });
+    });
+    for (const [view, words] of VIEWS) {
+      await page.goto('about:blank');
+      await open(view, words);
+      await page.waitForTimeout(150);
+      expect(await page.evaluate(() => document.documentElement.scrollWidth - innerWidth), `${view} is wider than the window`).toBeLessThanOrEqual(0);
+      const { shift, moved } = await page.evaluate(() => { const { shift, moved } = window as unknown as { shift: number; moved: string[] }; return { shift, moved }; });
+      expect(shift, `layout shift of ${view}: ${moved.join(', ')}`).toBeLessThan(0.1);
+      const stop = await page.getByRole('button', { name: /STOP/ }).boundingBox();
+      expect((stop?.x ?? 1e9) + (stop?.width ?? 0)).toBeLessThanOrEqual(width);
+    }
+  });
+
+  it('is reached and used by keys only', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    await open('measure', 'Last results');
+    await page.keyboard.press('Tab');
+    expect(await page.evaluate(() => document.activeElement?.textContent)).toBe('To the content');
+    const views = page.getByRole('navigation', { name: 'Views' });
+    await views.getByRole('link', { name: 'Records' }).focus();
+    await page.keyboard.press('Enter');
+    await page.getByTestId('records').waitFor();
+    await expect.poll(() => page.evaluate(() => document.activeElement?.id)).toBe('main');
+    // The first stop of the Tab key in the view.
+    await page.keyboard.press('Tab');
+    await page.keyboard.type('no such sample');
+    await page.getByText('No scan matches these filters.').waitFor();
+  });
+});
