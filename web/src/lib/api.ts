@@ -185,8 +185,8 @@ export const api = {
     post('/imports', { folder, skip_unreadable }),
 
   /** A page of fits of one scan, or of all scans; newest first. */
-  fits: (of: { readonly scan_id?: number; readonly cursor?: string } = {}): Promise<Page<Fit>> =>
-    get(`/fits?limit=${FITS_PER_PAGE}${of.scan_id === undefined ? '' : `&scan_id=${of.scan_id}`}${of.cursor === undefined ? '' : `&cursor=${encodeURIComponent(of.cursor)}`}`),
+  fits: (of: { readonly scan_id?: number; readonly cursor?: string } = {}, signal?: AbortSignal): Promise<Page<Fit>> =>
+    get(`/fits?limit=${FITS_PER_PAGE}${of.scan_id === undefined ? '' : `&scan_id=${of.scan_id}`}${of.cursor === undefined ? '' : `&cursor=${encodeURIComponent(of.cursor)}`}`, signal),
   fit: (id: number): Promise<Fit> => get(`/fits/${id}`),
   startFit: (request: FitRequest): Promise<{ id: number }> => post('/fits', request),
   curves: (id: number, signal?: AbortSignal): Promise<Curves> => get(`/fits/${id}/curve?step_deg=2`, signal),

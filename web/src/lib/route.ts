@@ -1,6 +1,6 @@
 // The address of the page: which view it shows, and of what. Reloads, links and the back button keep both.
 
-export type ViewName = 'measure' | 'result' | 'records' | 'rig' | 'lab' | 'setup';
+export type ViewName = 'measure' | 'result' | 'records' | 'compare' | 'repeat' | 'rig' | 'lab' | 'setup';
 
 export interface Route {
   readonly view: ViewName;
@@ -13,7 +13,7 @@ export interface Route {
   readonly query: string;
 }
 
-const VIEWS: readonly ViewName[] = ['measure', 'result', 'records', 'rig', 'lab', 'setup'];
+const VIEWS: readonly ViewName[] = ['measure', 'result', 'records', 'compare', 'repeat', 'rig', 'lab', 'setup'];
 
 const isView = (name: string): name is ViewName => (VIEWS as readonly string[]).includes(name);
 
@@ -24,7 +24,7 @@ export function parseRoute(hash: string): Route {
   // Addresses of earlier versions: #/scan/12/fit/3.
   const view = first === 'scan' ? 'result' : isView(first) ? first : 'measure';
   const numbers = (rest[0] ?? '').split(',').filter((word) => /^\d{1,15}$/.test(word)).map(Number);
-  const scans = view === 'result' ? numbers : [];
+  const scans = ['result', 'compare', 'repeat'].includes(view) ? numbers : [];
   if (view !== 'result') return { view, scans, fit: null, tab: null, query };
   const [, fit] = /(?:^|\/)fit\/(\d{1,15})(?:\/|$)/.exec(path) ?? [];
   const tab = rest.slice(scans.length > 0 ? 1 : 0).find((word, i, all) => /^[a-z]+$/.test(word) && word !== 'fit' && all[i - 1] !== 'fit');

@@ -24,6 +24,8 @@ const VIEWS: readonly (readonly [string, string])[] = [
   ['result/1/record', 'Variants tried'],
   ['result/1/fits', 'of all scans'],
   ['records', 'Search'],
+  ['compare/1,2', 'open dots'],
+  ['repeat/1,2', 'Scatter s'],
   ['rig', 'Axes by hand'],
   ['lab', 'Virtual ellipsometer'],
   ['setup', 'Look of the page'],
@@ -82,7 +84,7 @@ describe('the address', () => {
 describe('every view', () => {
   it('has no violation of axe-core, in light and dark, and no console error', async () => {
     daemon.certainties.push(...[1, 2, 3].map((id) => ({ id, elapsed_s: 9 * id, n_observations: id, n_frames_used: id, variant: 'sawtooth', status: 'converged', parameters: { theta_r_deg: { value: 10, std: 0.3 / id } } })));
-    daemon.addFit(daemon.addScan(1, 'full'));
+    for (const grid of ['full', 'paper'] as const) daemon.addFit(daemon.addScan(1, grid));
     const errors: string[] = [];
     page.on('console', (message) => message.type() === 'error' && errors.push(message.text()));
     const found: string[] = [];
@@ -104,7 +106,7 @@ describe('every view', () => {
   });
 
   it.each([320, 1440])('fits a window of %i pixels and does not jump while it is read', async (width) => {
-    daemon.addFit(daemon.addScan(1, 'full'));
+    for (const grid of ['full', 'paper'] as const) daemon.addFit(daemon.addScan(1, grid));
     await page.setViewportSize({ width, height: width === 320 ? 640 : 900 });
     await page.addInitScript(() => {
       const shifts = window as unknown as { shift: number; moved: string[] };

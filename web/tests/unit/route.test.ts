@@ -10,6 +10,7 @@ describe('an address', () => {
     expect(parseRoute('#/result/12/fit/3/frames')).toMatchObject({ scans: [12], fit: 3, tab: 'frames' });
     expect(parseRoute('#/result/frames')).toMatchObject({ view: 'result', scans: [], tab: 'frames' });
     expect(parseRoute('#/scan/12/fit/3')).toMatchObject({ view: 'result', scans: [12], fit: 3, tab: null });
+    expect(parseRoute('#/repeat/3,5,x,9')).toMatchObject({ view: 'repeat', scans: [3, 5, 9] });
     expect(parseRoute('#/records?search=B-17%2F2')).toMatchObject({ view: 'records', query: 'search=B-17%2F2' });
   });
 

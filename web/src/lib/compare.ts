@@ -1,0 +1,75 @@
+// Two results beside each other: the difference of a parameter with its uncertainty, and the difference of two curves.
+
+import type { Curves, Parameter } from './types';
+
+/** Lines of the budgets of several parameters, in the order of the first that has them. */
+export function budgetLines(parameters: readonly (Parameter | undefined)[]): string[] {
+  return [...new Set(parameters.flatMap((p) => Object.entries(p?.budget ?? {}).filter(([, std]) => std > 0).map(([line]) => line)))];
+}
+
+/** Standard uncertainty without these lines of the budget. */
+export function withoutLines(parameter: Parameter, shared: readonly string[]): number {
+  const budget = Object.entries(parameter.budget ?? {});
+  if (budget.length === 0 || shared.length === 0) return parameter.std ?? 0;
+  return Math.sqrt(budget.reduce((sum, [line, std]) => (shared.includes(line) ? sum : sum + std ** 2), 0));
+}
+
+export interface Difference {
+  readonly value: number;
+  /** Expanded uncertainty. */
+  readonly expanded: number;
+  /** Normalised error (ISO 13528): the difference over its expanded uncertainty. */
+  readonly normalised: number;
+}
+
+/** Second minus first. Lines named as shared have the same error in both, so only their difference remains; all others are taken as
+ *  independent. Null where a value or its uncertainty is missing. */
+export function difference(first: Parameter | undefined, second: Parameter | undefined, shared: readonly string[]): Difference | null {
+  if (first?.value == null || second?.value == null || first.std === null || second.std === null) return null;
+  const [kFirst, kSecond] = [first.coverage_factor ?? 2, second.coverage_factor ?? 2];
+  const own = (kFirst * withoutLines(first, shared)) ** 2 + (kSecond * withoutLines(second, shared)) ** 2;
+  const common = shared.reduce((sum, line) => sum + (kFirst * (first.budget?.[line] ?? 0) - kSecond * (second.budget?.[line] ?? 0)) ** 2, 0);
+  const expanded = Math.sqrt(own + common);
+  const value = second.value - first.value;
+  return expanded > 0 ? { value, expanded, normalised: value / expanded } : null;
+}
+
+/** Poses nearer than this are the same: stages read back within a few thousandths of a degree. */
+const SAME_DEG = 0.25;
+
+export interface ComparedPoint {
+  readonly phi_s_deg: number;
+  readonly signal: number;
+  readonly sigma: number;
+}
+
+export interface ComparedPanel {
+  readonly theta_c_deg: number;
+  readonly points: readonly [readonly ComparedPoint[], readonly ComparedPoint[]];
+  readonly curves: readonly [readonly { readonly x: number; readonly y: number }[], readonly { readonly x: number; readonly y: number }[]];
+  /** Second minus first at poses of both, with the standard uncertainty of the difference by counting. */
+  readonly differences: readonly ComparedPoint[];
+}
+
+/** One panel per tilt of either scan, ascending. */
+export function comparedPanels(first: Curves, second: Curves): ComparedPanel[] {
+  const tilts: number[] = [];
+  for (const tilt of [...first.observations, ...second.observations].map((o) => o.theta_c_deg).sort((a, b) => a - b)) {
+    if (tilts.length === 0 || tilt - (tilts.at(-1) ?? 0) > SAME_DEG) tilts.push(tilt);
+  }
+  const near = (a: number, b: number): boolean => Math.abs(a - b) <= SAME_DEG;
+  return tilts.map((theta_c_deg) => {
+    const pointsOf = (data: Curves): ComparedPoint[] => data.observations.filter((o) => near(o.theta_c_deg, theta_c_deg)).map(({ phi_s_deg, signal, sigma }) => ({ phi_s_deg, signal, sigma })).sort((a, b) => a.phi_s_deg - b.phi_s_deg);
+    // The first curve is that of the fit itself.
+    const own = (data: Curves): { x: number; y: number }[] => {
+      const curve = data.curves.find((c) => c.variant === data.curves[0]?.variant && near(c.theta_c_deg, theta_c_deg));
+      return (curve?.phi_s_deg ?? []).map((x, i) => ({ x, y: curve?.signal[i] ?? 0 }));
+    };
+    const points = [pointsOf(first), pointsOf(second)] as const;
+    const differences = points[1].flatMap((b) => {
+      const a = points[0].find((p) => near(p.phi_s_deg, b.phi_s_deg));
+      return a ? [{ phi_s_deg: b.phi_s_deg, signal: b.signal - a.signal, sigma: Math.hypot(a.sigma, b.sigma) }] : [];
+    });
+    return { theta_c_deg, points, curves: [own(first), own(second)], differences };
+  });
+}
