@@ -117,13 +117,20 @@ pub(super) async fn take(
     Caller(app): Caller,
     Body(mut request): Body<ScanRequest>,
 ) -> Result<Response, ApiError> {
-    if request.plan.repeats.is_some_and(|repeats| repeats > 0) {
+    if request.recipe.is_some() || request.specification.is_some() {
+        return Err(ApiError::invalid(
+            "recipe",
+            "calibrations have no sample to measure or judge: give a plan",
+        ));
+    }
+    let plan = request.plan.get_or_insert_default();
+    if plan.repeats.is_some_and(|repeats| repeats > 0) {
         return Err(ApiError::invalid(
             "plan.repeats",
             "must be 0 or omitted, since calibrations have no frames of the sample; set `dark.repeats` and `flat.repeats`",
         ));
     }
-    request.plan.repeats = Some(0);
+    plan.repeats = Some(0);
     let scan = app.lab.start_scan(&request).await?;
     Ok(begun(scan.id, scan.state))
 }

@@ -34,12 +34,14 @@ mod observations;
 mod origin;
 mod page;
 mod peers;
+mod recipes;
 mod rig;
 mod samples;
 mod scans;
 mod seats;
 pub mod server;
 mod session;
+mod specifications;
 mod status;
 mod table;
 mod tls;
@@ -172,6 +174,8 @@ pub struct Begun {
     tags(
         (name = "rig", description = "The stages, one axis at a time"),
         (name = "samples", description = "Surfaces to be measured"),
+        (name = "recipes", description = "How parts are measured, in versions"),
+        (name = "specifications", description = "Limits of parts, in versions"),
         (name = "scans", description = "Series of frames"),
         (name = "frames", description = "16-bit images"),
         (name = "observations", description = "Frames reduced to numbers"),
@@ -206,6 +210,16 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(scans::command))
         .routes(routes!(certainty::of_scan))
         .routes(routes!(incidents::of_scan))
+        .routes(routes!(recipes::list, recipes::add))
+        .routes(routes!(recipes::get))
+        .routes(routes!(recipes::versions, recipes::change))
+        .routes(routes!(recipes::archive))
+        .routes(routes!(recipes::restore))
+        .routes(routes!(specifications::list, specifications::add))
+        .routes(routes!(specifications::get))
+        .routes(routes!(specifications::versions, specifications::change))
+        .routes(routes!(specifications::archive))
+        .routes(routes!(specifications::restore))
         .routes(routes!(imports::add))
         .routes(routes!(frames::of_scan))
         .routes(routes!(observations::of_scan))

@@ -16,6 +16,7 @@ use crate::lab::{Lab, LabError, ScanRequest};
 use crate::scan::event::OperatorStep;
 use crate::scan::runner::ScanCommand;
 use crate::scan::{OperatorAction, Plan, Progress, ScanState};
+use crate::store::definitions::DefinitionRef;
 use crate::store::earlier::EarlierSample;
 use crate::store::scans::{Origin, Scan, ScanFilter};
 use crate::wording::json;
@@ -141,6 +142,18 @@ pub struct ScanBody {
     camera: ScanCameraBody,
     /// Calibrations that it uses, including its own.
     calibration_ids: Vec<i64>,
+    /// The version of the recipe that it was started with; null for a scan of a plan.
+    recipe: Option<DefinitionRef>,
+    /// Expanded uncertainty (k = 2) of θr that the recipe asks for, degrees; null if it states none.
+    target_expanded_deg: Option<f64>,
+    /// The version of the specification that it is judged against.
+    specification: Option<DefinitionRef>,
+    /// The person at the rig.
+    operator_name: Option<String>,
+    /// Lot of the part.
+    lot: Option<String>,
+    /// Number of the part or order in another system.
+    external_id: Option<String>,
     /// Who started it: the name of a token, or `local`.
     who: String,
     /// Samples that it was assigned to before, oldest first.
@@ -176,6 +189,7 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
         None => app.lab.plan_of_import(scan.id).await?,
     };
     let manifest = app.lab.manifest(scan.id).await?;
+    let recipe = app.lab.recipe_of(&scan).await?;
     Ok(ScanBody {
         regions: Lab::regions(&manifest),
         camera: ScanCameraBody {
@@ -202,6 +216,12 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
         state: scan.state,
         reason: scan.reason,
         plan,
+        target_expanded_deg: recipe.and_then(|recipe| recipe.target_expanded_deg),
+        recipe: scan.recipe,
+        specification: scan.specification,
+        operator_name: scan.operator_name,
+        lot: scan.lot,
+        external_id: scan.external_id,
         who: scan.who,
         earlier_samples: scan.earlier_samples,
         created_at: scan.created_at,

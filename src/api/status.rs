@@ -387,7 +387,15 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
             (StatusCode::CONFLICT, "the analysis was cancelled")
         }
         LabError::NothingMeasured => (StatusCode::NOT_FOUND, NOT_FOUND),
-        LabError::Store(StoreError::NotFound { .. }) => (StatusCode::NOT_FOUND, NOT_FOUND),
+        LabError::Store(StoreError::NotFound { .. } | StoreError::NoVersion { .. }) => {
+            (StatusCode::NOT_FOUND, NOT_FOUND)
+        }
+        LabError::Store(StoreError::NameTaken { .. }) => {
+            (StatusCode::CONFLICT, "the name is taken")
+        }
+        LabError::Store(StoreError::VersionConflict { .. }) => {
+            (StatusCode::CONFLICT, "there is a newer version")
+        }
         LabError::Store(StoreError::DiskFull { .. }) => {
             (StatusCode::INSUFFICIENT_STORAGE, "the disk is full")
         }

@@ -155,7 +155,7 @@ async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
     };
     let sample_id = traced_sample(lab).await?;
     let scan = lab
-        .start_scan(&ScanRequest { sample_id, plan })
+        .start_scan(&ScanRequest::of(sample_id, plan))
         .await
         .map_err(runtime::lab_error)?;
     let state = follow(lab, scan.id, after, None).await?;

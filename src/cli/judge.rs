@@ -180,6 +180,9 @@ fn table(verdict: &VerdictReport) -> String {
             tilts.join(", ")
         ));
     }
+    for (quantity, found) in &judgement.would_decide {
+        text.push_str(&format!("{quantity}: {}\n", found.message));
+    }
     for warning in &judgement.warnings {
         text.push_str(&format!("warning: {warning}\n"));
     }

@@ -8,6 +8,7 @@ pub mod check;
 pub mod client;
 pub mod constraint_args;
 pub mod contrast;
+pub mod definitions;
 pub mod demo;
 pub mod doctor;
 pub mod eval;
@@ -80,6 +81,10 @@ pub enum Command {
     Scan(scan::Args),
     /// List or rename samples, or assign a scan to another one.
     Sample(sample::Args),
+    /// List, show, save and archive recipes: how parts are measured.
+    Recipe(definitions::RecipeArgs),
+    /// List, show, save and archive specifications: limits of parts.
+    Specification(definitions::SpecificationArgs),
     /// Import a recorded series into the store.
     Import(import::Args),
     /// Export a scan from the store as a recorded series.
@@ -181,6 +186,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Token(args) => token::run(args),
         Command::Scan(args) => scan::run(args),
         Command::Sample(args) => sample::run(args),
+        Command::Recipe(args) => definitions::recipes(args),
+        Command::Specification(args) => definitions::specifications(args),
         Command::Import(args) => import::run(args),
         Command::Export(args) => export::run(args),
         Command::Contrast(args) => contrast::run(args),

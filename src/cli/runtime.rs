@@ -38,6 +38,8 @@ pub fn lab_error(error: LabError) -> CliError {
         | LabError::NoRig
         | LabError::Store(
             StoreError::NotFound { .. }
+            | StoreError::NoVersion { .. }
+            | StoreError::NameTaken { .. }
             | StoreError::Missing { .. }
             | StoreError::FolderName { .. },
         ) => CliError::bad_input(error),

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use super::CliError;
 use super::client::{Client, CredentialArgs};
 use super::runtime;
+use crate::lab::{NameOrId, ScanRequest};
 use crate::material::{Material, tables};
 use crate::scan::PlanRequest;
 use crate::scan::plan::Preset;
@@ -25,18 +26,34 @@ pub use by_itself::follow;
   ridged scan --preset paper --simulated-rig --data /tmp/try
   ridged scan --preset full --calibrate --config rig.toml
   ridged scan docs/example-plan.toml --config rig.toml --sample \"batch 7\"
+  ridged scan --recipe PX-1204 --specification \"drawing 4711\" --sample \"Panel B-17\" --lot 4
 If a daemon is running on the data folder, it does the scan.")]
 pub struct Args {
     /// Plan (TOML); docs/example-plan.toml shows all keys.
     #[arg(
         value_name = "PLAN.toml",
-        required_unless_present = "preset",
-        conflicts_with = "preset"
+        required_unless_present_any = ["preset", "recipe"],
+        conflicts_with_all = ["preset", "recipe"]
     )]
     pub plan: Option<PathBuf>,
     /// A named plan instead of a file.
     #[arg(long, value_parser = preset, value_name = "paper|full")]
     pub preset: Option<Preset>,
+    /// A recipe of the store by name or number, instead of a plan: the fit that follows uses its model and options.
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["preset", "calibrate"])]
+    pub recipe: Option<String>,
+    /// A specification of the store by name or number: the scan is judged against it once it is fitted.
+    #[arg(long, value_name = "NAME", conflicts_with = "calibrate")]
+    pub specification: Option<String>,
+    /// The person at the rig.
+    #[arg(long, value_name = "NAME")]
+    pub operator: Option<String>,
+    /// Lot of the part.
+    #[arg(long, value_name = "LOT")]
+    pub lot: Option<String>,
+    /// Number of the part or order in another system.
+    #[arg(long, value_name = "ID")]
+    pub external_id: Option<String>,
     /// Take only new dark and white-reference frames for the plan. Later scans reuse them and ask only for the sample.
     #[arg(long)]
     pub calibrate: bool,
@@ -98,23 +115,26 @@ fn preset(word: &str) -> Result<Preset, String> {
 /// Ctrl-C.
 pub fn run(args: Args) -> Result<(), CliError> {
     let mut plan = read_plan(&args)?;
-    if args.calibrate {
+    if args.calibrate
+        && let Some(plan) = &mut plan
+    {
         plan.repeats = Some(0);
         plan.reuse_calibrations = None;
     }
     let answer = match Client::find(&args.data)? {
         Some(client) => {
             let client = client.presenting(&args.credentials)?;
-            by_daemon::scan(&client, &args, &plan)?
+            by_daemon::scan(&client, &args, plan)?
         }
         None => runtime::block_on(by_itself::scan(&args, plan))?,
     };
     let text = match args.json {
         true => format!("{answer:#}\n"),
         false => format!(
-            "scan {} {}\n",
+            "scan {} {}\n{}",
             answer["id"],
-            answer["state"].as_str().unwrap_or("")
+            answer["state"].as_str().unwrap_or(""),
+            verdict_words(&answer["verdicts"])
         ),
     };
     let mut out = std::io::stdout().lock();
@@ -127,15 +147,52 @@ pub fn run(args: Args) -> Result<(), CliError> {
     out.flush().map_err(CliError::no_result)
 }
 
-fn read_plan(args: &Args) -> Result<PlanRequest, CliError> {
+/// The request for the scan of a sample.
+fn request(args: &Args, sample_id: i64, plan: Option<PlanRequest>) -> ScanRequest {
+    let by_name = |name: &Option<String>| name.clone().map(NameOrId::Name);
+    ScanRequest {
+        sample_id,
+        plan,
+        recipe: by_name(&args.recipe),
+        specification: by_name(&args.specification),
+        operator_name: args.operator.clone(),
+        lot: args.lot.clone(),
+        external_id: args.external_id.clone(),
+    }
+}
+
+/// Verdicts in words: one line each, and below it what would decide.
+fn verdict_words(verdicts: &Value) -> String {
+    let mut text = String::new();
+    for verdict in verdicts.as_array().into_iter().flatten() {
+        let word = |key: &str| verdict[key].as_str().unwrap_or_default();
+        let region = match verdict["region"].as_str() {
+            Some(region) => format!(", region {region}"),
+            None => String::new(),
+        };
+        let decided = word("verdict").replace('-', " ");
+        text.push_str(&format!("{}{region}: {decided}\n", word("specification")));
+        for (quantity, found) in verdict["would_decide"].as_object().into_iter().flatten() {
+            let message = found["message"].as_str().unwrap_or_default();
+            text.push_str(&format!("  {quantity}: {message}\n"));
+        }
+    }
+    text
+}
+
+/// Reads the plan; none for a recipe, which states its own.
+fn read_plan(args: &Args) -> Result<Option<PlanRequest>, CliError> {
     let Some(path) = &args.plan else {
-        let preset = args.preset.unwrap_or(Preset::Paper);
-        return Ok(PlanRequest::preset(preset));
+        return Ok(match (args.preset, &args.recipe) {
+            (None, Some(_)) => None,
+            (preset, _) => Some(PlanRequest::preset(preset.unwrap_or(Preset::Paper))),
+        });
     };
     let text = std::fs::read_to_string(path)
         .with_context(|| format!("the plan {} cannot be read", path.display()))
         .map_err(CliError::BadInput)?;
-    PlanRequest::from_toml(&text)
+    let plan = PlanRequest::from_toml(&text);
+    plan.map(Some)
         .map_err(|refused| CliError::bad_input(anyhow!("the plan {}, {refused}", path.display())))
 }
 
@@ -210,7 +267,7 @@ fn suits_the_sample(args: &Args, kept: &Material) -> Result<(), CliError> {
     )))
 }
 
-fn no_sample(wanted: Option<&str>) -> CliError {
+pub(super) fn no_sample(wanted: Option<&str>) -> CliError {
     CliError::bad_input(match wanted {
         Some(name) => {
             anyhow!("there is no sample `{name}`; add it on the page or by POST /api/v1/samples")

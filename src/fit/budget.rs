@@ -121,21 +121,27 @@ impl Budget {
         }
     }
 
-    fn parts(&self) -> [f64; 12] {
+    /// The lines by the names of the report.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, f64); 12] {
         [
-            self.counting,
-            self.reference,
-            self.angles,
-            self.material,
-            self.wedge,
-            self.drift,
-            self.detector,
-            self.background,
-            self.model,
-            self.shape,
-            self.prior,
-            self.tracer,
+            ("counting", self.counting),
+            ("reference", self.reference),
+            ("angles", self.angles),
+            ("material", self.material),
+            ("wedge", self.wedge),
+            ("drift", self.drift),
+            ("detector", self.detector),
+            ("background", self.background),
+            ("model", self.model),
+            ("shape", self.shape),
+            ("prior", self.prior),
+            ("tracer", self.tracer),
         ]
+    }
+
+    fn parts(&self) -> [f64; 12] {
+        self.named().map(|(_, std)| std)
     }
 }
 

@@ -104,7 +104,7 @@ pub(super) fn decide(
     item
 }
 
-fn decide_by_uncertainty(
+pub(super) fn decide_by_uncertainty(
     name: &str,
     limits: &ToleranceLimits,
     m: &MeasuredValue,

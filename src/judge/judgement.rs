@@ -1,10 +1,13 @@
 //! The judgement of all limits together.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use super::decision::{JudgedItem, Verdict, decide, undetermined};
 use super::quantity::{JudgedQuantity, PLANE_DEPENDENT};
 use super::specification::{DecisionRule, Specification};
+use super::would_decide::WouldDecide;
 use crate::fit::report::ReferencePlane;
 
 /// The judgement of one sample.
@@ -23,6 +26,9 @@ pub struct Judgement {
     pub conformance_probability_min: Option<f64>,
     /// One per limited quantity.
     pub items: Vec<JudgedItem>,
+    /// What would decide the items that are not decided, by quantity.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub would_decide: BTreeMap<String, WouldDecide>,
     /// Sentences for the user, including the warnings of the fit.
     pub warnings: Vec<String>,
 }
@@ -62,6 +68,7 @@ pub fn judge(specification: &Specification, quantities: &[JudgedQuantity]) -> Ju
         decision_rule: rule.sentence(),
         conformance_probability_min,
         items,
+        would_decide: BTreeMap::new(),
         warnings: Vec::new(),
     }
 }

@@ -21,6 +21,7 @@ mod quantity;
 mod report;
 mod specification;
 mod true_value;
+mod would_decide;
 
 pub use contrast::{JudgedContrasts, contrasts};
 pub use decision::{JudgedItem, Verdict};
@@ -30,6 +31,7 @@ pub use quantity::{
 };
 pub use report::VerdictReport;
 pub use specification::{DecisionRule, Specification, SpecificationError, ToleranceLimits};
+pub use would_decide::{Way, WouldDecide};
 
 #[cfg(test)]
 mod tests;

@@ -6,6 +6,7 @@ use super::contrast::contrasts;
 use super::judgement::{Judgement, in_demanded_plane, judge};
 use super::quantity::{CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN, parameters};
 use super::specification::Specification;
+use super::would_decide::{Basis, would_decide};
 use crate::fit::report::{FitReport, LeftOut, ReferencePlane, Status, Timing, VariantName};
 use crate::geometry::Pose;
 use crate::observation::ObservationSet;
@@ -68,6 +69,20 @@ impl VerdictReport {
         });
         let mut judgement = judge(specification, &quantities);
         judgement.warnings.extend(warnings);
+        let named = report.parameters.named();
+        for item in &judgement.items {
+            let parameter = named.iter().find(|(name, _)| *name == item.quantity);
+            let basis = Basis {
+                parameter: parameter.map(|(_, parameter)| *parameter),
+                poses: report.n_observations,
+                reference: observations.white_reference,
+            };
+            let limits = &specification.limits[&item.quantity];
+            if let Some(found) = would_decide(item, limits, &specification.decision, &basis) {
+                let quantity = item.quantity.clone();
+                judgement.would_decide.insert(quantity, found);
+            }
+        }
         VerdictReport {
             judgement,
             contrast_theta_c_deg,

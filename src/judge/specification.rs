@@ -9,7 +9,7 @@ use crate::fit::report::ReferencePlane;
 use crate::wording::stated;
 
 /// Limits and decision rule of one kind of sample.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Specification {
     /// What it specifies, for instance drawing and revision.
@@ -26,19 +26,19 @@ pub struct Specification {
 }
 
 /// Tolerance limits; one of them may be missing.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ToleranceLimits {
     /// Conforming values are at least this.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lower: Option<f64>,
     /// Conforming values are at most this.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub upper: Option<f64>,
 }
 
 /// Allowed risks; the documentation of the module states the rule.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DecisionRule {
     /// Largest allowed probability that an item which passes does not conform.

@@ -120,7 +120,7 @@ impl FitRequest {
     }
 
     /// Refuses options of the ray tracer where it is not used.
-    fn check_tracer(&self) -> Result<(), LabError> {
+    pub(super) fn check_tracer(&self) -> Result<(), LabError> {
         let idle = [
             ("shape", self.shape.is_some()),
             ("target_error", self.target_error.is_some()),

@@ -205,6 +205,7 @@ impl Lab {
             // The original list is stored only if it still matches: no lines left out, no file renamed.
             frames_csv: own_list.then(|| series.list_text().to_owned()),
             calibration_ids: vec![],
+            purpose: Default::default(),
             who: self.who.to_string(),
         };
         let before = self.imported_before(series.manifest(), frames).await?;

@@ -113,12 +113,17 @@ impl Lab {
     pub async fn start_job(&self, request: impl Into<JobRequest>) -> Result<JobId, LabError> {
         let (lab, request) = (self.clone(), request.into());
         // A row in state running must have a task, also where the client disconnects in between.
-        to_the_end(async move { lab.prepare_and_start(&request).await }).await
+        to_the_end(async move { lab.prepare_and_start(request).await }).await
     }
 
-    async fn prepare_and_start(&self, request: &JobRequest) -> Result<JobId, LabError> {
+    async fn prepare_and_start(&self, request: JobRequest) -> Result<JobId, LabError> {
+        let request = match request {
+            // The row states the limits, whatever becomes of the stored specification.
+            JobRequest::Verdict(verdict) => verdict.with_content(self.store()).await?.into(),
+            other => other,
+        };
         let not_json = |e| StoreError::bad_row("jobs", e);
-        let text = serde_json::to_string(request).map_err(not_json)?;
+        let text = serde_json::to_string(&request).map_err(not_json)?;
         if text.len() > REQUEST_BYTES_MAX {
             return Err(LabError::Invalid {
                 field: "body".into(),

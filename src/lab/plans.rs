@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 use tokio::sync::oneshot;
 
+use super::definitions::{NameOrId, find};
+use super::recipes::Recipe;
+use super::request_checks::invalid;
 use super::rig_work::Work;
 use super::scan_run::{ScanRow, ScanWork};
 use super::tasks::{blocking, to_the_end};
@@ -18,9 +21,9 @@ use crate::material::Material;
 use crate::scan::plan::{self, Estimate, PlanProblem};
 use crate::scan::reference::ReferenceRules;
 use crate::scan::{OperatorAction, Plan, PlanError, PlanRequest, ScanState, Step};
-use crate::series::{DarkFacts, FlatFacts, Manifest, SCHEMA, SampleFacts, SampleKind};
-use crate::store::samples::Sample;
-use crate::store::scans::{NewScan, Scan};
+use crate::series::{DarkFacts, FlatFacts, LayoutFacts, Manifest, SCHEMA, SampleFacts, SampleKind};
+use crate::store::definitions::DefinitionKind;
+use crate::store::scans::{NewScan, Scan, ScanPurpose};
 use crate::store::{StoreError, utc_text};
 use crate::wording::differences::{self, Difference};
 
@@ -28,14 +31,74 @@ use crate::wording::differences::{self, Difference};
 /// wrong clock, so the age is unknown.
 const AHEAD: Duration = Duration::from_secs(60);
 
-/// A request for a scan.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+/// A request for a scan: of a plan, or of a recipe.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScanRequest {
     /// Number of the sample to scan.
     pub sample_id: i64,
-    /// Poses, exposures and repeats of the scan.
-    pub plan: PlanRequest,
+    /// Poses, exposures and repeats of the scan. Required without a recipe.
+    #[serde(default)]
+    pub plan: Option<PlanRequest>,
+    /// The recipe instead of a plan, by name or number, in its newest version. The fit that follows uses its model and
+    /// options.
+    #[serde(default)]
+    pub recipe: Option<NameOrId>,
+    /// The specification that the scan is judged against once it is fitted, by name or number, in its newest version.
+    #[serde(default)]
+    pub specification: Option<NameOrId>,
+    /// The person at the rig, at most 200 characters.
+    #[serde(default)]
+    #[schema(max_length = 200)]
+    pub operator_name: Option<String>,
+    /// Lot of the part, at most 200 characters.
+    #[serde(default)]
+    #[schema(max_length = 200)]
+    pub lot: Option<String>,
+    /// Number of the part or order in another system, at most 200 characters.
+    #[serde(default)]
+    #[schema(max_length = 200)]
+    pub external_id: Option<String>,
+}
+
+/// Longest text of a request, in characters.
+pub(super) const TEXT_LENGTH_MAX: usize = 200;
+
+impl ScanRequest {
+    /// A request that states only sample and plan.
+    #[must_use]
+    pub fn of(sample_id: i64, plan: PlanRequest) -> Self {
+        ScanRequest {
+            sample_id,
+            plan: Some(plan),
+            ..ScanRequest::default()
+        }
+    }
+}
+
+/// Refuses texts that are empty or too long, by field.
+pub(super) fn check_texts<const N: usize>(
+    texts: [(&str, &Option<String>); N],
+) -> Result<(), LabError> {
+    for (field, text) in texts {
+        let Some(text) = text else { continue };
+        let length = text.chars().count();
+        if text.trim().is_empty() || length > TEXT_LENGTH_MAX || text.chars().any(char::is_control)
+        {
+            let problem = format!(
+                "must have 1 to {TEXT_LENGTH_MAX} characters without line breaks; leave it out if there is none"
+            );
+            return Err(invalid(field, problem));
+        }
+    }
+    Ok(())
+}
+
+/// A request with what its recipe and its specification state.
+struct Resolved {
+    plan: PlanRequest,
+    layout: Option<LayoutFacts>,
+    purpose: ScanPurpose,
 }
 
 /// The estimated cost of a scan.
@@ -60,9 +123,14 @@ impl Lab {
     /// [`LabError::Plan`] with all problems of the plan, an unknown sample, or a store error.
     pub async fn estimate(&self, request: &ScanRequest) -> Result<Estimated, LabError> {
         self.store().sample(request.sample_id).await?;
+        let resolved = self.resolved(request).await?;
+        self.estimate_plan(&resolved.plan).await
+    }
+
+    async fn estimate_plan(&self, request: &PlanRequest) -> Result<Estimated, LabError> {
         let side = self.side()?;
         let limits = self.limits()?;
-        let mut plan = request.plan.resolve(&side.settings.defaults)?;
+        let mut plan = request.resolve(&side.settings.defaults)?;
         plan.check(&limits)?;
         plan.check_points(side.settings.runner.frame_bytes_max)?;
         let calibration_ids = match plan.reuse_calibrations {
@@ -102,6 +170,69 @@ impl Lab {
             })
         })
         .await?
+    }
+
+    /// Finds the recipe and the specification that a request names.
+    async fn resolved(&self, request: &ScanRequest) -> Result<Resolved, LabError> {
+        check_texts([
+            ("operator_name", &request.operator_name),
+            ("lot", &request.lot),
+            ("external_id", &request.external_id),
+        ])?;
+        let mut purpose = ScanPurpose {
+            operator_name: request.operator_name.clone(),
+            lot: request.lot.clone(),
+            external_id: request.external_id.clone(),
+            ..ScanPurpose::default()
+        };
+        if let Some(wanted) = &request.specification {
+            let kind = DefinitionKind::Specification;
+            let found = find(self.store(), kind, wanted, "specification").await?;
+            purpose.specification_version_id = Some(found.version_id);
+        }
+        let (plan, layout) = match (&request.plan, &request.recipe) {
+            (Some(plan), None) => (plan.clone(), None),
+            (None, Some(wanted)) => {
+                let kind = DefinitionKind::Recipe;
+                let found = find(self.store(), kind, wanted, "recipe").await?;
+                let recipe = Recipe::of_content(&found.content)?;
+                purpose.recipe_version_id = Some(found.version_id);
+                (recipe.plan, recipe.layout.as_ref().map(LayoutFacts::from))
+            }
+            (None, None) => {
+                return Err(invalid("plan", "is missing: give a plan or a recipe"));
+            }
+            (Some(_), Some(_)) => {
+                let problem = "a recipe states its own plan: leave out one of the two";
+                return Err(invalid("recipe", problem));
+            }
+        };
+        Ok(Resolved {
+            plan,
+            layout,
+            purpose,
+        })
+    }
+
+    /// Refuses a recipe that this rig cannot follow; without a rig nothing is known.
+    pub(super) fn check_recipe_on_rig(&self, recipe: &Recipe) -> Result<(), LabError> {
+        let Ok(side) = self.side() else {
+            return Ok(());
+        };
+        let plan = recipe.plan.resolve(&side.settings.defaults)?;
+        plan.check(&self.limits()?)?;
+        plan.check_points(side.settings.runner.frame_bytes_max)?;
+        let layout = recipe.layout.as_ref().map(LayoutFacts::from);
+        let material = Material::exactly(1.5, 0.0);
+        let manifest = self.manifest_for(&recipe.name, &material, layout, &plan)?;
+        let regions = Lab::regions(&manifest);
+        match &recipe.fit.region {
+            Some(region) if !regions.contains(region) => Err(invalid(
+                "fit.region",
+                format!("expected one of {}, got `{region}`", regions.join(", ")),
+            )),
+            _ => Ok(()),
+        }
     }
 
     /// Removes the frames that valid calibrations replace from a plan, and returns the calibrations' numbers.
@@ -190,7 +321,14 @@ impl Lab {
     }
 
     async fn plan_and_begin(&self, request: &ScanRequest) -> Result<Scan, LabError> {
-        let estimated = self.estimate(request).await?;
+        let sample = self.store().sample(request.sample_id).await?;
+        // Once, so that plan and purpose are of the same version of the recipe.
+        let Resolved {
+            plan,
+            layout,
+            purpose,
+        } = self.resolved(request).await?;
+        let estimated = self.estimate_plan(&plan).await?;
         let side = self.side()?;
         let reserve = side.settings.runner.disk_reserve_bytes;
         let needed = estimated.estimate.disk_bytes;
@@ -203,8 +341,8 @@ impl Lab {
         }
         // An unreachable rig is an error before the scan gets its row.
         self.request(Work::Connect).await?;
-        let sample = self.store().sample(request.sample_id).await?;
-        let manifest = self.manifest_for(&sample, &estimated.plan)?;
+        let manifest =
+            self.manifest_for(&sample.name, &sample.material, layout, &estimated.plan)?;
         let plan = estimated.plan;
         let new = NewScan {
             sample_id: sample.id,
@@ -214,6 +352,7 @@ impl Lab {
             manifest: manifest.to_toml(),
             frames_csv: None,
             calibration_ids: estimated.calibration_ids,
+            purpose,
             who: self.who.to_string(),
         };
         let (reply, row) = oneshot::channel();
@@ -287,21 +426,36 @@ impl Lab {
     }
 
     /// Returns the manifest that a reduction of the scan will read.
-    fn manifest_for(&self, sample: &Sample, plan: &Plan) -> Result<Manifest, LabError> {
+    fn manifest_for(
+        &self,
+        name: &str,
+        material: &Material,
+        layout: Option<LayoutFacts>,
+        plan: &Plan,
+    ) -> Result<Manifest, LabError> {
         let settings = &self.side()?.settings;
         let mut camera = settings.camera.clone();
         camera.exposures_s = plan.exposures_s.clone();
-        Ok(Manifest {
+        let has_layout = layout.is_some();
+        let manifest = Manifest {
             schema: SCHEMA.into(),
-            name: sample.name.clone(),
+            name: name.to_owned(),
             frames: "frames.csv".into(),
             notes: Default::default(),
             rig: settings.rig.clone(),
             camera,
             flat: Some(settings.flat.clone()),
             dark: Some(DarkFacts::default()),
-            sample: sample_facts(&sample.material),
-        })
+            sample: SampleFacts {
+                layout,
+                ..sample_facts(material)
+            },
+        };
+        // The settings of the rig were checked when they were read.
+        if has_layout && let Err(error) = Manifest::from_toml(&manifest.to_toml(), "layout") {
+            return Err(invalid("layout", error.to_string()));
+        }
+        Ok(manifest)
     }
 }
 

@@ -5,30 +5,37 @@ use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 
+use super::definitions::{NameOrId, find};
 use super::failure::Failure;
 use super::fits::FitRequest;
 use super::job_progress::ProgressMeter;
 use super::job_work::{Finished, Work, report_analysis};
-use super::request_checks::check_region;
+use super::request_checks::{check_region, invalid};
+use super::specifications::specified;
 use super::{LabError, StoredSeries};
 use crate::accuracy::forecast::of_analysis;
 use crate::analysis::{self, AnalysisOptions};
-use crate::fit::VariantChoice;
+use crate::fit::{FitReport, VariantChoice};
 use crate::forecast::Forecast;
+use crate::job::{JobId, JobKind};
 use crate::judge::{Specification, VerdictReport};
+use crate::observation::ObservationSet;
 use crate::reduction::FrameSource;
-use crate::store::Store;
-use crate::wording::json;
+use crate::store::definitions::DefinitionKind;
+use crate::store::{Store, StoreError};
 
 /// A request for a verdict.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VerdictRequest {
     /// Scan to judge.
     pub scan_id: i64,
-    /// The specification: name, limits by quantity, accepted risks.
+    /// The specification: name, limits by quantity, accepted risks; or the name or number of a stored one.
     #[schema(value_type = Object)]
     pub specification: serde_json::Value,
+    /// Completed fit of the scan that the verdict rests on, instead of a new one. It states variant, region and options.
+    #[serde(default)]
+    pub fit_id: Option<i64>,
     /// Variant that the verdict rests on; by default the better one.
     #[serde(default)]
     pub variant: VariantChoice,
@@ -64,25 +71,90 @@ impl VerdictRequest {
         let fit = self.fit();
         fit.check_values()?;
         let series = StoredSeries::open(store, self.scan_id).await?;
-        check_region(&series, self.region.as_deref())?;
+        let specification = specified(&self.specification)?;
+        let basis = match self.fit_id {
+            Some(fit_id) => self.basis(store, fit_id).await?,
+            None => {
+                check_region(&series, self.region.as_deref())?;
+                let options = fit.options(&series.manifest().material(), None)?;
+                Basis::Options(Box::new(options))
+            }
+        };
         Ok(VerdictWork {
-            specification: specified(&self.specification)?,
-            options: fit.options(&series.manifest().material(), None)?,
+            specification,
+            basis,
             series,
         })
     }
+
+    /// Returns the request with the content of the stored specification that it names.
+    pub(super) async fn with_content(mut self, store: &Store) -> Result<Self, LabError> {
+        let wanted = match &self.specification {
+            serde_json::Value::String(name) => NameOrId::Name(name.clone()),
+            serde_json::Value::Number(id) => match id.as_i64() {
+                Some(id) => NameOrId::Id(id),
+                None => return Ok(self),
+            },
+            _ => return Ok(self),
+        };
+        let kind = DefinitionKind::Specification;
+        self.specification = find(store, kind, &wanted, "specification").await?.content;
+        Ok(self)
+    }
+
+    /// Reads the fit that the verdict rests on.
+    async fn basis(&self, store: &Store, fit_id: i64) -> Result<Basis, LabError> {
+        let stated = VerdictRequest {
+            scan_id: self.scan_id,
+            specification: self.specification.clone(),
+            fit_id: self.fit_id,
+            ..VerdictRequest::default()
+        };
+        if *self != stated {
+            let problem = "states variant, region and options of the fit: leave these out";
+            return Err(invalid("fit_id", problem));
+        }
+        let id = JobId::new(JobKind::Fit, fit_id);
+        let fit = store.job(id).await?;
+        if fit.scan_id != Some(self.scan_id) {
+            let problem = format!("fit {fit_id} is not of scan {}", self.scan_id);
+            return Err(invalid("fit_id", problem));
+        }
+        let (Some(report), Some(set_id)) = (&fit.result, fit.set_id) else {
+            return Err(LabError::JobConflict {
+                id,
+                state: fit.state,
+                problem: "it has no report to judge",
+            });
+        };
+        let report: FitReport =
+            serde_json::from_str(report).map_err(|e| StoreError::bad_row("job_ends", e))?;
+        let observations = store.observations(set_id).await?;
+        Ok(Basis::Fit(Box::new((report, observations))))
+    }
+}
+
+/// What a verdict rests on.
+enum Basis {
+    /// A new fit.
+    Options(Box<AnalysisOptions>),
+    /// A completed fit with its observations.
+    Fit(Box<(FitReport, ObservationSet)>),
 }
 
 /// A checked verdict.
 pub(super) struct VerdictWork {
     series: StoredSeries,
     specification: Specification,
-    options: AnalysisOptions,
+    basis: Basis,
 }
 
 impl Work for VerdictWork {
     fn forecast(&self, cancel: &AtomicBool) -> Option<Forecast> {
-        of_analysis(&self.series, &self.options, cancel)
+        match &self.basis {
+            Basis::Options(options) => of_analysis(&self.series, options, cancel),
+            Basis::Fit(_) => None,
+        }
     }
 
     fn run(
@@ -91,55 +163,17 @@ impl Work for VerdictWork {
         progress: &ProgressMeter,
         cancel: &AtomicBool,
     ) -> Result<Finished, Failure> {
-        let report = |p| report_analysis(progress, p);
-        let analysed = analysis::analyse(&self.series, &self.options, &report, cancel)?;
-        Finished::new(&VerdictReport::new(
-            &self.specification,
-            &analysed.report,
-            &analysed.observations,
-            &self.series.sample_poses(),
-        ))
-    }
-}
-
-/// Parses a specification; an error names the part that is wrong.
-fn specified(value: &serde_json::Value) -> Result<Specification, LabError> {
-    let invalid = |field: String, problem: String| LabError::Invalid { field, problem };
-    json::from_value::<Specification>(value).map_err(|refusal| {
-        invalid(
-            refusal.path_below("specification"),
-            refusal.message("field"),
-        )
-    })?;
-    // Its errors begin with the name of the file, which is the field here.
-    Specification::from_json(value).map_err(|error| {
-        let error = error.to_string();
-        let problem = error.strip_prefix("specification: ").unwrap_or(&error);
-        invalid("specification".into(), problem.to_owned())
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use serde_json::json;
-
-    #[test]
-    fn a_specification_names_what_it_limits() {
-        let limits = |limits| json!({"name": "part 7", "limits": {"theta_r_deg": limits}});
-        specified(&limits(json!({"lower": 9.5, "upper": 10.5}))).unwrap();
-        for (value, field) in [
-            (
-                limits(json!([9.5, 10.5])),
-                "specification.limits.theta_r_deg: ",
-            ),
-            (
-                json!(["part 7", {}, {"theta_r_deg": {"lower": 1}}]),
-                "specification: ",
-            ),
-        ] {
-            let refused = specified(&value).unwrap_err().to_string();
-            assert!(refused.starts_with(field), "{refused}");
-        }
+        let verdict = |report: &FitReport, observations: &ObservationSet| {
+            let planned = self.series.sample_poses();
+            VerdictReport::new(&self.specification, report, observations, &planned)
+        };
+        Finished::new(&match &self.basis {
+            Basis::Fit(fit) => verdict(&fit.0, &fit.1),
+            Basis::Options(options) => {
+                let report = |p| report_analysis(progress, p);
+                let analysed = analysis::analyse(&self.series, options, &report, cancel)?;
+                verdict(&analysed.report, &analysed.observations)
+            }
+        })
     }
 }

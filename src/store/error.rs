@@ -147,6 +147,52 @@ pub enum StoreError {
         /// The requested state.
         asked: ScanState,
     },
+    /// Another recipe or specification has this name.
+    #[error(
+        "{noun} `{name}` exists (number {id}, version {version}){}",
+        if *archived { "; it is archived: restore it, or take another name" } else { "; change it there, or take another name" }
+    )]
+    NameTaken {
+        /// Kind of the definition.
+        noun: &'static str,
+        /// The name.
+        name: String,
+        /// Number of the one that has it.
+        id: i64,
+        /// Its newest version.
+        version: i64,
+        /// Whether it is archived.
+        archived: bool,
+    },
+    /// A change of a version that is no longer the newest one.
+    #[error(
+        "{noun} `{name}` has version {newest} by {who}, and the change replaces version {replaces}; read the newest version and \
+         apply the change to it"
+    )]
+    VersionConflict {
+        /// Kind of the definition.
+        noun: &'static str,
+        /// Its name.
+        name: String,
+        /// The version that the change replaces.
+        replaces: i64,
+        /// The newest version.
+        newest: i64,
+        /// Who saved the newest version.
+        who: String,
+    },
+    /// The definition has no such version.
+    #[error("{noun} `{name}` has no version {version}; expected 1 to {newest}")]
+    NoVersion {
+        /// Kind of the definition.
+        noun: &'static str,
+        /// Its name.
+        name: String,
+        /// The version.
+        version: i64,
+        /// The newest version.
+        newest: i64,
+    },
     /// A frame's file is missing or has changed.
     #[error("the file of frame {sha256} {problem}; restore it from a copy of the data folder")]
     FrameDamaged {

@@ -17,6 +17,7 @@
 mod audit;
 pub mod calibrations;
 mod corrections;
+pub mod definitions;
 pub mod disk;
 pub mod earlier;
 mod error;

@@ -3,6 +3,7 @@
 use sqlx::FromRow;
 use sqlx::sqlite::SqliteConnection;
 
+use super::definitions::{DefinitionRef, reference, referenced};
 use super::earlier::{EARLIER_SAMPLES, EarlierSample};
 use super::{PROGRAM, Page, PageRequest, Store, StoreError};
 use crate::scan::{Event, OperatorAction, Plan, Progress, RecordedEvent, ScanState};
@@ -27,6 +28,21 @@ impl Origin {
     }
 }
 
+/// What a scan is made for; `None` where it is not stated.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ScanPurpose {
+    /// Row of the recipe's version.
+    pub recipe_version_id: Option<i64>,
+    /// Row of the specification's version.
+    pub specification_version_id: Option<i64>,
+    /// The person at the rig.
+    pub operator_name: Option<String>,
+    /// Lot of the part.
+    pub lot: Option<String>,
+    /// Number of the part or order in another system.
+    pub external_id: Option<String>,
+}
+
 /// A scan to add.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewScan {
@@ -44,6 +60,8 @@ pub struct NewScan {
     pub frames_csv: Option<String>,
     /// Calibrations of other scans that this one uses.
     pub calibration_ids: Vec<i64>,
+    /// What it is made for.
+    pub purpose: ScanPurpose,
     /// Who started it.
     pub who: String,
 }
@@ -71,6 +89,16 @@ pub struct Scan {
     pub reason: Option<String>,
     /// Step that the operator has to do.
     pub operator: Option<OperatorAction>,
+    /// The version of the recipe that it was started with.
+    pub recipe: Option<DefinitionRef>,
+    /// The version of the specification that it is judged against.
+    pub specification: Option<DefinitionRef>,
+    /// The person at the rig.
+    pub operator_name: Option<String>,
+    /// Lot of the part.
+    pub lot: Option<String>,
+    /// Number of the part or order in another system.
+    pub external_id: Option<String>,
     /// Who started it.
     pub who: String,
     /// RFC 3339 UTC.
@@ -112,6 +140,11 @@ struct Row {
     state: String,
     reason: Option<String>,
     operator: Option<String>,
+    recipe: Option<String>,
+    specification: Option<String>,
+    operator_name: Option<String>,
+    lot: Option<String>,
+    external_id: Option<String>,
     who: String,
     created_at: String,
     started_at: Option<String>,
@@ -142,6 +175,11 @@ impl TryFrom<Row> for Scan {
             state: state_of(&row.state)?,
             reason: row.reason,
             operator: row.operator.as_deref().and_then(OperatorAction::from_word),
+            recipe: referenced(row.recipe.as_deref(), "scans")?,
+            specification: referenced(row.specification.as_deref(), "scans")?,
+            operator_name: row.operator_name,
+            lot: row.lot,
+            external_id: row.external_id,
             who: row.who,
             created_at: row.created_at,
             started_at: row.started_at,
@@ -158,11 +196,14 @@ fn state_of(word: &str) -> Result<ScanState, StoreError> {
 }
 
 fn select() -> String {
+    let recipe = reference("s.recipe_version_id");
+    let specification = reference("s.specification_version_id");
     format!(
         "SELECT s.id, w.sample_id, p.name AS sample_name, s.rig_id, s.origin, s.name, s.plan,
            t.state, t.reason, t.operator, s.who, s.created_at, t.at AS state_at,
            (SELECT MIN(at) FROM scan_states WHERE scan_id = s.id AND state <> 'planned') AS started_at,
-           {EARLIER_SAMPLES} AS earlier_samples
+           {EARLIER_SAMPLES} AS earlier_samples,
+           {recipe} AS recipe, {specification} AS specification, s.operator_name, s.lot, s.external_id
          FROM scans s
          JOIN scan_now w ON w.scan_id = s.id
          JOIN sample_now p ON p.sample_id = w.sample_id
@@ -242,8 +283,9 @@ impl Store {
             .transpose()
             .map_err(|e| StoreError::bad_row("scans", e))?;
         let id = sqlx::query(
-            "INSERT INTO scans (sample_id, rig_id, origin, name, plan, manifest, frames_csv, program, created_at, who)
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            "INSERT INTO scans (sample_id, rig_id, origin, name, plan, manifest, frames_csv, program, created_at, who,
+               recipe_version_id, specification_version_id, operator_name, lot, external_id)
+             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         )
         .bind(new.sample_id)
         .bind(new.rig_id)
@@ -255,6 +297,11 @@ impl Store {
         .bind(PROGRAM)
         .bind(self.now_text())
         .bind(&new.who)
+        .bind(new.purpose.recipe_version_id)
+        .bind(new.purpose.specification_version_id)
+        .bind(&new.purpose.operator_name)
+        .bind(&new.purpose.lot)
+        .bind(&new.purpose.external_id)
         .execute(&mut *transaction)
         .await?
         .last_insert_rowid();
@@ -438,6 +485,7 @@ pub(crate) mod tests {
             manifest: "schema = \"gonio-series-1\"".into(),
             frames_csv: None,
             calibration_ids: vec![],
+            purpose: ScanPurpose::default(),
             who: "anna".into(),
         };
         store.add_scan(&new).await.unwrap().0

@@ -28,7 +28,7 @@ async fn opened(folder: &Path, later: Duration, change: impl FnOnce(&mut RigPart
 
 /// Calibrations that a plan would use, and what people would have to do.
 async fn estimated(bench: &BenchInABox, plan: PlanRequest) -> (Vec<i64>, Vec<OperatorAction>) {
-    let request = ScanRequest { sample_id: 2, plan };
+    let request = ScanRequest::of(2, plan);
     let estimated = bench.lab.estimate(&request).await.unwrap();
     (estimated.calibration_ids, estimated.operator_steps)
 }

@@ -67,7 +67,7 @@ impl BenchInABox {
 
     /// Starts a scan of the traced polymer.
     pub async fn start(&self, plan: PlanRequest) -> Scan {
-        let request = ScanRequest { sample_id: 2, plan };
+        let request = ScanRequest::of(2, plan);
         self.lab.start_scan(&request).await.unwrap()
     }
 

@@ -111,10 +111,7 @@ async fn a_scan_whose_orders_could_not_be_written_takes_them_once_they_can() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_scan_whose_client_went_away_is_planned_and_begun_all_the_same() {
     let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
-    let request = ScanRequest {
-        sample_id: 2,
-        plan: small(&[0.0], &[0.0]),
-    };
+    let request = ScanRequest::of(2, small(&[0.0], &[0.0]));
     let mut events = bench.lab.events();
     let asked = bench.lab.start_scan(&request).now_or_never();
     assert!(asked.is_none());
@@ -137,10 +134,7 @@ async fn a_scan_whose_client_went_away_is_planned_and_begun_all_the_same() {
 #[tokio::test(flavor = "multi_thread")]
 async fn of_two_scans_begun_at_once_one_is_refused_and_leaves_no_row() {
     let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
-    let request = ScanRequest {
-        sample_id: 2,
-        plan: small(&[0.0], &[0.0]),
-    };
+    let request = ScanRequest::of(2, small(&[0.0], &[0.0]));
     let both = futures::join!(
         bench.lab.start_scan(&request),
         bench.lab.start_scan(&request)

@@ -134,7 +134,7 @@ async fn a_plan_with_forbidden_points_is_refused_with_their_list_and_one_around_
     let disk = Arc::new(RealDisk);
     let bench = BenchInABox::open_as(folder.path(), disk, true, Duration::ZERO, guard).await;
     let plan = small(&[0.0, 40.0], &[60.0, 90.0, 120.0]);
-    let request = ScanRequest { sample_id: 2, plan };
+    let request = ScanRequest::of(2, plan);
     let refused = bench.lab.start_scan(&request).await.unwrap_err();
     let LabError::Plan(error) = refused else {
         panic!("{refused:?}");

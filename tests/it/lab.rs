@@ -31,10 +31,7 @@ async fn a_scan_is_planned_run_kept_reported_and_fitted() {
     let lab = &bench.lab;
 
     // The paper's plan: 15 poses at two exposures, dark frames, the white reference at five tilts.
-    let request = ScanRequest {
-        sample_id: 2,
-        plan: PlanRequest::preset(Preset::Paper),
-    };
+    let request = ScanRequest::of(2, PlanRequest::preset(Preset::Paper));
     let estimated = lab.estimate(&request).await.unwrap();
     assert_eq!(estimated.estimate.n_frames, 15 * 2 + 5 * 2 + 2 * 4);
     assert_eq!(
@@ -179,10 +176,7 @@ async fn the_second_scan_uses_the_first_ones_darks_and_white_reference() {
     let bench = BenchInABox::new().await;
     let first = bench.start(small(&[0.0, 10.0], &[0.0])).await;
     assert_eq!(bench.finish(first.id).await.state, ScanState::Completed);
-    let request = ScanRequest {
-        sample_id: 2,
-        plan: small(&[0.0, 10.0], &[0.0, 90.0]),
-    };
+    let request = ScanRequest::of(2, small(&[0.0, 10.0], &[0.0, 90.0]));
     let estimated = bench.lab.estimate(&request).await.unwrap();
     assert_eq!(estimated.operator_steps, [OperatorAction::PlaceSample]);
     let second = bench.lab.start_scan(&request).await.unwrap();
@@ -209,10 +203,7 @@ async fn calibrations_from_the_future_are_taken_again() {
     assert_eq!(bench.finish(first.id).await.state, ScanState::Completed);
     bench.end().await;
     let bench = BenchInABox::open(folder.path(), disk, true).await;
-    let request = ScanRequest {
-        sample_id: 2,
-        plan: small(&[0.0], &[0.0]),
-    };
+    let request = ScanRequest::of(2, small(&[0.0], &[0.0]));
     let steps = bench.lab.estimate(&request).await.unwrap().operator_steps;
     assert_eq!(steps.len(), 3);
     let page = PageRequest::default();
@@ -517,10 +508,7 @@ impl Disk for FullDisk {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_scan_that_will_not_fit_is_refused_before_anything_moves() {
     let bench = BenchInABox::with(Arc::new(FullDisk), true).await;
-    let request = ScanRequest {
-        sample_id: 2,
-        plan: PlanRequest::preset(Preset::Full),
-    };
+    let request = ScanRequest::of(2, PlanRequest::preset(Preset::Full));
     let refused = bench.lab.start_scan(&request).await;
     assert!(
         matches!(refused, Err(LabError::NoRoom { .. })),

@@ -192,7 +192,7 @@ async fn watch(
     presses: &[Press],
 ) -> Result<(i64, String), String> {
     let plan = small(&[0.0, 20.0, 40.0], &[0.0, 90.0]);
-    let request = ScanRequest { sample_id: 2, plan };
+    let request = ScanRequest::of(2, plan);
     let mut events = lab.events();
     let mut refused = Vec::new();
     let scan = loop {

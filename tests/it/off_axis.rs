@@ -92,7 +92,7 @@ async fn a_simulated_rig_with_the_same_errors_is_measured_right() {
     let hands = rig.operate(&lab, true);
     // The second sample is the traced polymer.
     let plan = small(&[-10.0, 0.0, 10.0], &[0.0, 90.0, 180.0, 270.0]);
-    let request = ScanRequest { sample_id: 2, plan };
+    let request = ScanRequest::of(2, plan);
     let scan = lab.start_scan(&request).await.unwrap();
     lab.wait_for_scan(scan.id, 0, |_| false).await.unwrap();
     let request = FitRequest {

@@ -265,7 +265,7 @@ async fn a_plug_that_is_pulled_for_a_moment_does_not_end_the_night() {
     let (lab, rig, _folder) = disturbed(|link| link.seam = Arc::new(faults.clone())).await;
     rig.add_samples(&lab).await.unwrap();
     let plan = sample_only();
-    let request = ScanRequest { sample_id: 2, plan };
+    let request = ScanRequest::of(2, plan);
     // The first move of the scan finds no line; the plug is back at the next attempt.
     faults.on("move abs", LineFault::Unplug, 1);
     let mut events = lab.events();
@@ -399,7 +399,7 @@ async fn a_scan_that_cannot_be_recorded_leaves_nothing_moving() {
         ..small(&[-55.0, 55.0], &[0.0])
     };
     let mut events = lab.events();
-    let request = ScanRequest { sample_id: 2, plan };
+    let request = ScanRequest::of(2, plan);
     let scan = lab.start_scan(&request).await.unwrap();
     let hands = rig.operate(&lab, true);
     loop {

@@ -97,7 +97,7 @@ async fn a_stop_is_on_the_wire_at_once_and_answered_within_a_second_in_every_sta
     assert!(!rig.world.is_moving());
 
     let plan = small(&[-55.0, 55.0], &[0.0]);
-    let request = ScanRequest { sample_id: 2, plan };
+    let request = ScanRequest::of(2, plan);
     let scan = lab.start_scan(&request).await.unwrap();
     let waits = |event: &Event| {
         matches!(

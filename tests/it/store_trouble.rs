@@ -92,7 +92,7 @@ async fn an_abort_stops_the_stages_before_it_waits_for_a_locked_database() {
     let (lab, rig, folder) = disturbed_on(clock, |_| {}).await;
     rig.add_samples(&lab).await.unwrap();
     let plan = small(&[-55.0, 55.0], &[0.0]);
-    let request = ridged::lab::ScanRequest { sample_id: 2, plan };
+    let request = ridged::lab::ScanRequest::of(2, plan);
     let mut events = lab.events();
     let scan = lab.start_scan(&request).await.unwrap();
     let hands = rig.operate(&lab, true);

@@ -158,6 +158,14 @@ class DarkRequest(TypedDict):
     repeats: NotRequired[int | None]
 
 
+class DefinitionRef(TypedDict):
+    """The version of a definition that a scan used."""
+
+    id: int
+    name: str
+    version: int
+
+
 class EarlierName(TypedDict):
     """A name that a sample had."""
 
@@ -735,18 +743,24 @@ class ScanBody(TypedDict):
     created_at: str
     earlier_samples: list[EarlierSample]
     ended_at: NotRequired[str | None]
+    external_id: NotRequired[str | None]
     frames_rejected: int
     id: int
+    lot: NotRequired[str | None]
     operator: NotRequired[OperatorBody | None]
+    operator_name: NotRequired[str | None]
     origin: ScanOrigin
     plan: Plan
     progress: ProgressBody
     reason: NotRequired[str | None]
+    recipe: NotRequired[DefinitionRef | None]
     regions: list[str]
     sample_id: int
     sample_name: str
+    specification: NotRequired[DefinitionRef | None]
     started_at: NotRequired[str | None]
     state: ScanState
+    target_expanded_deg: NotRequired[float | None]
     who: str
 
 

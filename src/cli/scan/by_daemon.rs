@@ -7,11 +7,12 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use serde_json::{Value, json};
 
-use super::{Args, material, no_sample, suits_the_sample, sure_words};
+use super::{Args, material, no_sample, request, suits_the_sample, sure_words};
 use crate::cli::client::Client;
 use crate::cli::operator_prompt::OperatorPrompt;
 use crate::cli::progress::Bar;
 use crate::cli::{CliError, interrupt, say};
+use crate::lab::{FIT_NOT_STARTED, NOT_JUDGED};
 use crate::material::Material;
 use crate::scan::{OperatorAction, PlanRequest, ScanState};
 use crate::sim::operator::TRACED_SAMPLE;
@@ -36,7 +37,11 @@ fn newest_words(client: &Client, id: i64) -> Option<String> {
 ///
 /// # Errors
 /// Bad input for options of another rig; no result where the scan does not complete; interrupted on Ctrl-C.
-pub(super) fn scan(client: &Client, args: &Args, plan: &PlanRequest) -> Result<Value, CliError> {
+pub(super) fn scan(
+    client: &Client,
+    args: &Args,
+    plan: Option<PlanRequest>,
+) -> Result<Value, CliError> {
     if args.config.is_some() || args.simulated_rig {
         return Err(CliError::bad_input(anyhow!(
             "a daemon runs on {} ({}) and has its own rig; leave out --config and --simulated-rig, or give another --data",
@@ -50,7 +55,7 @@ pub(super) fn scan(client: &Client, args: &Args, plan: &PlanRequest) -> Result<V
     }
     let simulated = rig["simulated"] == true;
     let sample_id = daemons_sample(client, args, simulated)?;
-    let body = json!({ "sample_id": sample_id, "plan": plan });
+    let body = json!(request(args, sample_id, plan));
     // Before the rig may move.
     let stopped = interrupt::flag()?;
     let begun = client.post("/scans", Some(&body))?;
@@ -71,7 +76,61 @@ pub(super) fn scan(client: &Client, args: &Args, plan: &PlanRequest) -> Result<V
         )));
     }
     say(&format_args!("its result: {}/#/scan/{id}", client.url));
-    Ok(json!({ "id": id, "scan_id": id, "state": state }))
+    let mut answer = json!({ "id": id, "scan_id": id, "state": state });
+    if args.specification.is_some() && !args.json {
+        answer["verdicts"] = verdicts(client, id, &stopped)?;
+    }
+    Ok(answer)
+}
+
+/// Waits for the verdicts on a completed scan.
+///
+/// # Errors
+/// No result where an alarm says that there is none; interrupted on Ctrl-C, after which the daemon still judges.
+fn verdicts(client: &Client, id: i64, stopped: &AtomicBool) -> Result<Value, CliError> {
+    let bar = Bar::new("verdicts");
+    loop {
+        let rows = |noun: &str| client.get(&format!("/{noun}?scan_id={id}&limit=1000"));
+        let (fits, verdicts) = (rows("fits")?, rows("verdicts")?);
+        let in_state = |rows: &Value, state: &str| {
+            let rows = rows["items"].as_array().into_iter().flatten();
+            rows.filter(|row| row["state"] == state).count()
+        };
+        let n_fits = in_state(&fits, "completed");
+        let n_verdicts = in_state(&verdicts, "completed");
+        bar.show(
+            n_verdicts as u64,
+            n_fits.max(1) as u64,
+            "fitting and judging",
+        );
+        let running = in_state(&fits, "running") + in_state(&verdicts, "running");
+        if n_fits > 0 && running == 0 && n_verdicts >= n_fits {
+            bar.clear();
+            return Ok(verdicts["items"].clone());
+        }
+        let incidents = client.get(&format!("/scans/{id}/incidents?limit=1000"))?;
+        let gave_up = incidents["items"].as_array().into_iter().flatten();
+        let mut gave_up =
+            gave_up.filter(|i| i["code"] == FIT_NOT_STARTED || i["code"] == NOT_JUDGED);
+        if let Some(alarm) = gave_up.next() {
+            bar.clear();
+            let why = alarm["message"].as_str().unwrap_or_default();
+            return Err(CliError::no_result(anyhow!("{why}")));
+        }
+        let ended_without = in_state(&fits, "failed") + in_state(&fits, "cancelled");
+        if running == 0 && ended_without > 0 {
+            bar.clear();
+            return Err(CliError::no_result(anyhow!(
+                "scan {id} has no verdict, since its fit has no result; see {}/#/scan/{id}",
+                client.url
+            )));
+        }
+        if stopped.load(Ordering::Relaxed) {
+            bar.clear();
+            return Err(CliError::Interrupted);
+        }
+        std::thread::sleep(LOOK_EVERY);
+    }
 }
 
 /// Follows a scan to its end and passes on the confirmations of the operator at this terminal.

@@ -5,13 +5,13 @@ use std::sync::Arc;
 use anyhow::anyhow;
 use serde_json::{Value, json};
 
-use super::{Args, material, no_sample, suits_the_sample, sure_words, with_times};
+use super::{Args, material, no_sample, request, suits_the_sample, sure_words, with_times};
 use crate::cli::operator_prompt::OperatorPrompt;
 use crate::cli::progress::Bar;
 use crate::cli::{CliError, runtime, say};
 use crate::daemon;
 use crate::lab::assembly::real_rig;
-use crate::lab::{Hooks, Lab, LabError, ScanRequest};
+use crate::lab::{Hooks, Lab, LabError};
 use crate::scan::runner::ScanCommand;
 use crate::scan::{Event, PlanRequest, ScanState};
 use crate::sim::operator::TRACED_SAMPLE;
@@ -24,9 +24,9 @@ use crate::store::samples::NewSample;
 ///
 /// # Errors
 /// Bad input for a missing rig or sample; no result where the scan does not complete; interrupted on Ctrl-C.
-pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliError> {
+pub(super) async fn scan(args: &Args, plan: Option<PlanRequest>) -> Result<Value, CliError> {
     let config = runtime::read_config(args.config.as_deref())?;
-    let is_calibration = plan.repeats == Some(0);
+    let is_calibration = plan.as_ref().is_some_and(|plan| plan.repeats == Some(0));
     let (simulator, mut parts, clock) = if args.simulated_rig {
         let (rig, mut parts) = SimulatedRig::build(Simulation {
             time_scale: args.time_scale,
@@ -46,7 +46,7 @@ pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliErr
         })?;
         (None, parts, clock)
     };
-    // This process ends with the scan.
+    // This process ends with the scan. What a recipe or a specification needs, it waits for.
     parts.settings.fit_at_end = false;
     let (lab, earlier) = daemon::open_lab(&args.data, Arc::new(RealDisk), clock, Some(parts))
         .await
@@ -69,7 +69,7 @@ pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliErr
             .last_event_id()
             .await
             .map_err(|e| runtime::lab_error(e.into()))?;
-        let request = ScanRequest { sample_id, plan };
+        let request = request(args, sample_id, plan);
         let scan = lab.start_scan(&request).await.map_err(runtime::lab_error)?;
         begun.set(Some(scan.id));
         let people = match hands {
@@ -81,7 +81,19 @@ pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliErr
             hands.abort();
         }
         let state = followed?;
-        let answer = json!({ "id": scan.id, "scan_id": scan.id, "state": state });
+        let mut answer = json!({ "id": scan.id, "scan_id": scan.id, "state": state });
+        if state == ScanState::Completed && (scan.recipe.is_some() || scan.specification.is_some())
+        {
+            say("fitting the scan");
+            let outcome = lab.until_judged(scan.id).await;
+            let outcome = outcome.map_err(runtime::lab_error)?;
+            let results = outcome
+                .verdicts
+                .iter()
+                .filter_map(|job| job.result.as_deref());
+            let verdicts: Result<Vec<Value>, _> = results.map(serde_json::from_str).collect();
+            answer["verdicts"] = json!(verdicts.map_err(CliError::no_result)?);
+        }
         Ok((state, with_times(answer, lab.run_end(scan.id))))
     };
     let outcome = tokio::select! {
@@ -118,7 +130,7 @@ pub(super) async fn scan(args: &Args, plan: PlanRequest) -> Result<Value, CliErr
     let (state, answer) = outcome?;
     match state {
         ScanState::Completed => {
-            if !is_calibration {
+            if !is_calibration && args.recipe.is_none() && args.specification.is_none() {
                 say(&format_args!(
                     "to fit it: ridged fit --scan {} --data {}",
                     answer["id"],

@@ -242,6 +242,36 @@ export interface components {
              */
             readonly repeats?: number | null;
         };
+        /** @description Allowed risks; the documentation of the module states the rule. */
+        readonly DecisionRule: {
+            /**
+             * Format: double
+             * @description Largest allowed probability that an item which passes does not conform.
+             * @default 0.025
+             */
+            readonly max_false_accept_risk: number;
+            /**
+             * Format: double
+             * @description Largest allowed probability that an item which fails conforms.
+             * @default 0.025
+             */
+            readonly max_false_reject_risk: number;
+        };
+        /** @description The version of a definition that a scan used. */
+        readonly DefinitionRef: {
+            /**
+             * Format: int64
+             * @description Number of the recipe or specification.
+             */
+            readonly id: number;
+            /** @description Its name. */
+            readonly name: string;
+            /**
+             * Format: int64
+             * @description The version that was used, from 1.
+             */
+            readonly version: number;
+        };
         /** @description A name that a sample had. */
         readonly EarlierName: {
             /** @description The name. */
@@ -1554,6 +1584,41 @@ export interface components {
             readonly next_cursor?: string | null;
         };
         /** @description A page of a list. */
+        readonly List_RecipeBody: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /** @description Whether it is archived: no scan can be started with it. */
+                readonly archived: boolean;
+                /**
+                 * Format: int64
+                 * @description Number of the recipe.
+                 */
+                readonly id: number;
+                /** @description Its name. */
+                readonly name: string;
+                /**
+                 * Format: int64
+                 * @description The newest version.
+                 */
+                readonly newest_version: number;
+                /** @description The recipe. */
+                readonly recipe: components["schemas"]["Recipe"];
+                /** @description When this version was saved, RFC 3339 in UTC. */
+                readonly saved_at: string;
+                /**
+                 * Format: int64
+                 * @description This version, from 1.
+                 */
+                readonly version: number;
+                /** @description Who saved this version: the name of a token, or `local`. */
+                readonly who: string;
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
         readonly List_SampleBody: {
             /** @description Rows of this page that the store cannot read; omitted if there are none. */
             readonly damaged?: readonly components["schemas"]["DamagedBody"][];
@@ -1596,6 +1661,8 @@ export interface components {
                 readonly earlier_samples: readonly components["schemas"]["EarlierSample"][];
                 /** @description When it ended, RFC 3339 in UTC. */
                 readonly ended_at?: string | null;
+                /** @description Number of the part or order in another system. */
+                readonly external_id?: string | null;
                 /**
                  * Format: int32
                  * @description Number of frames that were taken and rejected.
@@ -1606,7 +1673,11 @@ export interface components {
                  * @description Number of the scan.
                  */
                 readonly id: number;
+                /** @description Lot of the part. */
+                readonly lot?: string | null;
                 readonly operator?: components["schemas"]["OperatorBody"] | null;
+                /** @description The person at the rig. */
+                readonly operator_name?: string | null;
                 /** @description Origin of the scan. */
                 readonly origin: components["schemas"]["ScanOrigin"];
                 /** @description The whole plan; of an import, its poses. */
@@ -1615,6 +1686,7 @@ export interface components {
                 readonly progress: components["schemas"]["ProgressBody"];
                 /** @description Reason for the state, if it is not the normal course. */
                 readonly reason?: string | null;
+                readonly recipe?: components["schemas"]["DefinitionRef"] | null;
                 /** @description Regions of a sample with patches, one of which a fit must name; else empty. */
                 readonly regions: readonly string[];
                 /**
@@ -1624,11 +1696,52 @@ export interface components {
                 readonly sample_id: number;
                 /** @description The sample's name. */
                 readonly sample_name: string;
+                readonly specification?: components["schemas"]["DefinitionRef"] | null;
                 /** @description When it started, RFC 3339 in UTC. */
                 readonly started_at?: string | null;
                 /** @description State of the scan. */
                 readonly state: components["schemas"]["ScanState"];
+                /**
+                 * Format: double
+                 * @description Expanded uncertainty (k = 2) of θr that the recipe asks for, degrees; null if it states none.
+                 */
+                readonly target_expanded_deg?: number | null;
                 /** @description Who started it: the name of a token, or `local`. */
+                readonly who: string;
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
+        readonly List_SpecificationBody: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /** @description Whether it is archived: no scan can be judged against it. */
+                readonly archived: boolean;
+                /**
+                 * Format: int64
+                 * @description Number of the specification.
+                 */
+                readonly id: number;
+                /** @description Its name. */
+                readonly name: string;
+                /**
+                 * Format: int64
+                 * @description The newest version.
+                 */
+                readonly newest_version: number;
+                /** @description When this version was saved, RFC 3339 in UTC. */
+                readonly saved_at: string;
+                /** @description The specification. */
+                readonly specification: components["schemas"]["Specification"];
+                /**
+                 * Format: int64
+                 * @description This version, from 1.
+                 */
+                readonly version: number;
+                /** @description Who saved this version: the name of a token, or `local`. */
                 readonly who: string;
             }[];
             /** @description `cursor` of the next page; null at the end. */
@@ -1718,6 +1831,8 @@ export interface components {
              */
             readonly position_deg: number;
         };
+        /** @description A recipe or specification by its number, or by its name. */
+        readonly NameOrId: number | string;
         /** @description A reduced measurement. */
         readonly ObservationBody: {
             /**
@@ -1978,6 +2093,181 @@ export interface components {
             /** @description Whether the store commits, records all running scans and has disk space. */
             readonly store: boolean;
         };
+        /** @description How a part is measured: the keys of docs/example-recipe.toml. */
+        readonly Recipe: {
+            /** @description Model and options of the fit that follows the scan. */
+            readonly fit?: components["schemas"]["RecipeFit"];
+            readonly layout?: components["schemas"]["RecipeLayout"] | null;
+            readonly material?: components["schemas"]["RecipeMaterial"] | null;
+            /** @description Name, 1 to 200 characters. It stays the same in all versions. */
+            readonly name: string;
+            /** @description Free text. */
+            readonly note?: string | null;
+            /** @description Poses, exposures, dark frames and white reference. */
+            readonly plan: components["schemas"]["PlanRequest"];
+            /**
+             * Format: double
+             * @description Expanded uncertainty (k = 2) of θr to reach, degrees.
+             */
+            readonly target_expanded_deg?: number | null;
+        };
+        /** @description One version of a recipe. */
+        readonly RecipeBody: {
+            /** @description Whether it is archived: no scan can be started with it. */
+            readonly archived: boolean;
+            /**
+             * Format: int64
+             * @description Number of the recipe.
+             */
+            readonly id: number;
+            /** @description Its name. */
+            readonly name: string;
+            /**
+             * Format: int64
+             * @description The newest version.
+             */
+            readonly newest_version: number;
+            /** @description The recipe. */
+            readonly recipe: components["schemas"]["Recipe"];
+            /** @description When this version was saved, RFC 3339 in UTC. */
+            readonly saved_at: string;
+            /**
+             * Format: int64
+             * @description This version, from 1.
+             */
+            readonly version: number;
+            /** @description Who saved this version: the name of a token, or `local`. */
+            readonly who: string;
+        };
+        /** @description A change of a recipe. */
+        readonly RecipeChange: {
+            /** @description The whole recipe. Its name stays. */
+            readonly recipe: components["schemas"]["Recipe"];
+            /**
+             * Format: int64
+             * @description The version that it replaces, which has to be the newest one, so that no change of another caller is lost.
+             */
+            readonly replaces: number;
+        };
+        /** @description The fit of a recipe: options of POST /fits without those of a single scan. */
+        readonly RecipeFit: {
+            /**
+             * Format: int32
+             * @description Number of series drawn for bootstrap intervals; none if omitted.
+             * @default null
+             */
+            readonly bootstrap: number | null;
+            /**
+             * @description Parameters fixed at a value, by the names of the report, and eta, k: `{"rho_d": 0.3}`.
+             * @default {}
+             */
+            readonly fix: {
+                readonly [key: string]: number;
+            };
+            /**
+             * @description Takes the difference to the variant traced as the model error of the budget.
+             * @default false
+             */
+            readonly judge: boolean;
+            /**
+             * @description Loss function of the residuals; linear if omitted.
+             * @default linear
+             */
+            readonly loss: components["schemas"]["Loss"];
+            /**
+             * Format: double
+             * @description Ends search, ray tracer and bootstrap after this time, s.
+             * @default null
+             */
+            readonly max_seconds: number | null;
+            /**
+             * @description Priors of parameters, by the same names.
+             * @default {}
+             */
+            readonly priors: {
+                readonly [key: string]: components["schemas"]["Prior"];
+            };
+            /**
+             * @description Adds profile-likelihood intervals.
+             * @default false
+             */
+            readonly profile: boolean;
+            /**
+             * @description The only region to fit; all regions of the layout if omitted.
+             * @default null
+             */
+            readonly region: string | null;
+            /**
+             * Format: int32
+             * @description Largest number of starts of a search per variant.
+             * @default null
+             */
+            readonly starts: number | null;
+            /**
+             * Format: double
+             * @description Ends the ray tracer once its standard error, as a share of the largest radiance, is below this.
+             * @default null
+             */
+            readonly target_error: number | null;
+            /**
+             * Format: double
+             * @description Share of the peak that the model may omit.
+             * @default null
+             */
+            readonly tolerance: number | null;
+            /**
+             * @description Variant of the model; auto if omitted.
+             * @default auto
+             */
+            readonly variant: components["schemas"]["VariantChoice"];
+        };
+        /** @description A board of square patches, as `[sample.layout]` of a manifest. */
+        readonly RecipeLayout: {
+            /** @description Centre of the board from the rotation axis, mm. */
+            readonly centre_mm?: readonly number[];
+            /** @description Lean direction of patches with i + j even, in words (`v at phi_s`). */
+            readonly even_patches?: string | null;
+            /** @description Lean direction of patches with i + j odd, in words (`v at phi_s + 90 deg`). */
+            readonly odd_patches?: string | null;
+            /**
+             * Format: double
+             * @description Side of a patch, mm.
+             */
+            readonly patch_size_mm: number;
+            /**
+             * Format: int32
+             * @description Patches along the sample's x.
+             */
+            readonly patches_x: number;
+            /**
+             * Format: int32
+             * @description Patches along the sample's y.
+             */
+            readonly patches_y: number;
+        };
+        /** @description Nominal material of a part: complex index N = n + ik with standard uncertainties. */
+        readonly RecipeMaterial: {
+            /**
+             * Format: double
+             * @description Real part n of the index.
+             */
+            readonly eta: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty of n; 0.01 if omitted.
+             */
+            readonly eta_std?: number | null;
+            /**
+             * Format: double
+             * @description Imaginary part k of the index; a metal if it is given.
+             */
+            readonly k?: number | null;
+            /**
+             * Format: double
+             * @description Standard uncertainty of k; 0.01 if omitted.
+             */
+            readonly k_std?: number | null;
+        };
         /** @description Another name for a sample. */
         readonly RenameBody: {
             /** @description Name, 1 to 200 characters. */
@@ -2137,6 +2427,8 @@ export interface components {
             readonly earlier_samples: readonly components["schemas"]["EarlierSample"][];
             /** @description When it ended, RFC 3339 in UTC. */
             readonly ended_at?: string | null;
+            /** @description Number of the part or order in another system. */
+            readonly external_id?: string | null;
             /**
              * Format: int32
              * @description Number of frames that were taken and rejected.
@@ -2147,7 +2439,11 @@ export interface components {
              * @description Number of the scan.
              */
             readonly id: number;
+            /** @description Lot of the part. */
+            readonly lot?: string | null;
             readonly operator?: components["schemas"]["OperatorBody"] | null;
+            /** @description The person at the rig. */
+            readonly operator_name?: string | null;
             /** @description Origin of the scan. */
             readonly origin: components["schemas"]["ScanOrigin"];
             /** @description The whole plan; of an import, its poses. */
@@ -2156,6 +2452,7 @@ export interface components {
             readonly progress: components["schemas"]["ProgressBody"];
             /** @description Reason for the state, if it is not the normal course. */
             readonly reason?: string | null;
+            readonly recipe?: components["schemas"]["DefinitionRef"] | null;
             /** @description Regions of a sample with patches, one of which a fit must name; else empty. */
             readonly regions: readonly string[];
             /**
@@ -2165,10 +2462,16 @@ export interface components {
             readonly sample_id: number;
             /** @description The sample's name. */
             readonly sample_name: string;
+            readonly specification?: components["schemas"]["DefinitionRef"] | null;
             /** @description When it started, RFC 3339 in UTC. */
             readonly started_at?: string | null;
             /** @description State of the scan. */
             readonly state: components["schemas"]["ScanState"];
+            /**
+             * Format: double
+             * @description Expanded uncertainty (k = 2) of θr that the recipe asks for, degrees; null if it states none.
+             */
+            readonly target_expanded_deg?: number | null;
             /** @description Who started it: the name of a token, or `local`. */
             readonly who: string;
         };
@@ -2200,15 +2503,22 @@ export interface components {
          * @enum {string}
          */
         readonly ScanOrigin: "rig" | "import";
-        /** @description A request for a scan. */
+        /** @description A request for a scan: of a plan, or of a recipe. */
         readonly ScanRequest: {
-            /** @description Poses, exposures and repeats of the scan. */
-            readonly plan: components["schemas"]["PlanRequest"];
+            /** @description Number of the part or order in another system, at most 200 characters. */
+            readonly external_id?: string | null;
+            /** @description Lot of the part, at most 200 characters. */
+            readonly lot?: string | null;
+            /** @description The person at the rig, at most 200 characters. */
+            readonly operator_name?: string | null;
+            readonly plan?: components["schemas"]["PlanRequest"] | null;
+            readonly recipe?: components["schemas"]["NameOrId"] | null;
             /**
              * Format: int64
              * @description Number of the sample to scan.
              */
             readonly sample_id: number;
+            readonly specification?: components["schemas"]["NameOrId"] | null;
         };
         /**
          * @description Where a scan stands.
@@ -2236,6 +2546,56 @@ export interface components {
             /** @description Name; the extension states the format (csv, png, tif, x3p, sdf). */
             readonly name: string;
             readonly pitch_um?: components["schemas"]["Pitch"] | null;
+        };
+        /** @description Limits and decision rule of one kind of sample. */
+        readonly Specification: {
+            /** @description Allowed risks. */
+            readonly decision?: components["schemas"]["DecisionRule"];
+            /** @description Limits by quantity; see [`QUANTITIES`]. */
+            readonly limits: {
+                readonly [key: string]: components["schemas"]["ToleranceLimits"];
+            };
+            /** @description What it specifies, for instance drawing and revision. */
+            readonly name: string;
+            readonly reference_plane?: components["schemas"]["FitReferencePlane"] | null;
+        };
+        /** @description One version of a specification. */
+        readonly SpecificationBody: {
+            /** @description Whether it is archived: no scan can be judged against it. */
+            readonly archived: boolean;
+            /**
+             * Format: int64
+             * @description Number of the specification.
+             */
+            readonly id: number;
+            /** @description Its name. */
+            readonly name: string;
+            /**
+             * Format: int64
+             * @description The newest version.
+             */
+            readonly newest_version: number;
+            /** @description When this version was saved, RFC 3339 in UTC. */
+            readonly saved_at: string;
+            /** @description The specification. */
+            readonly specification: components["schemas"]["Specification"];
+            /**
+             * Format: int64
+             * @description This version, from 1.
+             */
+            readonly version: number;
+            /** @description Who saved this version: the name of a token, or `local`. */
+            readonly who: string;
+        };
+        /** @description A change of a specification. */
+        readonly SpecificationChange: {
+            /**
+             * Format: int64
+             * @description The version that it replaces, which has to be the newest one, so that no change of another caller is lost.
+             */
+            readonly replaces: number;
+            /** @description The whole specification. Its name stays. */
+            readonly specification: components["schemas"]["Specification"];
         };
         /** @description Two controllers. */
         readonly StagesBody: {
@@ -2276,6 +2636,19 @@ export interface components {
          * @enum {string}
          */
         readonly TaskState: "running" | "completed" | "failed" | "cancelled" | "interrupted";
+        /** @description Tolerance limits; one of them may be missing. */
+        readonly ToleranceLimits: {
+            /**
+             * Format: double
+             * @description Conforming values are at least this.
+             */
+            readonly lower?: number | null;
+            /**
+             * Format: double
+             * @description Conforming values are at most this.
+             */
+            readonly upper?: number | null;
+        };
         /** @description A request for a trace. */
         readonly TraceRequest: {
             /** @description Trace every path with and without polarisation, and report where the latter is wrong. */
@@ -2330,6 +2703,11 @@ export interface components {
         /** @description A request for a verdict. */
         readonly VerdictRequest: {
             /**
+             * Format: int64
+             * @description Completed fit of the scan that the verdict rests on, instead of a new one. It states variant, region and options.
+             */
+            readonly fit_id?: number | null;
+            /**
              * Format: double
              * @description Time limit of the fit, s (see [`FitRequest`]).
              */
@@ -2341,7 +2719,7 @@ export interface components {
              * @description Scan to judge.
              */
             readonly scan_id: number;
-            /** @description The specification: name, limits by quantity, accepted risks. */
+            /** @description The specification: name, limits by quantity, accepted risks; or the name or number of a stored one. */
             readonly specification: Record<string, never>;
             /**
              * Format: double
@@ -2416,6 +2794,8 @@ export type CurvesBody = components['schemas']['CurvesBody'];
 export type DamagedBody = components['schemas']['DamagedBody'];
 export type DarkPlan = components['schemas']['DarkPlan'];
 export type DarkRequest = components['schemas']['DarkRequest'];
+export type DecisionRule = components['schemas']['DecisionRule'];
+export type DefinitionRef = components['schemas']['DefinitionRef'];
 export type EarlierName = components['schemas']['EarlierName'];
 export type EarlierSample = components['schemas']['EarlierSample'];
 export type EstimateBody = components['schemas']['EstimateBody'];
@@ -2470,14 +2850,17 @@ export type ListFit = components['schemas']['List_Fit'];
 export type ListFrameBody = components['schemas']['List_FrameBody'];
 export type ListIncidentBody = components['schemas']['List_IncidentBody'];
 export type ListJob = components['schemas']['List_Job'];
+export type ListRecipeBody = components['schemas']['List_RecipeBody'];
 export type ListSampleBody = components['schemas']['List_SampleBody'];
 export type ListScanBody = components['schemas']['List_ScanBody'];
+export type ListSpecificationBody = components['schemas']['List_SpecificationBody'];
 export type LoginRequest = components['schemas']['LoginRequest'];
 export type Loss = components['schemas']['Loss'];
 export type MapRequest = components['schemas']['MapRequest'];
 export type MaterialBody = components['schemas']['MaterialBody'];
 export type MetalBody = components['schemas']['MetalBody'];
 export type MoveBody = components['schemas']['MoveBody'];
+export type NameOrId = components['schemas']['NameOrId'];
 export type ObservationBody = components['schemas']['ObservationBody'];
 export type ObservationsBody = components['schemas']['ObservationsBody'];
 export type OperatorAction = components['schemas']['OperatorAction'];
@@ -2493,6 +2876,12 @@ export type Prior = components['schemas']['Prior'];
 export type Problem = components['schemas']['Problem'];
 export type ProgressBody = components['schemas']['ProgressBody'];
 export type ReadyBody = components['schemas']['ReadyBody'];
+export type Recipe = components['schemas']['Recipe'];
+export type RecipeBody = components['schemas']['RecipeBody'];
+export type RecipeChange = components['schemas']['RecipeChange'];
+export type RecipeFit = components['schemas']['RecipeFit'];
+export type RecipeLayout = components['schemas']['RecipeLayout'];
+export type RecipeMaterial = components['schemas']['RecipeMaterial'];
 export type RenameBody = components['schemas']['RenameBody'];
 export type RidgeFacts = components['schemas']['RidgeFacts'];
 export type RigBody = components['schemas']['RigBody'];
@@ -2507,9 +2896,13 @@ export type ScanRequest = components['schemas']['ScanRequest'];
 export type ScanState = components['schemas']['ScanState'];
 export type SessionBody = components['schemas']['SessionBody'];
 export type ShapeFile = components['schemas']['ShapeFile'];
+export type Specification = components['schemas']['Specification'];
+export type SpecificationBody = components['schemas']['SpecificationBody'];
+export type SpecificationChange = components['schemas']['SpecificationChange'];
 export type StagesBody = components['schemas']['StagesBody'];
 export type TagBody = components['schemas']['TagBody'];
 export type TaskState = components['schemas']['TaskState'];
+export type ToleranceLimits = components['schemas']['ToleranceLimits'];
 export type TraceRequest = components['schemas']['TraceRequest'];
 export type UncertainBody = components['schemas']['UncertainBody'];
 export type Values = components['schemas']['Values'];

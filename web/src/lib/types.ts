@@ -152,6 +152,8 @@ export interface VerdictResult extends ScanJob {
     readonly verdict: VerdictWord;
     readonly reason: string;
   }[];
+  /** What would decide the quantities that are not decided; verdicts of older versions lack it. */
+  readonly would_decide?: Readonly<Record<string, { readonly message: string }>>;
 }
 
 /** A mean and its standard error; the latter is null with one replicate only. */
