@@ -98,6 +98,26 @@ def test_frames_and_calibrations_are_listed(scan: ridged.Scan, lab: ridged.Lab) 
     assert scan.uncertainty()
 
 
+def test_a_recipe_states_plan_fit_and_material_and_a_specification_judges(lab: ridged.Lab) -> None:
+    material = {"eta": 1.54, "eta_std": 0.005}
+    plan = {"theta_c_deg": [-20, -10, 0, 10, 20], "phi_s_deg": [0, 90, 180, 270], "exposures_s": [0.02]}
+    added = lab.add_recipe({"name": "PX-1204", "plan": plan, "material": material, "fit": {"variant": "sawtooth"}})
+    assert lab.recipe("PX-1204") == added == lab.recipe(added["id"])
+    limits = {"theta_r_deg": {"lower": 0.0, "upper": 45.0}}
+    specification = lab.add_specification({"name": "drawing 4711", "limits": limits})
+    assert specification["name"] in [found["name"] for found in lab.specifications()]
+    scan = lab.measure("B-18", recipe="PX-1204", specification="drawing 4711", lot="7", operator_name="Anna")
+    scan.wait(on_step=ridged.confirm, progress=False, timeout_s=60)
+    assert (scan.body.get("lot"), scan.body.get("operator_name")) == ("7", "Anna")
+    assert scan.sample_name == "B-18" and lab.sample("B-18").material["eta"] == 1.54
+    assert scan.verdict == "pass"
+    assert scan.fit.body["variant"] == "sawtooth"
+    with pytest.raises(ridged.NotFound, match=r"lab.recipes\(\)"):
+        lab.measure("B-19", recipe="PX-1205")
+    with pytest.raises(ValueError, match="not both"):
+        lab.measure("B-18", recipe="PX-1204", preset="paper")
+
+
 def test_an_aborted_scan_and_a_time_limit_raise(lab: ridged.Lab) -> None:
     scan = lab.measure("model 15°", preset="full")
     with pytest.raises(ridged.TimedOut, match="it continues"):

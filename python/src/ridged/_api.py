@@ -158,6 +158,13 @@ class DarkRequest(TypedDict):
     repeats: NotRequired[int | None]
 
 
+class DecisionRule(TypedDict):
+    """Allowed risks; the documentation of the module states the rule."""
+
+    max_false_accept_risk: NotRequired[float]
+    max_false_reject_risk: NotRequired[float]
+
+
 class DefinitionRef(TypedDict):
     """The version of a definition that a scan used."""
 
@@ -681,6 +688,68 @@ class ProgressBody(TypedDict):
     time_left_s: NotRequired[float | None]
 
 
+class Recipe(TypedDict):
+    """How a part is measured: the keys of docs/example-recipe.toml."""
+
+    fit: NotRequired[RecipeFit]
+    layout: NotRequired[RecipeLayout | None]
+    material: NotRequired[RecipeMaterial | None]
+    name: str
+    note: NotRequired[str | None]
+    plan: PlanRequest
+    target_expanded_deg: NotRequired[float | None]
+
+
+class RecipeBody(TypedDict):
+    """One version of a recipe."""
+
+    archived: bool
+    id: int
+    name: str
+    newest_version: int
+    recipe: Recipe
+    saved_at: str
+    version: int
+    who: str
+
+
+class RecipeFit(TypedDict):
+    """The fit of a recipe: options of POST /fits without those of a single scan."""
+
+    bootstrap: NotRequired[int | None]
+    fix: NotRequired[dict[str, float]]
+    judge: NotRequired[bool]
+    loss: NotRequired[Loss]
+    max_seconds: NotRequired[float | None]
+    priors: NotRequired[dict[str, Prior]]
+    profile: NotRequired[bool]
+    region: NotRequired[str | None]
+    starts: NotRequired[int | None]
+    target_error: NotRequired[float | None]
+    tolerance: NotRequired[float | None]
+    variant: NotRequired[VariantChoice]
+
+
+class RecipeLayout(TypedDict):
+    """A board of square patches, as `[sample.layout]` of a manifest."""
+
+    centre_mm: NotRequired[list[float]]
+    even_patches: NotRequired[str | None]
+    odd_patches: NotRequired[str | None]
+    patch_size_mm: float
+    patches_x: int
+    patches_y: int
+
+
+class RecipeMaterial(TypedDict):
+    """Nominal material of a part: complex index N = n + ik with standard uncertainties."""
+
+    eta: float
+    eta_std: NotRequired[float | None]
+    k: NotRequired[float | None]
+    k_std: NotRequired[float | None]
+
+
 class RidgeFacts(TypedDict):
     """Properties of a height map; lengths in µm."""
 
@@ -790,6 +859,28 @@ class ShapeFile(TypedDict):
     pitch_um: NotRequired[Pitch | None]
 
 
+class Specification(TypedDict):
+    """Limits and decision rule of one kind of sample."""
+
+    decision: NotRequired[DecisionRule]
+    limits: dict[str, ToleranceLimits]
+    name: str
+    reference_plane: NotRequired[FitReferencePlane | None]
+
+
+class SpecificationBody(TypedDict):
+    """One version of a specification."""
+
+    archived: bool
+    id: int
+    name: str
+    newest_version: int
+    saved_at: str
+    specification: Specification
+    version: int
+    who: str
+
+
 class StagesBody(TypedDict):
     """Two controllers."""
 
@@ -806,6 +897,13 @@ class TagBody(TypedDict):
     gain: NotRequired[float | None]
     serial: NotRequired[str | None]
     temperature_c: NotRequired[float | None]
+
+
+class ToleranceLimits(TypedDict):
+    """Tolerance limits; one of them may be missing."""
+
+    lower: NotRequired[float | None]
+    upper: NotRequired[float | None]
 
 
 class UncertainBody(TypedDict):

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from . import events, samples
-from ._api import CalibrationBody, EstimateBody, Preset, Problem, Role, ScanState, SessionBody
+from ._api import CalibrationBody, EstimateBody, Preset, Problem, RecipeBody, Role, ScanState, SessionBody
+from ._api import SpecificationBody
 from ._connection import Connection
 from ._place import place_of
 from .errors import ConnectionLost, NoDaemon, NotFound
@@ -108,7 +109,8 @@ class Lab:
             case [one]:
                 return one
             case []:
-                raise NotFound(no_sample(sample))
+                way_out = f"lab.add_sample({sample!r}, index=1.54) adds one, lab.samples() lists them"
+                raise NotFound(not_found(f"no sample has the name {sample!r}; {way_out}"))
             case _:
                 numbers = ", ".join(str(one.id) for one in found)
                 raise ValueError(f"{len(found)} samples have the name {sample!r}; give the number of one: {numbers}")
@@ -137,23 +139,84 @@ class Lab:
         self,
         sample: str | int | Sample,
         *,
+        recipe: str | int | None = None,
+        specification: str | int | None = None,
         preset: Preset | None = None,
         plan: Mapping[str, Any] | None = None,
         theta_c_deg: Angles | None = None,
         phi_s_deg: Angles | None = None,
         exposures_s: Iterable[float] | None = None,
         repeats: int | None = None,
+        operator_name: str | None = None,
+        lot: str | None = None,
+        external_id: str | None = None,
     ) -> Scan:
         """Starts a scan of a sample and returns it at once; `scan.wait()` waits for it.
 
-        `preset` is `paper` (5 × 3 poses) or `full` (9 × 12), or give the angles. `plan` takes all fields of the plan
-        of a request. Raises Invalid if the plan cannot run (`fields` lists why), Conflict if the rig is busy.
+        A `recipe` (name or number) states plan and fit, and the material of a sample whose name is new. Without one,
+        `preset` is `paper` (5 × 3 poses) or `full` (9 × 12), or give the angles; `plan` takes all fields of the plan
+        of a request. With a `specification` the scan is judged once it is fitted (`scan.verdict`). Raises Invalid if
+        the plan cannot run (`fields` lists why), Conflict if the rig is busy.
         """
-        request = {
-            "sample_id": self.sample(sample).id,
-            "plan": plan_of(plan, preset, theta_c_deg, phi_s_deg, exposures_s, repeats),
+        given = (plan, preset, theta_c_deg, phi_s_deg, exposures_s, repeats)
+        if recipe is None:
+            request: dict[str, Any] = {"plan": plan_of(*given), "sample_id": self.sample(sample).id}
+        elif any(part is not None for part in given):
+            raise ValueError("a recipe states the plan: give a recipe or a plan, not both")
+        else:
+            request = {"recipe": recipe, "sample_id": self._part(sample, recipe).id}
+        facts = {
+            "specification": specification,
+            "operator_name": operator_name,
+            "lot": lot,
+            "external_id": external_id,
         }
+        request |= {name: value for name, value in facts.items() if value is not None}
         return self.scan(self._connection.post("/scans", request)["id"])
+
+    def _part(self, sample: str | int | Sample, recipe: str | int) -> Sample:
+        """Returns the sample, which is added with the material of the recipe if its name is new."""
+        try:
+            return self.sample(sample)
+        except NotFound:
+            material = self.recipe(recipe)["recipe"].get("material")
+            if not isinstance(sample, str) or material is None:
+                raise
+        known = {name: value for name, value in material.items() if value is not None}
+        known["kind"] = "dielectric" if "k" not in known else "conductor"
+        body = {"name": sample, "material": known}
+        return Sample(self._connection, self._connection.post("/samples", body))
+
+    def recipes(self, *, limit: int | None = None) -> list[RecipeBody]:
+        """Returns the recipes that are not archived, newest first."""
+        return list(self._connection.pages("/recipes", {}, limit))
+
+    def recipe(self, recipe: str | int) -> RecipeBody:
+        """Returns the newest version of a recipe by its name or number. Raises NotFound if there is none."""
+        return cast("RecipeBody", self._definition("recipes", recipe))
+
+    def add_recipe(self, recipe: Mapping[str, Any]) -> RecipeBody:
+        """Adds a recipe: `name`, `plan`, and optionally `fit`, `material`, `target_expanded_deg`, `layout`, `note`."""
+        return cast("RecipeBody", self._connection.post("/recipes", dict(recipe)))
+
+    def specifications(self, *, limit: int | None = None) -> list[SpecificationBody]:
+        """Returns the specifications that are not archived, newest first."""
+        return list(self._connection.pages("/specifications", {}, limit))
+
+    def specification(self, specification: str | int) -> SpecificationBody:
+        """Returns the newest version of a specification by its name or number. Raises NotFound if there is none."""
+        return cast("SpecificationBody", self._definition("specifications", specification))
+
+    def add_specification(self, specification: Mapping[str, Any]) -> SpecificationBody:
+        """Adds a specification: `name`, `limits`, and optionally `decision` and `reference_plane`."""
+        return cast("SpecificationBody", self._connection.post("/specifications", dict(specification)))
+
+    def _definition(self, kind: str, which: str | int) -> Any:
+        if isinstance(which, int):
+            return self._connection.get(f"/{kind}/{which}")
+        for found in self._connection.pages(f"/{kind}", {"name": which}, 1):
+            return found
+        raise NotFound(not_found(f"no {kind.removesuffix('s')} has the name {which!r}; lab.{kind}() lists them"))
 
     def estimate(
         self,
@@ -245,12 +308,12 @@ class Lab:
         return events.follow(self._connection, since)
 
 
-def no_sample(name: str) -> Problem:
-    """The problem of a name that no sample has."""
+def not_found(detail: str) -> Problem:
+    """The problem of a name that nothing has."""
     return {
         "type": "urn:ridged:problem:not-found",
         "title": "not found",
         "status": 404,
         "code": "not-found",
-        "detail": f"no sample has the name {name!r}; lab.add_sample({name!r}, index=1.54) adds one, lab.samples() lists them",
+        "detail": detail,
     }

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 #: States that a scan does not leave.
 ENDED: frozenset[ScanState] = frozenset({"completed", "aborted", "failed"})
-#: Time after the end of a scan within which the daemon starts the fit of it, s.
-FIT_STARTS_S = 3.0
+#: Time after the end of a scan, or of its fit, within which the daemon starts what follows, s.
+FOLLOWS_S = 3.0
 #: Facts about the observations that a DataFrame has as `attrs`.
 ATTRIBUTES = ("scan_id", "absolute", "complete", "region", "warnings")
 
@@ -231,20 +231,19 @@ class Scan:
                 f"scan {self.id} has a fit for each region ({', '.join(self.regions)}): use scan.fits(), whose `region` "
                 "names it"
             )
-        return self._newest_fit().wait(progress=False)
+        row = self._follower("fits", "has no fit; scan.start_fit() starts one", "not-fitted")
+        return Fit(self._connection, row).wait(progress=False)
 
-    def _newest_fit(self) -> Fit:
-        until = time.monotonic() + FIT_STARTS_S
-        pace = Pace(f"the fit of scan {self.id}", None)
+    def _follower(self, kind: str, otherwise: str, code: str) -> Any:
+        """The newest fit or verdict of the scan. The daemon starts it a moment after what it follows."""
+        until = time.monotonic() + FOLLOWS_S
+        pace = Pace(f"scan {self.id}", None)
         while True:
-            for fit in self.fits():
-                if fit.state not in ("cancelled", "interrupted"):
-                    return fit
-            # The daemon starts the fit a moment after the end of the scan.
+            for row in self._connection.pages(f"/{kind}", {"scan_id": self.id}, None):
+                if row["state"] not in ("cancelled", "interrupted"):
+                    return row
             if self.state != "completed" or time.monotonic() >= until:
-                raise WorkFailed(
-                    f"scan {self.id} is {self.state} and has no fit; scan.start_fit() starts one", "not-fitted"
-                )
+                raise WorkFailed(f"scan {self.id} is {self.state} and {otherwise}", code)
             pace.wait()
 
     def start_fit(self, *, variant: str = "auto", region: str | None = None, **options: Any) -> Fit:
@@ -256,6 +255,17 @@ class Scan:
         if region is not None:
             request["region"] = region
         return Fit(self._connection, self._begun("fits", request))
+
+    @property
+    def verdict(self) -> str:
+        """`pass`, `fail` or `cannot-tell`: the newest verdict that is not cancelled. Waits until it is over.
+
+        A scan with a specification is judged once it is fitted. Raises WorkFailed if there is no verdict.
+        """
+        if self.body.get("specification"):
+            _ = self.fit
+        row = self._follower("verdicts", "was not judged; scan.start_verdict() judges it", "not-judged")
+        return str(Work(self._connection, "verdicts", row).result["verdict"])
 
     def start_map(self, **options: Any) -> Map:
         """Starts the fit of every pixel; `options` are `max_seconds` and `target_error`."""
