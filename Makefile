@@ -76,7 +76,7 @@ web/node_modules/.installed: web/package.json web/package-lock.json
 	cd web && npm ci --no-audit --no-fund
 	@touch $@
 
-screenshot: build setup-test  ## docs/screenshot.png from a real run
+screenshots: build setup-test  ## docs/screenshot*.png from a day on the simulated rig
 	cd web && RIDGED_BIN=../target/release/ridged npm run screenshot
 
 bench-peers: bench-peers-fit bench-peers-trace  ## ridged against what one would use instead
@@ -98,4 +98,4 @@ setup-build:
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-fit bench-peers-trace code-figures faults fuzz help demo docs build build-tests test check check-python test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshot setup-build setup-test soak
+.PHONY: bench-peers bench-peers-fit bench-peers-trace code-figures faults fuzz help demo docs build build-tests test check check-python test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshots setup-build setup-test soak

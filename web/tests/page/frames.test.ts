@@ -8,7 +8,7 @@ describe('observations', () => {
   const asked = (): string[] => daemon.reads.filter((path) => path.includes('/observations'));
 
   it('are not read before the first frame of the sample, and read again when the scan ends early', async () => {
-    daemon.frameMs = 40;
+    daemon.frameMs = 120;
     await page.goto(url);
     await chooseSample();
     await page.getByRole('button', { name: 'Start scan' }).click();
@@ -69,6 +69,29 @@ describe('a frame', () => {
     await expect.poll(() => text('[data-testid=pixel]')).toMatch(/^column 6, row 3: /);
   });
 
+  it('is zoomed, and shows the profiles of the pixel that a click keeps', async () => {
+    daemon.addScan(1, 'paper');
+    await page.goto(`${url}/#/result/1/frames`);
+    const canvas = page.getByTestId('frame');
+    await expect.poll(() => canvas.evaluate((c) => (c as HTMLCanvasElement).width)).toBe(96);
+    const before = await canvas.boundingBox();
+    if (!before) throw new Error('the frame is not shown');
+    await canvas.click({ position: { x: ((5 + 0.5) / 96) * before.width, y: ((3 + 0.5) / 96) * before.height } });
+    await page.getByRole('button', { name: 'Zoom in' }).click();
+    await page.getByRole('button', { name: 'Zoom in' }).click();
+    expect(await text('[data-testid=zoom]')).toBe('4×');
+    expect(await text('[data-testid=pixel]')).toBe('column 5, row 3: 12 345 DN');
+    await expect.poll(async () => (await canvas.boundingBox())?.width).toBeCloseTo(4 * before.width, 0);
+    const profiles = page.getByTestId('profiles');
+    expect(await profiles.getAttribute('aria-label')).toMatch(/^Counts along row 3 and column 5, from /);
+    // One point per pixel of the row.
+    expect((await profiles.locator('path.row').getAttribute('d'))?.match(/[ML]/g)).toHaveLength(96);
+    await page.locator('.stage').focus();
+    await page.keyboard.press('-');
+    await page.keyboard.press('-');
+    expect(await text('[data-testid=zoom]')).toBe('1×');
+  });
+
   it('marks saturated pixels only if the option is set', async () => {
     daemon.addScan(1, 'full');
     await page.goto(`${url}/#/result/1/frames`);
@@ -83,7 +106,7 @@ describe('a frame', () => {
         return n;
       });
     await expect.poll(red).toBeGreaterThan(100);
-    await page.getByLabel('mark saturated').uncheck();
+    await page.getByLabel('mark saturated and defect pixels').uncheck();
     await expect.poll(red).toBe(0);
   });
 });

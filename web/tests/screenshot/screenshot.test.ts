@@ -1,24 +1,23 @@
-// Makes docs/screenshot.png, docs/screenshot-dark.png (the full grid on the path-traced sample of the simulated rig, fitted) and
-// docs/screenshot-ellipsometer.png (a traced scene) from real runs. `make screenshot` runs it.
+// Makes the pictures of the documents, docs/screenshot*.png, from a short day on the simulated rig. `make screenshots` runs it.
 
 import { mkdir } from 'node:fs/promises';
 import { join } from 'node:path';
 
+import type { Page } from 'playwright-core';
 import { afterAll, beforeAll, expect, it } from 'vitest';
 
 import { openBrowser, type OpenBrowser } from '../browser';
 import { startDaemon, type RunningDaemon } from '../daemon';
 import { completed, doSteps, fillScan, fitted, openPart, openView } from '../operate';
 
-/** Device pixels per CSS pixel: sharp in the README, with few bytes. */
-const SCALE = 1;
-
 const DOCS = join(import.meta.dirname, '../../../docs');
+const SCAN_MS_MAX = 300_000;
 
 let daemon: RunningDaemon;
 const browsers: OpenBrowser[] = [];
 
 beforeAll(async () => {
+  await mkdir(DOCS, { recursive: true });
   // Slow enough to show the uncertainty of the live fit falling.
   daemon = await startDaemon(10);
 });
@@ -27,43 +26,70 @@ afterAll(async () => {
   await daemon?.stop();
 });
 
-it('makes the pictures of the README', async () => {
-  await mkdir(DOCS, { recursive: true });
-  const light = await openBrowser({ width: 1440, height: 1000, scale: SCALE });
-  browsers.push(light);
-  const page = await light.context.newPage();
-  await page.goto(daemon.url);
-  await page.getByRole('button', { name: 'Start scan' }).waitFor();
-  await fillScan(page, { sample: 'traced polymer', grid: 'full' });
-  await page.getByRole('button', { name: 'Start scan' }).click();
-  await doSteps(page, completed(page), 200_000);
-  await fitted(page, 200_000);
-  await openView(page, 'Result');
-  await page.getByRole('button', { name: 'sawtooth', exact: true }).waitFor({ timeout: 60_000 });
+async function openPage(options: { width?: number; height?: number; dark?: boolean } = {}): Promise<Page> {
+  const browser = await openBrowser({ width: 1440, height: 1000, ...options });
+  browsers.push(browser);
+  return browser.context.newPage();
+}
+
+async function picture(page: Page, name: string): Promise<void> {
   await page.mouse.move(700, 20);
   await page.waitForTimeout(500);
-  await page.screenshot({ path: join(DOCS, 'screenshot.png') });
+  await page.screenshot({ path: join(DOCS, `screenshot${name}.png`) });
+}
 
-  const dark = await openBrowser({ width: 1440, height: 1000, scale: SCALE, dark: true });
-  browsers.push(dark);
-  const night = await dark.context.newPage();
+async function scan(page: Page, sample: string, grid: 'paper' | 'full'): Promise<void> {
+  await fillScan(page, { sample, grid });
+  await page.getByRole('button', { name: 'Start scan' }).click();
+  await page.getByRole('heading', { level: 1, name: sample }).waitFor();
+  await doSteps(page, completed(page), SCAN_MS_MAX);
+  await fitted(page, SCAN_MS_MAX);
+}
+
+it('makes the pictures of a day at the rig', async () => {
+  const page = await openPage();
+  await page.goto(daemon.url);
+  await page.getByRole('button', { name: 'Start scan' }).waitFor();
+  for (const sample of ['model 15°', 'traced polymer']) await scan(page, sample, 'paper');
+  // A scan that runs: what the operator sees.
+  await fillScan(page, { sample: 'traced polymer', grid: 'full' });
+  await page.getByRole('button', { name: 'Start scan' }).click();
+  await doSteps(page, async () => /^[3-9]\d %$/.test((await page.locator('.figures b').first().innerText().catch(() => '')).trim()), SCAN_MS_MAX);
+  await page.evaluate(() => scrollTo(0, 0));
+  await picture(page, '-measure');
+  await doSteps(page, completed(page), SCAN_MS_MAX);
+  await fitted(page, SCAN_MS_MAX);
+
+  await openView(page, 'Result');
+  await page.getByRole('button', { name: 'sawtooth', exact: true }).waitFor({ timeout: 60_000 });
+  await picture(page, '');
+  await openView(page, 'Records');
+  await page.getByTestId('scans').locator('tbody tr').nth(2).waitFor();
+  await picture(page, '-records');
+  await openView(page, 'Rig');
+  await page.getByTestId('calibration-list').locator('li').first().waitFor();
+  await picture(page, '-rig');
+
+  const night = await openPage({ dark: true });
   await night.goto(`${daemon.url}/#/result`);
   await openPart(night, 'Uncertainty');
   await night.getByTestId('parameters').waitFor({ timeout: 60_000 });
-  await night.waitForTimeout(500);
-  await night.screenshot({ path: join(DOCS, 'screenshot-dark.png') });
-  expect(await night.getByTestId('parameters').isVisible()).toBe(true);
+  await picture(night, '-dark');
+
+  const phone = await openPage({ width: 390, height: 844 });
+  await phone.goto(`${daemon.url}/#/result`);
+  await phone.getByRole('button', { name: 'sawtooth', exact: true }).waitFor({ timeout: 60_000 });
+  await picture(phone, '-phone');
+  expect(await phone.evaluate(() => document.documentElement.scrollWidth - innerWidth)).toBeLessThanOrEqual(0);
 });
 
 it('makes the picture of the virtual ellipsometer', async () => {
-  const light = await openBrowser({ width: 1440, height: 1000, scale: SCALE });
-  browsers.push(light);
-  const page = await light.context.newPage();
+  const page = await openPage();
   await page.goto(`${daemon.url}/#/lab`);
   const card = page.getByTestId('traces');
   await card.getByTestId('trace-form').getByLabel('Photons').fill('1e6');
   await card.getByRole('button', { name: 'Trace', exact: true }).click();
-  await card.getByTestId('plane-curves').waitFor({ timeout: 200_000 });
+  await card.getByTestId('plane-curves').waitFor({ timeout: SCAN_MS_MAX });
   await card.getByRole('button', { name: 'Mueller' }).click();
   await card.locator('[data-component=m12]').click();
   await card.getByRole('heading', { name: 'Directions of the outgoing light' }).evaluate((e) => scrollTo(0, e.getBoundingClientRect().top + scrollY - 90));
