@@ -34,6 +34,7 @@ mod observations;
 mod origin;
 mod page;
 mod peers;
+mod queue;
 mod recipes;
 mod rig;
 mod samples;
@@ -176,6 +177,7 @@ pub struct Begun {
         (name = "samples", description = "Surfaces to be measured"),
         (name = "recipes", description = "How parts are measured, in versions"),
         (name = "specifications", description = "Limits of parts, in versions"),
+        (name = "queue", description = "Parts in sequence, each measured by its recipe"),
         (name = "scans", description = "Series of frames"),
         (name = "frames", description = "16-bit images"),
         (name = "observations", description = "Frames reduced to numbers"),
@@ -220,6 +222,16 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(specifications::versions, specifications::change))
         .routes(routes!(specifications::archive))
         .routes(routes!(specifications::restore))
+        .routes(routes!(queue::get_queue))
+        .routes(routes!(queue::start))
+        .routes(routes!(queue::stop))
+        .routes(routes!(queue::pause))
+        .routes(routes!(queue::resume))
+        .routes(routes!(queue::proceed))
+        .routes(routes!(queue::list, queue::add))
+        .routes(routes!(queue::get, queue::remove))
+        .routes(routes!(queue::move_to))
+        .routes(routes!(queue::retry))
         .routes(routes!(imports::add))
         .routes(routes!(frames::of_scan))
         .routes(routes!(observations::of_scan))
@@ -276,13 +288,16 @@ pub fn router(
     access: Access,
 ) -> Router {
     health::describe_metrics();
+    let access = Arc::new(access);
+    let lease = Arc::clone(&access);
+    lab.respect_lease(Arc::new(move || lease.lease.holder(lease.now())));
     let app = App {
         lab,
         render_metrics,
         openapi: openapi_json().into(),
         ending,
         key_locks: keys::KeyLocks::default(),
-        access: Arc::new(access),
+        access,
         peers: peers::Peers::new(server::limits().seats),
     };
     let (routes, _) = described().split_for_parts();

@@ -154,6 +154,8 @@ pub struct ScanBody {
     lot: Option<String>,
     /// Number of the part or order in another system.
     external_id: Option<String>,
+    /// The order of the queue that it measures; null for a scan that was started by itself.
+    order_id: Option<i64>,
     /// Who started it: the name of a token, or `local`.
     who: String,
     /// Samples that it was assigned to before, oldest first.
@@ -222,6 +224,7 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
         operator_name: scan.operator_name,
         lot: scan.lot,
         external_id: scan.external_id,
+        order_id: scan.order_id,
         who: scan.who,
         earlier_samples: scan.earlier_samples,
         created_at: scan.created_at,

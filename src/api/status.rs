@@ -393,6 +393,13 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::Store(StoreError::NameTaken { .. }) => {
             (StatusCode::CONFLICT, "the name is taken")
         }
+        LabError::Store(StoreError::ExternalIdTaken { .. }) => {
+            (StatusCode::CONFLICT, "another order has this external id")
+        }
+        LabError::Store(StoreError::OrderConflict { .. }) | LabError::QueueConflict { .. } => {
+            (StatusCode::CONFLICT, "not allowed in this state")
+        }
+        LabError::EmptyQueue => (StatusCode::CONFLICT, "no order waits"),
         LabError::Store(StoreError::VersionConflict { .. }) => {
             (StatusCode::CONFLICT, "there is a newer version")
         }

@@ -28,6 +28,7 @@ mod output_collision;
 mod output_path;
 pub mod prediction;
 pub mod progress;
+pub mod queue;
 pub mod render;
 pub mod rig;
 pub mod runtime;
@@ -85,6 +86,8 @@ pub enum Command {
     Recipe(definitions::RecipeArgs),
     /// List, show, save and archive specifications: limits of parts.
     Specification(definitions::SpecificationArgs),
+    /// Add, move and remove parts in the queue, start and stop it.
+    Queue(queue::Args),
     /// Import a recorded series into the store.
     Import(import::Args),
     /// Export a scan from the store as a recorded series.
@@ -188,6 +191,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Sample(args) => sample::run(args),
         Command::Recipe(args) => definitions::recipes(args),
         Command::Specification(args) => definitions::specifications(args),
+        Command::Queue(args) => queue::run(args),
         Command::Import(args) => import::run(args),
         Command::Export(args) => export::run(args),
         Command::Contrast(args) => contrast::run(args),

@@ -18,6 +18,7 @@ use crate::scan::runner::RunEnd;
 mod by_daemon;
 mod by_itself;
 
+pub(super) use by_daemon::followed;
 pub use by_itself::follow;
 
 /// Runs one scan.

@@ -20,8 +20,8 @@ use crate::series::{CameraFacts, FlatFacts, RigFacts, misaimed};
 use crate::wording::toml_text::{self, Refused};
 
 pub use sections::{
-    CameraSection, DarkSection, FlatSection, ImportSection, RigSection, ScanSection, ServerSection,
-    StoreSection,
+    CameraSection, DarkSection, FlatSection, ImportSection, QueueSection, RigSection, ScanSection,
+    ServerSection, StoreSection,
 };
 pub use unattended::{HooksSection, LampSection, ParkSection};
 
@@ -49,6 +49,8 @@ pub struct Config {
     pub dark: DarkSection,
     /// How a scan deals with faults.
     pub scan: ScanSection,
+    /// The queue of parts.
+    pub queue: QueueSection,
     /// Programs run at events.
     pub hooks: HooksSection,
     /// Commands that switch the lamp.

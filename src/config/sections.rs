@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::scan::faults::{FaultPolicy, Reactions};
+use crate::scan::faults::{FaultPolicy, OnFailure, Reactions};
 
 /// `[server]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -329,6 +329,15 @@ impl Default for ScanSection {
             fit_at_end: true,
         }
     }
+}
+
+/// `[queue]`
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct QueueSection {
+    /// What follows a failed order: stop (the queue waits for a person) or end (the order waits again at the end, once). Default
+    /// stop.
+    pub on_failure: OnFailure,
 }
 
 impl ScanSection {

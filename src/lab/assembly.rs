@@ -69,6 +69,7 @@ pub fn real_rig(
         park: park(config),
         lamp_off: lamp(config, &config.lamp.off),
         fit_at_end: config.scan.fit_at_end,
+        queue_on_failure: config.queue.on_failure,
         simulated: None,
         label: String::new(),
     };
@@ -110,6 +111,7 @@ impl RigSettings {
             park: None,
             lamp_off: None,
             fit_at_end: config.scan.fit_at_end,
+            queue_on_failure: config.queue.on_failure,
             simulated: Some(time_scale),
             label,
         }
@@ -130,6 +132,7 @@ impl RigSettings {
         self.defaults.flat_repeats = flat.repeats;
         self.defaults.reference_every = config.scan.reference_every;
         self.fit_at_end = config.scan.fit_at_end;
+        self.queue_on_failure = config.queue.on_failure;
         // The default exposures are those of no camera in particular; the rig's own fit it better.
         if camera.exposures_s != CameraSection::default().exposures_s {
             self.defaults.exposures_s.clone_from(&camera.exposures_s);

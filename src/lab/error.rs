@@ -11,6 +11,7 @@ use crate::scan::visit::stage_code;
 use crate::scan::{OperatorAction, PlanError, ScanState};
 use crate::series::{FrameReadError, SeriesError};
 use crate::store::StoreError;
+use crate::store::queue::QueueState;
 
 /// What holds the rig.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -100,6 +101,17 @@ pub enum LabError {
         /// The step it waits for.
         waits_for: OperatorAction,
     },
+    /// The queue's state does not allow the request.
+    #[error("the queue is {state}: {problem}")]
+    QueueConflict {
+        /// Its state.
+        state: QueueState,
+        /// What is not possible or missing.
+        problem: &'static str,
+    },
+    /// No order waits.
+    #[error("no order waits in the queue; add one first")]
+    EmptyQueue,
     /// A job is in the wrong state for the request.
     #[error("{id} is {state}: {problem}")]
     JobConflict {
@@ -244,7 +256,9 @@ impl LabError {
         match self {
             LabError::Busy { .. } => "busy",
             LabError::NoRig => "no-rig",
+            LabError::EmptyQueue => "queue-empty",
             LabError::NotNow { .. }
+            | LabError::QueueConflict { .. }
             | LabError::JobConflict { .. }
             | LabError::NotOfThisRig { .. } => "state-conflict",
             LabError::OtherStep { .. } => "other-step",
@@ -282,6 +296,8 @@ pub(super) fn store_code(error: &StoreError) -> &'static str {
         StoreError::NoVersion { .. } => "not-found",
         StoreError::NameTaken { .. } => "name-taken",
         StoreError::VersionConflict { .. } => "version-conflict",
+        StoreError::ExternalIdTaken { .. } => "external-id-taken",
+        StoreError::OrderConflict { .. } => "state-conflict",
         StoreError::KeyReused => "idempotency-mismatch",
         StoreError::FrameDamaged { .. } => "frame-damaged",
         StoreError::FolderGone { .. } => "data-folder-gone",

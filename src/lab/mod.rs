@@ -29,9 +29,11 @@ mod jobs;
 mod jog;
 mod live_fit;
 mod maps;
+mod orders;
 mod outcome;
 mod park;
 mod plans;
+mod queue;
 mod recipes;
 mod recorder;
 mod request_checks;
@@ -65,6 +67,7 @@ use crate::clock::Clock;
 use crate::geometry::Pose;
 use crate::program::Program;
 use crate::scan::event::RigActivity;
+use crate::scan::faults::OnFailure;
 use crate::scan::plan::PlanDefaults;
 use crate::scan::runner::{CommandRequest, RunEnd, RunnerSettings, ScanCommand};
 use crate::scan::{Event, RecordedEvent, Rig, ScanState, StageAccess};
@@ -92,8 +95,10 @@ use job_slots::JobSlots;
 pub use jobs::JobRequest;
 pub use jog::{JogRequest, JogView};
 pub use maps::MapRequest;
+pub use orders::OrderRequest;
 pub use outcome::Outcome;
 pub use plans::{Estimated, ScanRequest};
+pub use queue::{LeaseHolder, QUEUE_WAITS, QueueView};
 pub use recipes::{Recipe, RecipeFit, RecipeLayout, RecipeMaterial};
 pub use rig::{AxisView, RigView};
 use running_jobs::RunningJobs;
@@ -127,6 +132,8 @@ pub struct RigSettings {
     pub lamp_off: Option<Program>,
     /// Whether a completed scan is fitted without a request.
     pub fit_at_end: bool,
+    /// What follows a failed order of the queue.
+    pub queue_on_failure: OnFailure,
     /// Time scale of a simulated rig; none for a real one.
     pub simulated: Option<f64>,
     /// Anything else that makes frames of two rigs incomparable (a simulated rig's seed).
@@ -166,6 +173,7 @@ struct Inner {
     ends: watch::Sender<HashMap<i64, RunEnd>>,
     /// Whether the data folder was found gone and an alarm was raised.
     folder_gone: AtomicBool,
+    queue: Arc<queue::QueueRun>,
 }
 
 /// What the lab knows of the rig without owning it.
@@ -264,10 +272,12 @@ impl Lab {
                 reserve_bytes: AtomicU64::new(reserve_bytes),
                 ends,
                 folder_gone: AtomicBool::new(false),
+                queue: Arc::default(),
             }),
             who: LOCAL.into(),
         };
         fit_at_end::start(&lab);
+        queue::start(&lab).await?;
         Ok((lab, recovery))
     }
 

@@ -317,10 +317,26 @@ impl Lab {
     pub async fn start_scan(&self, request: &ScanRequest) -> Result<Scan, LabError> {
         let (lab, request) = (self.clone(), request.clone());
         // A client that disconnects between the row and the rig's answer would leave a planned scan that never starts.
-        to_the_end(async move { lab.plan_and_begin(&request).await }).await
+        to_the_end(async move { lab.plan_and_begin(&request, None).await }).await
     }
 
-    async fn plan_and_begin(&self, request: &ScanRequest) -> Result<Scan, LabError> {
+    /// Starts the scan of an order of the queue.
+    ///
+    /// # Errors
+    /// As [`Lab::start_scan`].
+    pub(super) async fn start_ordered_scan(
+        &self,
+        request: &ScanRequest,
+        order_id: i64,
+    ) -> Result<Scan, LabError> {
+        self.plan_and_begin(request, Some(order_id)).await
+    }
+
+    async fn plan_and_begin(
+        &self,
+        request: &ScanRequest,
+        order_id: Option<i64>,
+    ) -> Result<Scan, LabError> {
         let sample = self.store().sample(request.sample_id).await?;
         // Once, so that plan and purpose are of the same version of the recipe.
         let Resolved {
@@ -352,7 +368,10 @@ impl Lab {
             manifest: manifest.to_toml(),
             frames_csv: None,
             calibration_ids: estimated.calibration_ids,
-            purpose,
+            purpose: ScanPurpose {
+                order_id,
+                ..purpose
+            },
             who: self.who.to_string(),
         };
         let (reply, row) = oneshot::channel();

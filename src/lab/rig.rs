@@ -260,6 +260,7 @@ impl Lab {
     pub async fn stop(&self) -> Result<(), LabError> {
         let side = self.side()?;
         side.access.forbid_unasked_motion();
+        self.inner.queue.halt();
         let orders = side.occupation.borrow().orders.clone();
         if let Some(orders) = orders {
             let (reply, _) = oneshot::channel();

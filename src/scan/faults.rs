@@ -52,6 +52,17 @@ pub struct Reactions {
     pub frames: Reaction,
 }
 
+/// What follows a failed order of the queue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum OnFailure {
+    /// The queue stops and waits for a person.
+    #[default]
+    Stop,
+    /// The order waits again at the end of the queue, once; then the queue stops.
+    End,
+}
+
 /// How a scan deals with faults.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaultPolicy {

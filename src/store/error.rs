@@ -193,6 +193,36 @@ pub enum StoreError {
         /// The newest version.
         newest: i64,
     },
+    /// Another order of the queue has this external id.
+    #[error(
+        "orders[{place}].external_id: `{external_id}` is the external id of order {order_id} ({part}, {state}); remove that order, or \
+         give another id"
+    )]
+    ExternalIdTaken {
+        /// Place of the order in the request.
+        place: usize,
+        /// The external id.
+        external_id: String,
+        /// The order that has it.
+        order_id: i64,
+        /// The part of that order.
+        part: String,
+        /// The state of that order.
+        state: String,
+    },
+    /// The state of an order does not allow the change.
+    #[error(
+        "order {order_id} is {state}{}: this is not allowed in this state",
+        match scan_id { Some(id) if *state == "running" => format!(" (scan {id} measures it; abort the scan first)"), _ => String::new() }
+    )]
+    OrderConflict {
+        /// The order.
+        order_id: i64,
+        /// Its state.
+        state: &'static str,
+        /// Its newest scan.
+        scan_id: Option<i64>,
+    },
     /// A frame's file is missing or has changed.
     #[error("the file of frame {sha256} {problem}; restore it from a copy of the data folder")]
     FrameDamaged {

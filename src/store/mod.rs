@@ -29,6 +29,7 @@ pub mod jobs;
 pub mod observations;
 mod page;
 mod place;
+pub mod queue;
 mod recovery;
 mod reductions;
 pub mod samples;

@@ -41,6 +41,8 @@ pub struct ScanPurpose {
     pub lot: Option<String>,
     /// Number of the part or order in another system.
     pub external_id: Option<String>,
+    /// The order of the queue that it measures.
+    pub order_id: Option<i64>,
 }
 
 /// A scan to add.
@@ -99,6 +101,8 @@ pub struct Scan {
     pub lot: Option<String>,
     /// Number of the part or order in another system.
     pub external_id: Option<String>,
+    /// The order of the queue that it measures.
+    pub order_id: Option<i64>,
     /// Who started it.
     pub who: String,
     /// RFC 3339 UTC.
@@ -145,6 +149,7 @@ struct Row {
     operator_name: Option<String>,
     lot: Option<String>,
     external_id: Option<String>,
+    order_id: Option<i64>,
     who: String,
     created_at: String,
     started_at: Option<String>,
@@ -180,6 +185,7 @@ impl TryFrom<Row> for Scan {
             operator_name: row.operator_name,
             lot: row.lot,
             external_id: row.external_id,
+            order_id: row.order_id,
             who: row.who,
             created_at: row.created_at,
             started_at: row.started_at,
@@ -203,7 +209,7 @@ fn select() -> String {
            t.state, t.reason, t.operator, s.who, s.created_at, t.at AS state_at,
            (SELECT MIN(at) FROM scan_states WHERE scan_id = s.id AND state <> 'planned') AS started_at,
            {EARLIER_SAMPLES} AS earlier_samples,
-           {recipe} AS recipe, {specification} AS specification, s.operator_name, s.lot, s.external_id
+           {recipe} AS recipe, {specification} AS specification, s.operator_name, s.lot, s.external_id, s.order_id
          FROM scans s
          JOIN scan_now w ON w.scan_id = s.id
          JOIN sample_now p ON p.sample_id = w.sample_id
@@ -284,8 +290,8 @@ impl Store {
             .map_err(|e| StoreError::bad_row("scans", e))?;
         let id = sqlx::query(
             "INSERT INTO scans (sample_id, rig_id, origin, name, plan, manifest, frames_csv, program, created_at, who,
-               recipe_version_id, specification_version_id, operator_name, lot, external_id)
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+               recipe_version_id, specification_version_id, operator_name, lot, external_id, order_id)
+             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         )
         .bind(new.sample_id)
         .bind(new.rig_id)
@@ -302,6 +308,7 @@ impl Store {
         .bind(&new.purpose.operator_name)
         .bind(&new.purpose.lot)
         .bind(&new.purpose.external_id)
+        .bind(new.purpose.order_id)
         .execute(&mut *transaction)
         .await?
         .last_insert_rowid();

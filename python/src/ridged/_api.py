@@ -818,6 +818,7 @@ class ScanBody(TypedDict):
     lot: NotRequired[str | None]
     operator: NotRequired[OperatorBody | None]
     operator_name: NotRequired[str | None]
+    order_id: NotRequired[int | None]
     origin: ScanOrigin
     plan: Plan
     progress: ProgressBody

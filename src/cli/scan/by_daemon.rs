@@ -60,8 +60,8 @@ pub(super) fn scan(
     let stopped = interrupt::flag()?;
     let begun = client.post("/scans", Some(&body))?;
     let id = begun["id"].as_i64().unwrap_or_default();
-    let people = (!simulated).then(OperatorPrompt::at_the_terminal);
-    let scan = followed(client, id, people, &stopped)?;
+    let mut people = (!simulated).then(OperatorPrompt::at_the_terminal);
+    let scan = followed(client, id, &mut people, &stopped)?;
     if let Some(sure) = newest_words(client, id) {
         say(&format_args!("fitted during the scan: {sure}"));
     }
@@ -137,10 +137,10 @@ fn verdicts(client: &Client, id: i64, stopped: &AtomicBool) -> Result<Value, Cli
 ///
 /// # Errors
 /// No result where it pauses, or waits for an operator and the input has ended; interrupted where it was paused on Ctrl-C.
-fn followed(
+pub(in crate::cli) fn followed(
     client: &Client,
     id: i64,
-    mut people: Option<OperatorPrompt>,
+    people: &mut Option<OperatorPrompt>,
     stopped: &AtomicBool,
 ) -> Result<Value, CliError> {
     let bar = Bar::new("frames");
@@ -180,7 +180,7 @@ fn followed(
                 bar.say("Another client has confirmed this step.");
             }
         }
-        match (state, waits_for, &mut people) {
+        match (state, waits_for, &mut *people) {
             (Some(state), ..) if state.is_end() || state == ScanState::Interrupted => {
                 bar.clear();
                 return Ok(scan);

@@ -11,6 +11,7 @@ import type {
   Certainty,
   Curves,
   CurvePoint,
+  Definition,
   Estimate,
   Fit,
   FrameRow,
@@ -19,8 +20,11 @@ import type {
   JobKind,
   LeaseState,
   LeaseTaken,
+  NewOrder,
   OperatorStep,
   Page,
+  Queue,
+  QueueOrder,
   RefusedStages,
   Rig,
   Sample,
@@ -153,6 +157,21 @@ export const api = {
     post('/rig/accept-stages', { theta_c_serial: stages.theta_c.serial, phi_s_serial: stages.phi_s.serial }),
   /** Reconnects first if the link is lost; no motion starts. */
   stop: (): Promise<unknown> => post('/rig/stop'),
+
+  recipes: (): Promise<Definition[]> => getAll('/recipes'),
+  specifications: (): Promise<Definition[]> => getAll('/specifications'),
+  queue: (): Promise<Queue> => get('/queue'),
+  /** Orders that run or wait, in sequence. */
+  queueOrders: (): Promise<QueueOrder[]> => getAll('/queue/orders'),
+  addOrders: (orders: readonly NewOrder[]): Promise<unknown> => post('/queue/orders', { orders }),
+  /** Moves an order to a place among those that wait, from 1. */
+  moveOrder: (id: number, to: number): Promise<unknown> => post(`/queue/orders/${id}/move`, { to }),
+  removeOrder: (id: number): Promise<unknown> => post(`/queue/orders/${id}`, undefined, 'DELETE'),
+  /** Starts the queue, or resumes a paused one. */
+  startQueue: (): Promise<unknown> => post('/queue/start'),
+  /** Stops the queue after the present order. */
+  stopQueue: (): Promise<unknown> => post('/queue/stop'),
+  pauseQueue: (): Promise<unknown> => post('/queue/pause'),
 
   samples: (): Promise<Sample[]> => getAll('/samples'),
   renameSample: (id: number, name: string): Promise<Sample> => post(`/samples/${id}`, { name }, 'PATCH'),

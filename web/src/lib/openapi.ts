@@ -185,6 +185,14 @@ export interface components {
             /** @description Serial number. */
             readonly serial: string;
         };
+        /** @description The order whose scan has begun and has not ended. */
+        readonly CurrentOrder: {
+            readonly operator?: components["schemas"]["OperatorBody"] | null;
+            /** @description The order. */
+            readonly order: components["schemas"]["OrderBody"];
+            /** @description State of its scan. */
+            readonly scan_state: components["schemas"]["ScanState"];
+        };
         /** @description Predicted signal over φs at one tilt. */
         readonly CurveBody: {
             /** @description Sample azimuths φs as recorded, degrees. */
@@ -256,6 +264,16 @@ export interface components {
              * @default 0.025
              */
             readonly max_false_reject_risk: number;
+        };
+        /** @description A recipe or specification of an order. Its newest version at the start of the scan counts. */
+        readonly DefinitionName: {
+            /**
+             * Format: int64
+             * @description Number.
+             */
+            readonly id: number;
+            /** @description Name. */
+            readonly name: string;
         };
         /** @description The version of a definition that a scan used. */
         readonly DefinitionRef: {
@@ -1584,6 +1602,59 @@ export interface components {
             readonly next_cursor?: string | null;
         };
         /** @description A page of a list. */
+        readonly List_OrderBody: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /** @description When it was added, RFC 3339 in UTC. */
+                readonly created_at: string;
+                /** @description Number of the part or order in another system. */
+                readonly external_id?: string | null;
+                /**
+                 * Format: int64
+                 * @description How often it failed.
+                 */
+                readonly failures: number;
+                /**
+                 * Format: int64
+                 * @description Number of the order.
+                 */
+                readonly id: number;
+                /** @description Lot of the part. */
+                readonly lot?: string | null;
+                /** @description Free text. */
+                readonly note?: string | null;
+                /** @description The person at the rig. */
+                readonly operator_name?: string | null;
+                /** @description Name of the part: that of the sample. */
+                readonly part: string;
+                /** @description Why it failed, or waits again. */
+                readonly reason?: string | null;
+                /** @description The recipe. */
+                readonly recipe: components["schemas"]["DefinitionName"];
+                /**
+                 * Format: int64
+                 * @description Number of the sample.
+                 */
+                readonly sample_id: number;
+                /**
+                 * Format: int64
+                 * @description Its newest scan; null before the first.
+                 */
+                readonly scan_id?: number | null;
+                readonly specification?: components["schemas"]["DefinitionName"] | null;
+                /** @description State of the order. */
+                readonly state: components["schemas"]["OrderState"];
+                /** @description The verdict of that scan: pass, fail or cannot-tell; null without one. */
+                readonly verdict?: string | null;
+                /** @description Who added it: the name of a token, or `local`. */
+                readonly who: string;
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
         readonly List_RecipeBody: {
             /** @description Rows of this page that the store cannot read; omitted if there are none. */
             readonly damaged?: readonly components["schemas"]["DamagedBody"][];
@@ -1678,6 +1749,11 @@ export interface components {
                 readonly operator?: components["schemas"]["OperatorBody"] | null;
                 /** @description The person at the rig. */
                 readonly operator_name?: string | null;
+                /**
+                 * Format: int64
+                 * @description The order of the queue that it measures; null for a scan that was started by itself.
+                 */
+                readonly order_id?: number | null;
                 /** @description Origin of the scan. */
                 readonly origin: components["schemas"]["ScanOrigin"];
                 /** @description The whole plan; of an import, its poses. */
@@ -1831,6 +1907,14 @@ export interface components {
              */
             readonly position_deg: number;
         };
+        /** @description Where to move an order. */
+        readonly MoveRequest: {
+            /**
+             * Format: int32
+             * @description Place among the waiting orders, from 1 (the next one); beyond the last one, the end.
+             */
+            readonly to: number;
+        };
         /** @description A recipe or specification by its number, or by its name. */
         readonly NameOrId: number | string;
         /** @description A reduced measurement. */
@@ -1884,6 +1968,11 @@ export interface components {
             readonly warnings: readonly string[];
         };
         /**
+         * @description What follows a failed order of the queue.
+         * @enum {string}
+         */
+        readonly OnFailure: "stop" | "end";
+        /**
          * @description What a person has to do at the rig before the scan can go on.
          * @enum {string}
          */
@@ -1894,6 +1983,114 @@ export interface components {
             readonly action: components["schemas"]["OperatorAction"];
             /** @description What to do, as a sentence. */
             readonly message: string;
+        };
+        /** @description An order of the queue. */
+        readonly OrderBody: {
+            /** @description When it was added, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description Number of the part or order in another system. */
+            readonly external_id?: string | null;
+            /**
+             * Format: int64
+             * @description How often it failed.
+             */
+            readonly failures: number;
+            /**
+             * Format: int64
+             * @description Number of the order.
+             */
+            readonly id: number;
+            /** @description Lot of the part. */
+            readonly lot?: string | null;
+            /** @description Free text. */
+            readonly note?: string | null;
+            /** @description The person at the rig. */
+            readonly operator_name?: string | null;
+            /** @description Name of the part: that of the sample. */
+            readonly part: string;
+            /** @description Why it failed, or waits again. */
+            readonly reason?: string | null;
+            /** @description The recipe. */
+            readonly recipe: components["schemas"]["DefinitionName"];
+            /**
+             * Format: int64
+             * @description Number of the sample.
+             */
+            readonly sample_id: number;
+            /**
+             * Format: int64
+             * @description Its newest scan; null before the first.
+             */
+            readonly scan_id?: number | null;
+            readonly specification?: components["schemas"]["DefinitionName"] | null;
+            /** @description State of the order. */
+            readonly state: components["schemas"]["OrderState"];
+            /** @description The verdict of that scan: pass, fail or cannot-tell; null without one. */
+            readonly verdict?: string | null;
+            /** @description Who added it: the name of a token, or `local`. */
+            readonly who: string;
+        };
+        /** @description Number of orders by state. */
+        readonly OrderCounts: {
+            /**
+             * Format: int64
+             * @description Orders whose scan is completed.
+             */
+            readonly done: number;
+            /**
+             * Format: int64
+             * @description Orders that failed.
+             */
+            readonly failed: number;
+            /**
+             * Format: int64
+             * @description Orders that were removed.
+             */
+            readonly removed: number;
+            /**
+             * Format: int64
+             * @description Orders whose scan has begun.
+             */
+            readonly running: number;
+            /**
+             * Format: int64
+             * @description Orders that wait.
+             */
+            readonly waiting: number;
+        };
+        /** @description An order to add to the queue: a part, its recipe, and what it is for. */
+        readonly OrderRequest: {
+            /** @description Number of the part or order in another system, at most 200 characters. No other order of the queue may have it. */
+            readonly external_id?: string | null;
+            /** @description Lot of the part, at most 200 characters. */
+            readonly lot?: string | null;
+            /** @description Free text, at most 4000 characters. */
+            readonly note?: string | null;
+            /** @description The person at the rig, at most 200 characters. */
+            readonly operator_name?: string | null;
+            /**
+             * @description Name of the part instead of a sample. The newest sample of this name is taken; a part that is new gets a sample with
+             *     the material of the recipe.
+             */
+            readonly part?: string | null;
+            /** @description The recipe, by name or number. Its newest version at the start of the scan counts. */
+            readonly recipe: components["schemas"]["NameOrId"];
+            /**
+             * Format: int64
+             * @description Number of the sample of the part.
+             */
+            readonly sample_id?: number | null;
+            readonly specification?: components["schemas"]["NameOrId"] | null;
+        };
+        /**
+         * @description State of an order.
+         * @enum {string}
+         */
+        readonly OrderState: "waiting" | "running" | "done" | "failed" | "removed";
+        /** @description Orders to add. */
+        readonly OrdersRequest: {
+            /** @description 1 to 1000 orders, in sequence. */
+            readonly orders: readonly components["schemas"]["OrderRequest"][];
         };
         /** @description A value and the range that it should be in, in the unit of the field. */
         readonly OutOfRange: {
@@ -2082,6 +2279,30 @@ export interface components {
              */
             readonly time_left_s?: number | null;
         };
+        /** @description The queue. */
+        readonly QueueBody: {
+            /** @description When the state changed, RFC 3339 in UTC; null before the first change. */
+            readonly changed_at?: string | null;
+            /** @description Number of orders by state. */
+            readonly counts: components["schemas"]["OrderCounts"];
+            readonly current?: components["schemas"]["CurrentOrder"] | null;
+            /** @description What the queue does or waits for, as sentences. */
+            readonly message: string;
+            readonly next?: components["schemas"]["OrderBody"] | null;
+            /** @description What follows a failed order (setting `queue.on_failure`). */
+            readonly on_failure: components["schemas"]["OnFailure"];
+            /** @description Reason for the state, if a person did not ask for it. */
+            readonly reason?: string | null;
+            /** @description State of the queue. */
+            readonly state: components["schemas"]["QueueState"];
+            /** @description Who changed the state: the name of a token, `local`, or `daemon`; null before the first change. */
+            readonly who?: string | null;
+        };
+        /**
+         * @description State of the queue.
+         * @enum {string}
+         */
+        readonly QueueState: "stopped" | "running" | "stopping" | "paused";
         /** @description Readiness of the daemon. */
         readonly ReadyBody: {
             /** @description Why it is not ready; null if it is ready. */
@@ -2444,6 +2665,11 @@ export interface components {
             readonly operator?: components["schemas"]["OperatorBody"] | null;
             /** @description The person at the rig. */
             readonly operator_name?: string | null;
+            /**
+             * Format: int64
+             * @description The order of the queue that it measures; null for a scan that was started by itself.
+             */
+            readonly order_id?: number | null;
             /** @description Origin of the scan. */
             readonly origin: components["schemas"]["ScanOrigin"];
             /** @description The whole plan; of an import, its poses. */
@@ -2789,12 +3015,14 @@ export type CertaintyBody = components['schemas']['CertaintyBody'];
 export type ContinueBody = components['schemas']['ContinueBody'];
 export type ContrastRequest = components['schemas']['ContrastRequest'];
 export type ControllerBody = components['schemas']['ControllerBody'];
+export type CurrentOrder = components['schemas']['CurrentOrder'];
 export type CurveBody = components['schemas']['CurveBody'];
 export type CurvesBody = components['schemas']['CurvesBody'];
 export type DamagedBody = components['schemas']['DamagedBody'];
 export type DarkPlan = components['schemas']['DarkPlan'];
 export type DarkRequest = components['schemas']['DarkRequest'];
 export type DecisionRule = components['schemas']['DecisionRule'];
+export type DefinitionName = components['schemas']['DefinitionName'];
 export type DefinitionRef = components['schemas']['DefinitionRef'];
 export type EarlierName = components['schemas']['EarlierName'];
 export type EarlierSample = components['schemas']['EarlierSample'];
@@ -2850,6 +3078,7 @@ export type ListFit = components['schemas']['List_Fit'];
 export type ListFrameBody = components['schemas']['List_FrameBody'];
 export type ListIncidentBody = components['schemas']['List_IncidentBody'];
 export type ListJob = components['schemas']['List_Job'];
+export type ListOrderBody = components['schemas']['List_OrderBody'];
 export type ListRecipeBody = components['schemas']['List_RecipeBody'];
 export type ListSampleBody = components['schemas']['List_SampleBody'];
 export type ListScanBody = components['schemas']['List_ScanBody'];
@@ -2860,11 +3089,18 @@ export type MapRequest = components['schemas']['MapRequest'];
 export type MaterialBody = components['schemas']['MaterialBody'];
 export type MetalBody = components['schemas']['MetalBody'];
 export type MoveBody = components['schemas']['MoveBody'];
+export type MoveRequest = components['schemas']['MoveRequest'];
 export type NameOrId = components['schemas']['NameOrId'];
 export type ObservationBody = components['schemas']['ObservationBody'];
 export type ObservationsBody = components['schemas']['ObservationsBody'];
+export type OnFailure = components['schemas']['OnFailure'];
 export type OperatorAction = components['schemas']['OperatorAction'];
 export type OperatorBody = components['schemas']['OperatorBody'];
+export type OrderBody = components['schemas']['OrderBody'];
+export type OrderCounts = components['schemas']['OrderCounts'];
+export type OrderRequest = components['schemas']['OrderRequest'];
+export type OrderState = components['schemas']['OrderState'];
+export type OrdersRequest = components['schemas']['OrdersRequest'];
 export type OutOfRange = components['schemas']['OutOfRange'];
 export type Phase = components['schemas']['Phase'];
 export type Pitch = components['schemas']['Pitch'];
@@ -2875,6 +3111,8 @@ export type Preset = components['schemas']['Preset'];
 export type Prior = components['schemas']['Prior'];
 export type Problem = components['schemas']['Problem'];
 export type ProgressBody = components['schemas']['ProgressBody'];
+export type QueueBody = components['schemas']['QueueBody'];
+export type QueueState = components['schemas']['QueueState'];
 export type ReadyBody = components['schemas']['ReadyBody'];
 export type Recipe = components['schemas']['Recipe'];
 export type RecipeBody = components['schemas']['RecipeBody'];

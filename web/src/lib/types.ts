@@ -156,6 +156,13 @@ export interface VerdictResult extends ScanJob {
   readonly would_decide?: Readonly<Record<string, { readonly message: string }>>;
 }
 
+/** A recipe or specification that an order or a scan can name. */
+export type Definition = Pick<Sent<openapi.RecipeBody>, 'id' | 'name' | 'version'>;
+export type Queue = Sent<openapi.QueueBody>;
+export type QueueOrder = Sent<openapi.OrderBody>;
+/** An order to add. */
+export type NewOrder = openapi.OrderRequest;
+
 /** A mean and its standard error; the latter is null with one replicate only. */
 export interface Estimated {
   readonly value: number;

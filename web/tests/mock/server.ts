@@ -67,6 +67,9 @@ export class MockDaemon {
   };
   readonly surfaces = new Map<number, MockSurface>();
   readonly samples: Json[] = [];
+  readonly recipes: Json[] = [];
+  orders: Json[] = [];
+  queueState = 'stopped';
   readonly scans: MockScan[] = [];
   readonly fits: Json[] = [];
   /** Duration of a fit; null: it runs until it is cancelled. */
@@ -441,6 +444,28 @@ export class MockDaemon {
     }
     if (['/verdicts', '/maps', '/contrasts'].includes(path) && method === 'GET') return list([]);
     if (path === '/samples') return list(this.samples);
+    if (path === '/recipes' || path === '/specifications') return list(path === '/recipes' ? this.recipes : []);
+    if (path === '/queue/orders' && method === 'POST') {
+      for (const order of body['orders'] as Json[]) {
+        const id = this.orders.length + 1;
+        this.orders.push({ specification: null, lot: null, external_id: null, reason: null, scan_id: null, ...order, id, state: 'waiting', recipe: { id: 1, name: order['recipe'] } });
+      }
+      return send(201, { items: this.orders.slice(-1), next_cursor: null });
+    }
+    if (path === '/queue/orders') return list(this.orders.filter((o) => o['state'] === 'waiting'));
+    const orderMatch = /^\/queue\/orders\/(\d+)(?:\/move)?$/.exec(path);
+    if (orderMatch) {
+      const order = this.orders.find((o) => o['id'] === Number(orderMatch[1]));
+      if (!order) return problem(404, 'not-found', `there is no order ${orderMatch[1]}`);
+      if (method === 'DELETE') order['state'] = 'removed';
+      else this.orders = [order, ...this.orders.filter((o) => o !== order)];
+      return send(200, order);
+    }
+    const queueMatch = /^\/queue\/(start|stop|pause)$/.exec(path);
+    if (queueMatch) this.queueState = { start: 'running', stop: 'stopped', pause: 'paused' }[String(queueMatch[1])] ?? 'stopped';
+    if (queueMatch || path === '/queue') {
+      return send(200, { state: this.queueState, reason: null, who: null, changed_at: null, message: `The queue is ${this.queueState}.`, current: null, next: null, counts: { waiting: 0, running: 0, done: 0, failed: 0, removed: 0 }, on_failure: 'stop' });
+    }
     const sampleMatch = /^\/samples\/(\d+)$/.exec(path);
     if (sampleMatch && method === 'PATCH') {
       const sample = this.samples.find((s) => s['id'] === Number(sampleMatch[1]));
