@@ -338,6 +338,8 @@ async fn an_order_that_is_given_as_the_rig_says_idle_is_taken() {
                 _ => {}
             }
         }
+        // Reports come behind the motions, so that the state may be a motion ahead of them.
+        idle().await;
     }
     // By the answer to an order that comes to nothing.
     for k in 0..40 {
