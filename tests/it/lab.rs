@@ -324,7 +324,20 @@ async fn an_order_that_is_given_as_the_rig_says_idle_is_taken() {
         moved.unwrap_or_else(|error| panic!("order {k}: {error}"));
         idle().await;
     }
-    // By its event.
+    // By its event. A motion is reported behind its end: once all reports so far are there, none is taken for a later one.
+    let activity = |event: &Event| match event {
+        Event::Rig { activity, .. } => Some(*activity),
+        _ => None,
+    };
+    loop {
+        let reported = lab.store().events_after(0, 1000).await.unwrap();
+        let reported: Vec<_> = reported.iter().filter_map(|e| activity(&e.event)).collect();
+        let moves = reported.iter().filter(|a| **a == RigActivity::Moving);
+        if moves.count() == 40 && reported.last() == Some(&RigActivity::Idle) {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
     let mut events = lab.events();
     for k in 0..40 {
         let moved = lab.move_axis(AxisName::ThetaC, target(k)).await;
@@ -338,8 +351,6 @@ async fn an_order_that_is_given_as_the_rig_says_idle_is_taken() {
                 _ => {}
             }
         }
-        // Reports come behind the motions, so that the state may be a motion ahead of them.
-        idle().await;
     }
     // By the answer to an order that comes to nothing.
     for k in 0..40 {
