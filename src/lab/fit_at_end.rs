@@ -2,14 +2,13 @@
 //! specification.
 
 use std::collections::HashSet;
-use std::sync::{Arc, Weak};
+use std::sync::Arc;
 
 use super::recipes::{Recipe, RecipeFit};
-use super::{Inner, Lab, LabError, StoredSeries, VerdictRequest, event_sink};
-use crate::access::DAEMON;
+use super::{Lab, LabError, StoredSeries, VerdictRequest};
 use crate::job::{JobId, JobState};
 use crate::reduction::FrameSource;
-use crate::scan::{Event, ScanState};
+use crate::scan::ScanState;
 use crate::store::definitions::{Definition, DefinitionKind, DefinitionRef, Wanted};
 use crate::store::scans::Scan;
 
@@ -31,7 +30,9 @@ pub(super) fn start(lab: &Lab) {
                     if over.contains(&scan_id) {
                         continue;
                     }
-                    let Some(lab) = alive(&inner) else { return };
+                    let Some(lab) = Lab::of_daemon(&inner) else {
+                        return;
+                    };
                     if let Some(state) = lab.end_of(scan_id).await {
                         over.insert(scan_id);
                         if state == ScanState::Completed && lab.is_fitted_at_end(scan_id).await {
@@ -42,14 +43,6 @@ pub(super) fn start(lab: &Lab) {
             }
         });
     }
-}
-
-fn alive(inner: &Weak<Inner>) -> Option<Lab> {
-    let inner = inner.upgrade()?;
-    Some(Lab {
-        inner,
-        who: DAEMON.into(),
-    })
 }
 
 impl Lab {
@@ -73,19 +66,8 @@ impl Lab {
         if let Err(error) = self.start_fits(scan_id).await {
             let message =
                 format!("scan {scan_id} is completed, but its fit did not start: {error}");
-            self.alarm(FIT_NOT_STARTED, message, scan_id).await;
+            self.alarm(FIT_NOT_STARTED, message, Some(scan_id)).await;
         }
-    }
-
-    async fn alarm(&self, code: &str, message: String, scan_id: i64) {
-        let alarm = Event::Alarm {
-            code: code.into(),
-            message,
-            scan_id: Some(scan_id),
-        };
-        let inner = &self.inner;
-        let clock = inner.clock.as_ref();
-        event_sink::record(&inner.store, &inner.events, clock, alarm, None).await;
     }
 
     /// Reads the version that a scan refers to.
@@ -135,7 +117,7 @@ impl Lab {
                 tokio::spawn(async move {
                     if let Err(why) = lab.judge_fit(scan_id, fit_id, &used).await {
                         let message = format!("scan {scan_id} is not judged: {why}");
-                        lab.alarm(NOT_JUDGED, message, scan_id).await;
+                        lab.alarm(NOT_JUDGED, message, Some(scan_id)).await;
                     }
                 });
             }

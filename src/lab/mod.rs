@@ -56,12 +56,12 @@ mod verdicts;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, Weak};
 use std::time::Duration;
 
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
-use crate::access::LOCAL;
+use crate::access::{DAEMON, LOCAL};
 use crate::bench::stage::{StageError, StageSettings};
 use crate::clock::Clock;
 use crate::geometry::Pose;
@@ -290,6 +290,14 @@ impl Lab {
         self.inner.reserve_bytes.load(Ordering::Relaxed)
     }
 
+    /// Returns the daemon's own handle for a task that must not keep the lab alive; none once the lab has ended.
+    fn of_daemon(inner: &Weak<Inner>) -> Option<Lab> {
+        Some(Lab {
+            inner: inner.upgrade()?,
+            who: DAEMON.into(),
+        })
+    }
+
     /// Returns a handle that acts for a caller: what it starts and causes is recorded under this name.
     #[must_use]
     pub fn by(&self, who: &str) -> Lab {
@@ -319,18 +327,25 @@ impl Lab {
         match &inner.rig {
             // The answer to an order does not wait for the database.
             Some(side) => side.sink.report_by(&self.who, event),
-            None => {
-                let who = Some(&*self.who);
-                event_sink::record(
-                    &inner.store,
-                    &inner.events,
-                    inner.clock.as_ref(),
-                    event,
-                    who,
-                )
-                .await;
-            }
+            None => self.record(event, Some(&self.who)).await,
         }
+    }
+
+    /// Records an alarm of the daemon, and sends it to all listeners.
+    async fn alarm(&self, code: &str, message: String, scan_id: Option<i64>) {
+        let code = code.into();
+        let alarm = Event::Alarm {
+            code,
+            message,
+            scan_id,
+        };
+        self.record(alarm, None).await;
+    }
+
+    async fn record(&self, event: Event, who: Option<&str>) {
+        let inner = &self.inner;
+        let clock = inner.clock.as_ref();
+        event_sink::record(&inner.store, &inner.events, clock, event, who).await;
     }
 
     /// Returns the store, for reading.
@@ -386,19 +401,8 @@ impl Lab {
         let was_gone = inner.folder_gone.swap(checked.is_err(), Ordering::SeqCst);
         match &checked {
             Err(gone) if !was_gone => {
-                let alarm = Event::Alarm {
-                    code: error::store_code(gone).into(),
-                    message: gone.to_string(),
-                    scan_id: None,
-                };
-                event_sink::record(
-                    &inner.store,
-                    &inner.events,
-                    inner.clock.as_ref(),
-                    alarm,
-                    None,
-                )
-                .await;
+                let code = error::store_code(gone);
+                self.alarm(code, gone.to_string(), None).await;
             }
             Ok(()) if was_gone => tracing::info!("the data folder is back"),
             _ => {}

@@ -5,7 +5,7 @@
 //! another caller holds the rig, and after a stop of the rig. After a restart it waits for a person.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::Notify;
@@ -13,7 +13,7 @@ use tokio::sync::broadcast::error::RecvError;
 
 use super::definitions::NameOrId;
 use super::plans::ScanRequest;
-use super::{Inner, Lab, LabError, event_sink};
+use super::{Lab, LabError};
 use crate::access::{DAEMON, Held};
 use crate::scan::faults::OnFailure;
 use crate::scan::runner::ScanCommand;
@@ -85,7 +85,9 @@ pub(super) async fn start(lab: &Lab) -> Result<(), StoreError> {
         let mut watched = None;
         loop {
             {
-                let Some(lab) = alive(&inner) else { return };
+                let Some(lab) = Lab::of_daemon(&inner) else {
+                    return;
+                };
                 if let Err(error) = lab.run_queue(&mut watched).await {
                     tracing::error!(%error, "the queue could not go on: {error}");
                 }
@@ -106,13 +108,6 @@ pub(super) async fn start(lab: &Lab) -> Result<(), StoreError> {
         }
     });
     Ok(())
-}
-
-fn alive(inner: &Weak<Inner>) -> Option<Lab> {
-    Some(Lab {
-        inner: inner.upgrade()?,
-        who: DAEMON.into(),
-    })
 }
 
 impl Lab {
@@ -291,14 +286,8 @@ impl Lab {
         scan_id: Option<i64>,
     ) -> Result<(), LabError> {
         self.set_queue(state, Some(reason), state.as_str()).await?;
-        let alarm = Event::Alarm {
-            code: QUEUE_WAITS.into(),
-            message: format!("the queue waits for a person: {reason}"),
-            scan_id,
-        };
-        let inner = &self.inner;
-        let clock = inner.clock.as_ref();
-        event_sink::record(&inner.store, &inner.events, clock, alarm, None).await;
+        let message = format!("the queue waits for a person: {reason}");
+        self.alarm(QUEUE_WAITS, message, scan_id).await;
         Ok(())
     }
 

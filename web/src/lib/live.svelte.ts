@@ -62,6 +62,8 @@ class Live {
   notices = $state.raw<readonly Notice[]>([]);
   /** True once scans and fits have been read at least once. */
   loaded = $state(false);
+  /** True once the first reading has ended, well or not, or the daemon is lost: views open then, so that nothing moves in them. */
+  settled = $state(false);
   /** Increases with each look at the rig, and when a caller gives an order: the holder of the rig may be another one. */
   looks = $state(0);
 
@@ -238,11 +240,14 @@ class Live {
       this.link = 'live';
       this.#reconnectMs = 500;
       // The replay brings alarms; scans and fits are read again in any case.
-      this.refresh().catch((error: unknown) => this.notify(spoken(error)));
+      this.refresh()
+        .catch((error: unknown) => this.notify(spoken(error)))
+        .finally(() => (this.settled = true));
       void this.#pollRig();
     };
     source.onerror = () => {
       this.link = 'lost';
+      this.settled = true;
       // EventSource gives up for good after some answers; a new one is made in any case, with growing delays.
       source.close();
       // It does not say that the daemon asks for a login; this request does.
