@@ -11,7 +11,7 @@ fn main() -> ExitCode {
         .unwrap_or_else(|_| EnvFilter::new("warn,ridged=info"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
+        .with_writer(|| cli::progress::AboveBars)
         .with_ansi(std::io::stderr().is_terminal())
         // A message about it would go to the same stderr that cannot be written, and panic.
         .log_internal_errors(false)

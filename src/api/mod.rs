@@ -36,6 +36,7 @@ mod page;
 mod peers;
 mod queue;
 mod recipes;
+mod reports;
 mod rig;
 mod samples;
 mod scans;
@@ -232,6 +233,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(queue::get, queue::remove))
         .routes(routes!(queue::move_to))
         .routes(routes!(queue::retry))
+        .routes(routes!(reports::of_scan))
         .routes(routes!(imports::add))
         .routes(routes!(frames::of_scan))
         .routes(routes!(observations::of_scan))

@@ -94,6 +94,7 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("POST", "/api/v1/scans/{id}/{order}", Need::Rig),
     ("GET", "/api/v1/scans/{id}/uncertainty", READ),
     ("GET", "/api/v1/scans/{id}/incidents", READ),
+    ("GET", "/api/v1/scans/{id}/report", READ),
     ("GET", "/api/v1/scans/{id}/frames", READ),
     ("GET", "/api/v1/scans/{id}/observations", READ),
     ("GET", "/api/v1/calibrations", READ),

@@ -1,13 +1,13 @@
 //! `ridged check`: stiff and extreme cases, expected and actual results.
 
 use std::collections::BTreeMap;
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal as _;
 use std::time::Instant;
 
 use anyhow::anyhow;
 use serde::Serialize;
 
-use super::{CliError, interrupt};
+use super::{CliError, interrupt, output};
 use crate::check::{self, CheckEffort, CheckRow};
 use crate::model::LeftOut;
 
@@ -20,6 +20,9 @@ pub struct Args {
     /// Skip the fit of a million observations and most of the photons.
     #[arg(long)]
     pub quick: bool,
+    /// Show every row with its expected and actual result, not only the rows that differ.
+    #[arg(long)]
+    pub all: bool,
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
@@ -79,7 +82,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         rows: &rows,
         program: format!("ridged {}", env!("CARGO_PKG_VERSION")),
     };
-    print(&report, args.json).map_err(CliError::no_result)?;
+    output::write(args.json, &report, || text(&report, args.all))?;
     if failed > 0 {
         return Err(CliError::no_result(anyhow!(
             "{failed} of {} rows are not as expected",
@@ -89,41 +92,41 @@ pub fn run(args: Args) -> Result<(), CliError> {
     Ok(())
 }
 
-fn print(report: &Report<'_>, json: bool) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
-    if json {
-        serde_json::to_writer_pretty(&mut out, report)?;
-        return writeln!(out);
-    }
-    let mut area = "";
-    for row in report.rows {
-        if row.area != area {
-            area = row.area;
-            writeln!(out, "\n{area}")?;
+fn text(report: &Report<'_>, all: bool) -> String {
+    let mut text = String::new();
+    for of_area in report.rows.chunk_by(|a, b| a.area == b.area) {
+        let fine = of_area.iter().filter(|row| row.judged.as_expected).count();
+        text.push_str(&format!(
+            "{}: {fine} of {} as expected\n",
+            of_area[0].area,
+            of_area.len()
+        ));
+        for row in of_area.iter().filter(|row| all || !row.judged.as_expected) {
+            text.push_str(&shown(row));
         }
-        let verdict = if row.judged.as_expected { "ok " } else { "NOT" };
-        write!(out, "  {verdict} {}: {}", row.case, row.quantity)?;
-        write!(
-            out,
-            "\n        expected {} ({})",
-            row.judged.expected, row.source
-        )?;
-        if let Some(allowed) = row.judged.allowed {
-            write!(out, " ± {allowed:.1e}")?;
-        }
-        writeln!(out, "\n        found    {}", row.judged.found)?;
     }
-    let all = report.rows.len();
     let seconds: f64 = report.timing_s.values().sum();
-    writeln!(
-        out,
-        "\n{} of {all} rows are as expected ({seconds:.1} s)",
-        report.as_expected
-    )?;
+    text.push_str(&format!(
+        "\n{} of {} rows are as expected ({seconds:.1} s)\n",
+        report.as_expected,
+        report.rows.len()
+    ));
     for left in &report.left_out {
-        writeln!(out, "left out: {} ({})", left.what, left.why)?;
+        text.push_str(&format!("left out: {} ({})\n", left.what, left.why));
     }
-    Ok(())
+    text
+}
+
+fn shown(row: &CheckRow) -> String {
+    let judged = &row.judged;
+    let verdict = if judged.as_expected { "ok " } else { "NOT" };
+    let allowed = judged
+        .allowed
+        .map_or_else(String::new, |allowed| format!(" ± {allowed:.1e}"));
+    format!(
+        "  {verdict} {}: {}\n        expected {} ({}){allowed}\n        found    {}\n",
+        row.case, row.quantity, judged.expected, row.source, judged.found
+    )
 }
 
 #[cfg(test)]

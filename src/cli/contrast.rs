@@ -51,7 +51,7 @@ pub struct Args {
     #[arg(long, requires = "measured")]
     pub region: Option<String>,
     /// Ridge angles to predict for.
-    #[arg(long, num_args = 1.., value_name = "DEG", conflicts_with = "measured",
+    #[arg(long, num_args = 1.., value_delimiter = ',', value_name = "DEG", conflicts_with = "measured",
           default_values_t = PAPER_RIDGES_DEG)]
     pub theta_r_deg: Vec<f64>,
     /// Rig and surface of the prediction.
@@ -221,14 +221,14 @@ fn as_text(table: &Table, report: &Value, compared: Option<&TableComparison>) ->
     let predicted = report["mode"] == "predicted";
     let ridge = |a: Angle| {
         if predicted {
-            format!("{:8.2}", rounded_deg(a))
+            format!("{:6.2}", rounded_deg(a))
         } else {
-            "       –".to_owned()
+            "     –".to_owned()
         }
     };
     let _ = writeln!(
         text,
-        "θr / °   θc / °       L(0°)      L(90°)     L(180°)   |0–90|  (Mich.)  |90–180|  (Mich.)"
+        "θr / ° θc / °     L(0°)   L(90°)  L(180°)  |0–90| (Mich.) |90–180| (Mich.)"
     );
     let michelson = |m: f64| match m.is_nan() {
         true => "–".to_owned(),
@@ -238,7 +238,7 @@ fn as_text(table: &Table, report: &Value, compared: Option<&TableComparison>) ->
         let [a, b] = l.contrast;
         let _ = write!(
             text,
-            "{}{:8.2}  {:10.5}  {:10.5}  {:10.5}  {:7.4}  {:>6}   {:7.4}  {:>6}",
+            "{}{:7.2}  {:8.5} {:8.5} {:8.5} {:7.4} {:>7}  {:7.4} {:>7}",
             ridge(l.theta_r),
             rounded_deg(l.theta_c),
             l.radiance[0],
@@ -257,7 +257,8 @@ fn as_text(table: &Table, report: &Value, compared: Option<&TableComparison>) ->
             };
             let _ = write!(
                 text,
-                "   ± {} ({}), {} ({})",
+                "\n{:>42} {:>7} {:>7}  {:>7} {:>7}",
+                "±",
                 std(0, "absolute_std"),
                 std(0, "michelson_std"),
                 std(1, "absolute_std"),

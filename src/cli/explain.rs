@@ -38,7 +38,7 @@ pub struct Args {
     /// Plan for Mueller matrices by direction (as `ridged trace --out` needs them) instead of energies.
     #[arg(long)]
     pub mueller: bool,
-    /// Plan the map of a series (`ridged map --target-error E`) instead of its fit.
+    /// Plan the map of a series (`ridged map --tolerance E`) instead of its fit.
     #[arg(long, conflicts_with_all = ["mueller", "prove"])]
     pub map: bool,
     /// Compute a scene both in full and as planned, and compare results and times.
@@ -100,15 +100,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
     if super::interrupt::flag()?.load(Ordering::Relaxed) {
         return Err(CliError::Interrupted);
     }
-    let mut out = std::io::stdout().lock();
-    let written = if args.json {
-        serde_json::to_writer_pretty(&mut out, &explanation)
-            .map_err(std::io::Error::from)
-            .and_then(|()| writeln!(out))
-    } else {
-        print(&explanation, &mut out)
-    };
-    written.map_err(CliError::no_result)
+    let mut text = Vec::new();
+    print(&explanation, &mut text).map_err(CliError::no_result)?;
+    super::output::write(args.json, &explanation, || {
+        String::from_utf8_lossy(&text).into_owned()
+    })
 }
 
 fn program() -> String {
@@ -200,9 +196,7 @@ fn of_map(folder: &Path, tolerance: f64) -> Result<Explanation, CliError> {
 
 fn of_scene(args: &Args) -> Result<Explanation, CliError> {
     let started = Instant::now();
-    let text = std::fs::read_to_string(&args.input)
-        .with_context(|| format!("cannot read {}", args.input.display()))
-        .map_err(CliError::bad_input)?;
+    let text = super::trace::scene_text(&args.input)?;
     let scene = Scene::parse(&text)
         .with_context(|| args.input.display().to_string())
         .map_err(CliError::bad_input)?;

@@ -15,8 +15,9 @@ use clap::ValueEnum;
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 use super::limits::FitLimits;
+use super::output::ResultArgs;
 use super::values::whole;
-use super::{CliError, constraint_args, interrupt, output, runtime};
+use super::{CliError, constraint_args, interrupt, output, progress, runtime};
 use crate::accuracy::forecast::{READ, of_analysis};
 use crate::analysis::{Analysis, AnalysisError, AnalysisOptions, DRAWS, Progress, STARTS, analyse};
 use crate::fit::constraints::agree;
@@ -34,7 +35,7 @@ use crate::tables;
 #[command(
     after_help = "Example:\n  ridged fit tests/data/series/polymer-10 --json > polymer-10.json\n  \
                   ridged fit tests/data/series/steel-15 --variant traced\n  \
-                  ridged fit tests/data/series/steel-15 --variant paper --judge\n  \
+                  ridged fit tests/data/series/steel-15 --variant paper --check-traced\n  \
                   ridged fit series --variant traced --shape map.tif --pitch-um 0.5 --height-unit-um 1\n  \
                   ridged fit monday tuesday remounted --fix rho_d=0"
 )]
@@ -80,7 +81,7 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = whole::<u32>(DRAWS))]
     pub bootstrap: Option<u32>,
     /// Check the variant with the ray tracer: the difference from `traced` becomes the `model` line of the budget.
-    #[arg(long)]
+    #[arg(long = "check-traced", alias = "judge")]
     pub judge: bool,
     /// Trace on this measured shape instead of an ideal sawtooth. A profile: CSV rows of v and height in µm across
     /// the ridges (+v is the lean direction), the last row closing the period. Or a height map of the ridges, in any
@@ -106,9 +107,9 @@ pub struct Args {
     /// (`iterations` of --json).
     #[arg(long)]
     pub iterations: bool,
-    /// One JSON object on stdout instead of a table.
-    #[arg(long)]
-    pub json: bool,
+    /// Form of the result.
+    #[command(flatten)]
+    pub printed: ResultArgs,
 }
 
 /// Share of a time limit that the forecast always leaves for the work.
@@ -227,7 +228,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     if let [dir] = &args.dirs[..]
         && tables::is_table(dir)
     {
-        return table::run(dir, options, args.json, &cancel);
+        return table::run(dir, options, args.printed, &cancel);
     }
     let source: Box<dyn FrameSource> = match (&args.dirs[..], args.scan) {
         ([], scan) => Box::new(runtime::stored_series(
@@ -238,12 +239,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
             let series = Series::open_own(dir).map_err(CliError::bad_input)?;
             Box::new(Remembering::new(series))
         }
-        (dirs, _) => return joint::run(dirs, &options, args.json, &cancel),
+        (dirs, _) => return joint::run(dirs, &options, args.printed, &cancel),
     };
     suits(&options.fit.constraints, &source.manifest().material())?;
     let expected_s = print_forecast(source.as_ref(), &mut options, &cancel);
     let analysis = watched(source.as_ref(), &options, expected_s, &cancel)?;
-    print(&analysis, args.json)
+    print(&analysis, args.printed)
 }
 
 /// Reads a shape from a file.
@@ -270,7 +271,7 @@ fn tracing_options(args: &Args) -> Result<TracingOptions, CliError> {
     let traces = args.judge || args.variant == Variant::Traced;
     if args.shape.is_some() && !traces {
         return Err(CliError::bad_input(anyhow!(
-            "--shape applies only to the ray tracer; add --variant traced or --judge"
+            "--shape applies only to the ray tracer; add --variant traced or --check-traced"
         )));
     }
     args.limits.check(traces)?;
@@ -361,9 +362,8 @@ fn with_bar<T>(expected_s: Option<f64>, work: impl FnOnce(Tell<'_>) -> T) -> T {
 fn new_bar() -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} frames, {eta} left")
         .expect("the template is constant");
-    ProgressBar::new(0)
-        .with_style(style)
-        .with_message("reading")
+    let bar = ProgressBar::new(0).with_style(style);
+    progress::drawn(bar.with_message("reading"))
 }
 
 fn fitting_style() -> ProgressStyle {
@@ -380,8 +380,8 @@ fn paths_style() -> ProgressStyle {
 ///
 /// # Errors
 /// No result where stdout cannot be written.
-pub fn print(analysis: &Analysis, json: bool) -> Result<(), CliError> {
-    output::write(json, &analysis.report, || {
-        text::table(&analysis.report, std::io::stdout().is_terminal())
+fn print(analysis: &Analysis, printed: ResultArgs) -> Result<(), CliError> {
+    output::write(printed.json, &analysis.report, || {
+        text::table(&analysis.report, &output::form(printed.brief))
     })
 }

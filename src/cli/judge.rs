@@ -13,7 +13,7 @@ use crate::fit::traced::TracingOptions;
 use crate::judge::{Specification, VerdictReport};
 use crate::reduction::{FrameSource, Remembering};
 use crate::series::Series;
-use crate::wording::{decimals, significant, stated, toml_text};
+use crate::wording::{decimals, names, significant, stated, toml_text};
 
 /// Measures a series and judges it against a specification: pass, fail or cannot tell.
 #[derive(Debug, clap::Args)]
@@ -107,76 +107,86 @@ pub fn run(args: Args) -> Result<(), CliError> {
     output::write(args.json, &verdict, || table(&verdict))
 }
 
-/// Aligns columns: numbers to the right, words to the left, no blanks after the last column.
-fn columns<const N: usize>(rows: &[[String; N]]) -> String {
+/// Aligns columns: the first and the last to the left, numbers to the right.
+fn columns<const N: usize>(rows: &[[String; N]]) -> Vec<String> {
     let widths: [usize; N] = std::array::from_fn(|k| {
-        rows.iter()
-            .map(|row| row[k].chars().count())
-            .max()
-            .unwrap_or(0)
+        let cells = rows.iter().map(|row| row[k].chars().count());
+        cells.max().unwrap_or(0)
     });
-    let mut text = String::new();
-    for row in rows {
+    let line = |row: &[String; N]| {
+        let mut line = String::new();
         for (k, (cell, width)) in row.iter().zip(widths).enumerate() {
-            let words = k == 0 || k + 2 == N;
-            text.push_str(&match (words, k + 1 == N) {
-                (_, true) => format!("{cell}\n"),
-                (true, _) => format!("{cell:<width$}  "),
-                (false, _) => format!("{cell:>width$}  "),
+            line.push_str(&match k {
+                0 => format!("  {cell:<width$}"),
+                k if k + 1 == N => format!("  {cell}"),
+                _ => format!("  {cell:>width$}"),
             });
         }
+        line
+    };
+    rows.iter().map(line).collect()
+}
+
+/// Returns limits as one text: `9 … 11`, `≥ 9`, `≤ 11`.
+fn limits(lower: Option<f64>, upper: Option<f64>, unit: &str) -> String {
+    match (lower, upper) {
+        (Some(lower), Some(upper)) => format!("{} … {}{unit}", stated(lower), stated(upper)),
+        (Some(lower), None) => format!("≥ {}{unit}", stated(lower)),
+        (None, Some(upper)) => format!("≤ {}{unit}", stated(upper)),
+        (None, None) => "–".to_owned(),
     }
-    text
 }
 
 fn table(verdict: &VerdictReport) -> String {
     let judgement = &verdict.judgement;
-    let none = || "–".to_owned();
-    let mut rows = vec![
-        [
-            "quantity",
-            "value",
-            "± expanded",
-            "k",
-            "lower",
-            "upper",
-            "guard band",
-            "verdict",
-            "reason",
-        ]
-        .map(str::to_owned),
+    let heads = [
+        "quantity",
+        "value ± U",
+        "k",
+        "limits",
+        "guard band",
+        "verdict",
     ];
+    let mut rows = vec![heads.map(str::to_owned)];
     for item in &judgement.items {
+        let name = names::known(&item.quantity);
+        let unit = name.map_or("", |name| name.unit);
         let decimals = item.expanded.map_or(4, decimals);
         // Two digits of the uncertainty, unless the value is too large for a table.
-        let measured = |x: Option<f64>| match x {
-            None => none(),
-            Some(x) if x.abs() < 1e7 => format!("{x:.decimals$}"),
-            Some(x) => significant(x),
+        let digits = |x: f64| match x.abs() < 1e7 {
+            true => format!("{x:.decimals$}"),
+            false => significant(x),
         };
-        let limit = |x: Option<f64>| x.map_or_else(none, stated);
-        let factor = |k| format!("{k:.2}");
+        let none = || "–".to_owned();
+        let value = item.value.zip(item.expanded);
         rows.push([
-            item.quantity.clone(),
-            measured(item.value),
-            measured(item.expanded),
-            item.coverage_factor.map_or_else(none, factor),
-            limit(item.lower),
-            limit(item.upper),
-            measured(item.guard_band),
+            name.map_or_else(|| item.quantity.clone(), |name| name.full()),
+            value.map_or_else(none, |(x, u)| {
+                format!("{} ± {}{unit}", digits(x), digits(u))
+            }),
+            item.coverage_factor
+                .map_or_else(none, |k| format!("{k:.2}")),
+            limits(item.lower, item.upper, unit),
+            item.guard_band
+                .map_or_else(none, |band| format!("{}{unit}", digits(band))),
             item.verdict.to_string(),
-            item.reason.clone(),
         ]);
     }
     let mut text = format!(
         "{}: {}\n{}\n\n",
         judgement.specification, judgement.verdict, judgement.decision_rule
     );
-    text.push_str(&columns(&rows));
+    for (n, row) in columns(&rows).into_iter().enumerate() {
+        text.push_str(&row);
+        text.push('\n');
+        if let Some(item) = n.checked_sub(1).and_then(|n| judgement.items.get(n)) {
+            text.push_str(&format!("      {}\n", item.reason));
+        }
+    }
     if let Some(tilts) = &verdict.contrast_theta_c_deg {
         let tilts: Vec<String> = tilts.iter().map(|deg| format!("{deg}°")).collect();
         text.push_str(&format!(
-            "contrasts are means over θc {}\n",
+            "Contrasts are means over θc {}.\n",
             tilts.join(", ")
         ));
     }

@@ -16,7 +16,7 @@ use crate::map::summary::Summary;
 use crate::map::{MapError, MapOptions, Progress, Stage};
 use crate::reduction::{FrameSource, ReductionError, Remembering};
 use crate::series::Series;
-use crate::wording::{counted, decimals, percent, significant};
+use crate::wording::{counted, decimals, names, percent, significant};
 
 /// Fits every pixel of a series: float32 TIFF and PNG of each parameter and its uncertainty.
 #[derive(Debug, clap::Args)]
@@ -144,7 +144,7 @@ impl Watch {
         let bar = self.bar.get_or_init(|| {
             let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}, {eta} left")
                 .expect("the template is constant");
-            ProgressBar::new(1).with_style(style)
+            super::progress::drawn(ProgressBar::new(1).with_style(style))
         });
         if first {
             bar.reset();
@@ -161,6 +161,15 @@ impl Watch {
     }
 }
 
+/// Returns a parameter as people read it, with its unit.
+fn named(key: &str) -> String {
+    match names::known(key) {
+        Some(name) if name.unit.is_empty() => name.full(),
+        Some(name) => format!("{} / {}", name.full(), name.unit),
+        None => key.to_owned(),
+    }
+}
+
 fn table(summary: &Summary, args: &Args) -> String {
     let mut text = format!(
         "{} of {} fitted pixels have values, {:.0} pixels/s, {}\n\n",
@@ -169,13 +178,17 @@ fn table(summary: &Summary, args: &Args) -> String {
         summary.pixels_per_s,
         counted(summary.observations_per_pixel, "pose")
     );
-    text.push_str("parameter            median        p5       p95   std (pixel)  std (shared)\n");
-    for (name, s) in &summary.parameters {
+    text.push_str(&format!(
+        "{:<22} {:>9} {:>9} {:>9} {:>13} {:>13}\n",
+        "", "median", "5 %", "95 %", "u of a pixel", "u, shared"
+    ));
+    for (key, s) in &summary.parameters {
+        let name = named(key);
         let decimals = s.std_median.map_or(4, |std| decimals(std) + 1);
         let number =
             |x: Option<f64>| x.map_or_else(|| "–".to_owned(), |x| format!("{x:.decimals$}"));
         text.push_str(&format!(
-            "{name:<18} {:>9} {:>9} {:>9} {:>13} {:>13}\n",
+            "{name:<22} {:>9} {:>9} {:>9} {:>13} {:>13}\n",
             number(s.median),
             number(s.p5),
             number(s.p95),
@@ -204,7 +217,7 @@ fn table(summary: &Summary, args: &Args) -> String {
                     let value = v.value.map_or_else(|| "–".to_owned(), significant);
                     format!(
                         "{} {value} instead of {}",
-                        v.parameter,
+                        named(v.parameter),
                         significant(v.usual)
                     )
                 },
@@ -222,17 +235,14 @@ fn table(summary: &Summary, args: &Args) -> String {
     }
     for left in &summary.left_out {
         let cost = left.cost.map_or_else(
-            || "cost unknown".to_owned(),
-            |c| format!("may cost {} of the brightest radiance", percent(c)),
+            || "effect unknown".to_owned(),
+            |c| format!("effect ≤ {} of the brightest radiance", percent(c)),
         );
-        text.push_str(&format!(
-            "not computed: {} ({cost}): {}\n",
-            left.what, left.why
-        ));
+        text.push_str(&format!("left out: {} ({cost}): {}\n", left.what, left.why));
     }
     for frame in &summary.rejected_frames {
         text.push_str(&format!(
-            "left out: {} ({}) {}\n",
+            "frame left out: {} ({}) {}\n",
             frame.file, frame.reason, frame.detail
         ));
     }

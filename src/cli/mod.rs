@@ -6,6 +6,7 @@
 pub mod accuracy;
 pub mod check;
 pub mod client;
+pub mod completions;
 pub mod constraint_args;
 pub mod contrast;
 pub mod definitions;
@@ -15,12 +16,15 @@ pub mod eval;
 pub mod explain;
 pub mod export;
 pub mod fit;
+mod groups;
 pub mod import;
 pub mod interrupt;
 pub mod judge;
 mod limits;
+pub mod man;
 pub mod map;
 pub mod model_error;
+mod nearby;
 pub mod operator_prompt;
 pub mod optimize;
 mod output;
@@ -30,6 +34,7 @@ pub mod prediction;
 pub mod progress;
 pub mod queue;
 pub mod render;
+pub mod report;
 pub mod rig;
 pub mod runtime;
 pub mod sample;
@@ -39,6 +44,7 @@ pub mod serve;
 pub mod simulate_rig;
 pub mod simulated;
 mod supervision;
+mod terminal;
 pub mod token;
 
 pub mod trace;
@@ -50,15 +56,16 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
+use crate::version::VERSION;
 use crate::wording::numbers::readable;
 
-/// Measures the ridge angle of micro-structured surfaces, with its uncertainty and the reasons for it.
+/// Measures the ridge angle of micro-structured surfaces with its uncertainty.
 #[derive(Debug, Parser)]
-#[command(name = "ridged", version, about, max_term_width = 100)]
+#[command(name = "ridged", version = VERSION, max_term_width = 100)]
 #[command(after_help = "Examples:\n  \
-    ridged demo                              a simulated scan, its fit, then page and API until Ctrl-C\n  \
-    ridged fit tests/data/series/polymer-10  the ridge angle of a recorded series\n  \
-    ridged COMMAND --help                    more examples")]
+    ridged demo             a simulated scan, its fit, then the page until Ctrl-C\n  \
+    ridged fit my-series    the ridge angle of a recorded series\n  \
+    ridged COMMAND --help   options and examples")]
 pub struct Cli {
     /// The subcommand.
     #[command(subcommand)]
@@ -104,6 +111,8 @@ pub enum Command {
     Map(map::Args),
     /// Judge a series against a specification: pass, fail or cannot tell.
     Judge(judge::Args),
+    /// Write the report on a scan or a series: HTML to print, and JSON.
+    Report(report::Args),
     /// Compare the closed forms with the ray tracer: the error at each pose.
     ModelError(model_error::Args),
     /// Find the micro-structure of greatest contrast on a rig.
@@ -122,6 +131,10 @@ pub enum Command {
     Trace(trace::Args),
     /// Trace the contrast of worn ridges over the ridge angle.
     Wear(wear::Args),
+    /// Print the completions of a shell.
+    Completions(completions::Args),
+    /// Print the manual pages, or write them into a folder.
+    Man(man::Args),
 }
 
 /// Why a command ended without its result.
@@ -152,7 +165,8 @@ impl CliError {
 /// Parses the command line. Help, and errors of the command line, end the program.
 #[must_use]
 pub fn parse() -> Cli {
-    let matches = with_negative_numbers(Cli::command()).try_get_matches();
+    let command = groups::grouped(with_negative_numbers(Cli::command()));
+    let matches = command.try_get_matches_from(values::words(std::env::args_os()));
     let parsed = matches.and_then(|matches| Cli::from_arg_matches(&matches));
     parsed.unwrap_or_else(|error| {
         if !error.use_stderr() {
@@ -199,6 +213,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Fit(args) => fit::run(args),
         Command::Score(args) => score::run(&args),
         Command::Judge(args) => judge::run(args),
+        Command::Report(args) => report::run(args),
         Command::Map(args) => map::run(args),
         Command::Optimize(args) => optimize::run(args),
         Command::Render(args) => render::run(args),
@@ -209,6 +224,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Trace(args) => trace::run(args),
         Command::ModelError(args) => model_error::run(args),
         Command::Wear(args) => wear::run(args),
+        Command::Completions(args) => completions::run(&args),
+        Command::Man(args) => man::run(&args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -231,7 +248,7 @@ pub fn run(cli: Cli) -> ExitCode {
 /// Prints a line on stderr. Where it cannot be written (a closed terminal, a full disk), the work continues and the exit
 /// code still shows how it ended.
 fn say(line: &(impl std::fmt::Display + ?Sized)) {
-    let _ = writeln!(std::io::stderr(), "{line}");
+    let _ = writeln!(progress::AboveBars, "{line}");
 }
 
 /// Returns an error with its causes, without causes that the error already contains.

@@ -24,11 +24,11 @@ use crate::accuracy::model_error::{ErrorSurface, MATERIALS, SurfaceComparison, S
     ridged model-error --theta-r-deg 10 --alpha 0.12 --paths 16384")]
 pub struct Args {
     /// Ridge angles.
-    #[arg(long, num_args = 1.., value_name = "DEG",
+    #[arg(long, num_args = 1.., value_delimiter = ',', value_name = "DEG",
           default_values_t = [2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0])]
     pub theta_r_deg: Vec<f64>,
     /// Roughnesses (both axes).
-    #[arg(long, num_args = 1.., default_values_t = [0.03, 0.06, 0.1, 0.2, 0.3])]
+    #[arg(long, num_args = 1.., value_delimiter = ',', default_values_t = [0.03, 0.06, 0.1, 0.2, 0.3])]
     pub alpha: Vec<f64>,
     /// Diffuse reflectance of the plastic.
     #[arg(long, default_value_t = 0.35)]

@@ -1,12 +1,34 @@
 //! The output of a command on stdout: one JSON object, or text.
 
-use std::io::Write as _;
+use std::io::{IsTerminal as _, Write as _};
 
 use serde::Serialize;
 
-use super::CliError;
+use super::{CliError, terminal};
+use crate::fit::text::Form;
+use crate::wording::layout::{tables, wrapped};
 
-/// Writes a report to stdout as JSON, or as the text that `text` returns.
+/// How the result of a fit is printed.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct ResultArgs {
+    /// One JSON object on stdout instead of a table.
+    #[arg(long)]
+    pub json: bool,
+    /// Only the parameters, without what they are based on.
+    #[arg(long, conflicts_with = "json")]
+    pub brief: bool,
+}
+
+/// Returns how results are printed on stdout.
+pub fn form(brief: bool) -> Form {
+    Form {
+        colour: std::io::stdout().is_terminal(),
+        columns: terminal::columns().unwrap_or(Form::PLAIN.columns),
+        brief,
+    }
+}
+
+/// Writes a report to stdout as JSON, or as the text that `text` returns, in lines that fit the terminal.
 ///
 /// # Errors
 /// No result where stdout cannot be written.
@@ -20,10 +42,18 @@ pub fn write(
         text.push('\n');
         text
     } else {
-        text()
+        in_columns(&text())
     };
     let mut out = std::io::stdout().lock();
     out.write_all(text.as_bytes())
         .and_then(|()| out.flush())
         .map_err(CliError::no_result)
+}
+
+/// Lays out a text for the width of the terminal. Files and other programs get it as it is, with tables in Markdown.
+pub fn in_columns(text: &str) -> String {
+    match terminal::columns() {
+        Some(columns) => wrapped(&tables(text, columns), columns),
+        None => text.to_owned(),
+    }
 }

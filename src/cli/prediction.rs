@@ -16,7 +16,7 @@ use crate::units::Angle;
 #[derive(Debug, Clone, clap::Args)]
 pub struct Scene {
     /// Camera tilts.
-    #[arg(long, num_args = 1.., value_name = "DEG", allow_negative_numbers = true,
+    #[arg(long, num_args = 1.., value_delimiter = ',', value_name = "DEG", allow_negative_numbers = true,
           default_values_t = PAPER_TILTS_DEG)]
     pub theta_c_deg: Vec<f64>,
     /// Roughness along and across the ridges.

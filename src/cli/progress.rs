@@ -1,10 +1,32 @@
 //! A progress bar, shown only on a terminal and only for work of more than a second.
 
-use std::io::IsTerminal;
-use std::sync::{Mutex, OnceLock};
+use std::io::{IsTerminal, Write};
+use std::sync::{LazyLock, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
-use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
+
+/// All bars of the process: lines on stderr appear above them.
+static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
+
+/// Draws a bar together with the others.
+pub fn drawn(bar: ProgressBar) -> ProgressBar {
+    BARS.add(bar)
+}
+
+/// The end of the log: stderr, above the bars that are drawn on it.
+#[derive(Debug, Clone, Copy)]
+pub struct AboveBars;
+
+impl Write for AboveBars {
+    fn write(&mut self, text: &[u8]) -> std::io::Result<usize> {
+        BARS.suspend(|| std::io::stderr().write(text))
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        std::io::stderr().flush()
+    }
+}
 
 /// A bar on stderr.
 pub struct Bar {
@@ -58,7 +80,7 @@ impl Bar {
             );
             let style = ProgressStyle::with_template(&template)
                 .unwrap_or_else(|_| ProgressStyle::default_bar());
-            ProgressBar::new(total).with_style(style)
+            drawn(ProgressBar::new(total).with_style(style))
         });
         bar.set_length(total);
         bar.set_position(done);
@@ -93,7 +115,7 @@ impl Bar {
     pub fn say(&self, line: &str) {
         match self.bar.get() {
             Some(bar) => bar.println(line),
-            None => super::say(&line),
+            None => drop(writeln!(AboveBars, "{line}")),
         }
     }
 

@@ -10,7 +10,7 @@ use anyhow::{Context, anyhow};
 
 use super::prediction::Scene;
 use super::values::whole;
-use super::{CliError, output_path};
+use super::{CliError, output, output_path};
 use crate::colour::srgb;
 use crate::model::picture::{Board, Picture};
 use crate::model::{Surface, Variant, left_out};
@@ -98,7 +98,13 @@ pub fn run(args: Args) -> Result<(), CliError> {
             .with_context(|| unwritable(path))
             .map_err(CliError::NoResult)?;
     }
-    Ok(())
+    let also = args.exr.as_ref().map_or_else(String::new, |path| {
+        format!("\n{}: radiances", path.display())
+    });
+    let out = args.out.display();
+    output::write(false, &(), || {
+        format!("{out}: the board before and after the turn{also}\n")
+    })
 }
 
 /// Before and after, side by side.

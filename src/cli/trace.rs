@@ -20,7 +20,7 @@ use task::TraceTask;
 
 use super::limits::{Stopwatch, TraceLimits};
 use super::values::whole;
-use super::{CliError, interrupt};
+use super::{CliError, interrupt, nearby};
 use crate::forecast::Forecast;
 use crate::heights;
 use crate::trace::report::TraceReport;
@@ -168,12 +168,24 @@ fn beside(path: &Path) -> impl Fn(&str) -> Result<HeightMap, String> {
     }
 }
 
+/// Reads the file of a scene. A missing one is refused with the names of the files beside it.
+pub(super) fn scene_text(path: &Path) -> Result<String, CliError> {
+    std::fs::read_to_string(path).map_err(|error| {
+        let others = match error.kind() {
+            std::io::ErrorKind::NotFound => nearby::instead_of(path),
+            _ => String::new(),
+        };
+        CliError::bad_input(anyhow!(
+            "cannot read the scene {}: {error}{others}",
+            path.display()
+        ))
+    })
+}
+
 /// Reads and prepares a scene; also returns the fingerprint of all that was read.
 fn prepare(path: &Path) -> Result<(Scene, PreparedScene, Sha256), CliError> {
     let mut fingerprint = Sha256::new();
-    let text = std::fs::read_to_string(path)
-        .with_context(|| format!("cannot read the scene {}", path.display()))
-        .map_err(CliError::bad_input)?;
+    let text = scene_text(path)?;
     fingerprint.update(text.as_bytes());
     let folder = path.parent().unwrap_or(Path::new("."));
     let scene = Scene::parse(&text)
@@ -199,9 +211,7 @@ struct Source {
 
 impl Source {
     fn read(path: &Path, photons: Option<u64>) -> Result<Self, CliError> {
-        let text = std::fs::read_to_string(path)
-            .with_context(|| format!("cannot read the scene {}", path.display()))
-            .map_err(CliError::bad_input)?;
+        let text = scene_text(path)?;
         let mut scene = Scene::parse(&text)
             .with_context(|| path.display().to_string())
             .map_err(CliError::bad_input)?;

@@ -1,6 +1,7 @@
 //! Values of options: whole numbers in a range, and why a value is refused.
 
 use std::error::Error as _;
+use std::ffi::OsString;
 use std::num::{IntErrorKind, ParseFloatError, ParseIntError};
 use std::ops::RangeInclusive;
 use std::str::ParseBoolError;
@@ -23,6 +24,39 @@ pub fn whole<T: TryFrom<i64> + Clone + Send + Sync + 'static>(
     }
 }
 
+/// Returns the words of a command line, with a list of numbers that begins with a minus sign as several words: `-20,-10` would
+/// else be an option.
+pub fn words(line: impl Iterator<Item = OsString>) -> Vec<OsString> {
+    let mut words = Vec::new();
+    for word in line {
+        let parts: Vec<&str> = word.to_str().unwrap_or_default().split(',').collect();
+        let is_list = parts.len() > 1 && parts[0].starts_with('-');
+        match is_list && parts.iter().all(|part| part.parse::<f64>().is_ok()) {
+            true => words.extend(parts.into_iter().map(OsString::from)),
+            false => words.push(word),
+        }
+    }
+    words
+}
+
+/// Returns the unit that the name of an option states, as words after *expected a number*.
+fn unit_of(option: &str) -> &'static str {
+    let name = option.split(' ').next().unwrap_or_default();
+    let units = [
+        ("-deg", " in degrees"),
+        ("-deg-s", " in degrees per second"),
+        ("-nm", " in nm"),
+        ("-um", " in µm"),
+        ("-mm", " in mm"),
+        ("-seconds", " in seconds"),
+        ("-s", " in seconds"),
+    ];
+    let ends = units.into_iter().filter(|(end, _)| name.ends_with(end));
+    // The longest end: `-deg-s` before `-s`.
+    ends.max_by_key(|(end, _)| end.len())
+        .map_or("", |(_, unit)| unit)
+}
+
 /// Returns the message for an error of the command line: a value that is not a number is refused by what the option
 /// expects, everything else in clap's words. `ansi` adds colours.
 pub fn message(error: &clap::Error, ansi: bool) -> String {
@@ -42,8 +76,12 @@ pub fn message(error: &clap::Error, ansi: bool) -> String {
             } else {
                 "error:"
             };
+            let unit = match expected {
+                A_NUMBER => unit_of(option),
+                _ => "",
+            };
             format!(
-                "{label} invalid value '{value}' for '{option}': {expected}\n\nFor more information, try '--help'.\n"
+                "{label} invalid value '{value}' for '{option}': {expected}{unit}\n\nFor more information, try '--help'.\n"
             )
         }
         None if ansi => error.render().ansi().to_string(),
@@ -51,11 +89,13 @@ pub fn message(error: &clap::Error, ansi: bool) -> String {
     }
 }
 
+const A_NUMBER: &str = "expected a number";
+
 /// What an option expects whose value is not a number, a number too large for it, or not true or false.
 fn expected(error: &clap::Error) -> Option<&'static str> {
     let source = error.source()?;
     if source.is::<ParseFloatError>() {
-        return Some("expected a number");
+        return Some(A_NUMBER);
     }
     if source.is::<ParseBoolError>() {
         return Some("expected true or false");
@@ -73,6 +113,27 @@ mod tests {
 
     use super::super::{Cli, with_negative_numbers};
     use super::*;
+
+    #[test]
+    fn lists_may_have_commas_or_blanks_and_begin_with_a_minus_sign() {
+        let line = |text: &str| words(text.split(' ').map(OsString::from));
+        let read = |text: &str| {
+            let command = with_negative_numbers(Cli::command());
+            let matches = command.try_get_matches_from(line(text)).unwrap();
+            let (_, contrast) = matches.subcommand().unwrap();
+            let values = contrast.get_many::<f64>("theta_c_deg").unwrap();
+            values.copied().collect::<Vec<_>>()
+        };
+        let wanted = [-20.0, -10.5, 0.0];
+        for text in ["-20,-10.5,0", "-20 -10.5 0"] {
+            assert_eq!(
+                read(&format!("ridged contrast --theta-c-deg {text}")),
+                wanted
+            );
+        }
+        let plain = ["-v,x", "a,b", "5,10", "-o"];
+        assert_eq!(line(&plain.join(" ")), plain);
+    }
 
     #[test]
     fn a_value_that_is_not_a_number_is_refused_by_what_is_expected() {
@@ -103,6 +164,14 @@ mod tests {
                 "the number is too large\n",
             ),
             (&["serve", "--sed", "1"], "--seed"),
+            (
+                &["contrast", "--theta-r-deg", "0.17rad"],
+                "expected a number in degrees\n",
+            ),
+            (
+                &["rig", "jog", "phi_s", "--speed-deg-s", "slow"],
+                "expected a number in degrees per second\n",
+            ),
         ] {
             let said = said(words);
             assert!(said.contains(wanted), "{wanted} is not in: {said}");

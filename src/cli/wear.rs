@@ -38,10 +38,10 @@ use crate::wording::{counted, significant};
     ridged wear --alpha 0.12 --rounds 0 0.05 0.1 --burrs --paths 1024 --json")]
 pub struct Args {
     /// Radii of rounded crests and valleys, as ratios to the facet length (traced without burrs).
-    #[arg(long, value_name = "RATIO", num_args = 0.., default_values_t = [0.0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3])]
+    #[arg(long, value_name = "RATIO", num_args = 0.., value_delimiter = ',', default_values_t = [0.0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3])]
     pub rounds: Vec<f64>,
     /// Mean heights of burrs, as ratios to the facet length (traced without rounding).
-    #[arg(long, value_name = "RATIO", num_args = 0.., default_values_t = [0.005, 0.01, 0.02, 0.03, 0.05])]
+    #[arg(long, value_name = "RATIO", num_args = 0.., value_delimiter = ',', default_values_t = [0.005, 0.01, 0.02, 0.03, 0.05])]
     pub burrs: Vec<f64>,
     /// Smallest ridge angle.
     #[arg(long, default_value_t = 1.0, value_name = "DEG")]

@@ -169,6 +169,7 @@ impl Config {
         let checked = self
             .check_numbers()
             .and_then(|()| self.check_exposures())
+            .and_then(|()| self.check_certificate())
             .and_then(|()| self.check_camera())
             .and_then(|()| self.check_stage())
             .and_then(|()| self.check_park())
@@ -205,6 +206,17 @@ impl Config {
             }
         }
         Ok(())
+    }
+
+    fn check_certificate(&self) -> Result<(), WrongSetting> {
+        match &self.flat.certificate {
+            Some(text) if text.trim().is_empty() || text.chars().count() > 200 => {
+                let found = format!("{} characters", text.chars().count());
+                let allowed = "a text of 1 to 200 characters";
+                Err(WrongSetting::new("flat.certificate", found, allowed))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Checks settings that depend on each other.
@@ -414,7 +426,12 @@ impl Config {
         FlatFacts {
             reflectance: Some(self.flat.reflectance),
             reflectance_std: Some(self.flat.reflectance_std),
-            notes: Default::default(),
+            notes: self
+                .flat
+                .certificate
+                .iter()
+                .map(|text| (FlatFacts::CERTIFICATE.to_owned(), text.as_str().into()))
+                .collect(),
         }
     }
 

@@ -233,6 +233,9 @@ pub struct FlatSection {
     pub reflectance: f64,
     /// Its standard uncertainty. Default 0.005, above 0 and at most 0.5.
     pub reflectance_std: f64,
+    /// Number, date and laboratory of its certificate, for reports. Default: not stated; at most 200 characters.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub certificate: Option<String>,
     /// Exposures of the white reference, which is brighter than most samples. Default: those of the
     /// sample.
     pub exposures_s: Option<Vec<f64>>,
@@ -247,6 +250,7 @@ impl Default for FlatSection {
         FlatSection {
             reflectance: 0.99,
             reflectance_std: 0.005,
+            certificate: None,
             exposures_s: None,
             repeats: 1,
             valid_h: 24.0,

@@ -98,7 +98,8 @@ impl Budget {
     /// Combined standard uncertainty.
     #[must_use]
     pub fn combined(&self) -> f64 {
-        self.parts().iter().map(|p| p * p).sum::<f64>().sqrt()
+        let squares = self.named().into_iter().map(|(_, part)| part * part);
+        squares.sum::<f64>().sqrt()
     }
 
     /// Converts the budget to another unit.
@@ -121,7 +122,7 @@ impl Budget {
         }
     }
 
-    /// The lines by the names of the report.
+    /// Returns the lines with their names, in the order of the documentation.
     #[must_use]
     pub fn named(&self) -> [(&'static str, f64); 12] {
         [
@@ -138,10 +139,6 @@ impl Budget {
             ("prior", self.prior),
             ("tracer", self.tracer),
         ]
-    }
-
-    fn parts(&self) -> [f64; 12] {
-        self.named().map(|(_, std)| std)
     }
 }
 

@@ -89,7 +89,7 @@ fn three_mountings_give_one_surface_and_separate_zeros() {
     // 4, 3 and 3 azimuths of five tilts.
     assert_eq!(joint.report.n_observations, 50);
     assert_eq!(joint.report.parameters.tilt_offset_deg.value, None);
-    let text = crate::fit::text::joint(&joint, false);
+    let text = crate::fit::text::joint(&joint, &crate::fit::text::Form::PLAIN);
     // The values that each scan has for itself are reported with their uncertainty, not as undetermined.
     assert!(!text.contains("not determined"), "{text}");
     let row = text

@@ -451,7 +451,7 @@ fn a_stated_wedge_is_in_the_budget_and_an_unstated_one_is_listed_as_left_out() {
     // The uncertainty of the azimuth itself excludes the wedge.
     let of = |r: &super::FitReport| r.wedge_across.unwrap().azimuth_std_deg;
     assert!((of(&with) / of(&without) - 1.0).abs() < 1e-9);
-    let text = |r: &super::FitReport| super::text::table(r, false);
+    let text = |r: &super::FitReport| super::text::table(r, &super::text::Form::PLAIN);
     assert!(text(&without).contains("refer to the turntable"));
     assert!(text(&with).contains("refer to the plane of the sample"));
     let line = |p: &super::report::Parameter| p.budget.unwrap().wedge;

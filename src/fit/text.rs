@@ -1,23 +1,75 @@
 //! Prints the result of a fit as a table; call [`table`].
 
-use std::fmt::Write as _;
-
 use super::budget::Budget;
 use super::intervals::Interval;
 use super::joint::{EACH_ITS_OWN, JointReport};
 use super::report::{COVERAGE_FACTOR, FitReport, Parameter, ReferencePlane, Status};
+use crate::wording::layout::{width, wrapped};
+use crate::wording::names::{self, QuantityName};
 use crate::wording::{counted, decimals, percent, significant};
 
-/// Lays out the report for a terminal of at least 80 columns. `colour` allows ANSI attributes.
-#[must_use]
-pub fn table(report: &FitReport, colour: bool) -> String {
-    let paint = |text: &str, code: &str| {
-        if colour {
-            format!("\u{1b}[{code}m{text}\u{1b}[0m")
-        } else {
-            text.to_owned()
-        }
+/// Prose is hard to read in wider lines.
+const PROSE_COLUMNS: usize = 100;
+
+/// How a result is printed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Form {
+    /// Whether ANSI attributes are allowed.
+    pub colour: bool,
+    /// Columns of the terminal, at least 60.
+    pub columns: usize,
+    /// Only the parameters, without what they are based on.
+    pub brief: bool,
+}
+
+impl Form {
+    /// For a file or another program.
+    pub const PLAIN: Form = Form {
+        colour: false,
+        columns: 100,
+        brief: false,
     };
+
+    fn paint(&self, text: &str, code: &str) -> String {
+        match self.colour {
+            true => format!("\u{1b}[{code}m{text}\u{1b}[0m"),
+            false => text.to_owned(),
+        }
+    }
+}
+
+/// Returns the report as text: parameters, what they are based on, and the ridge angle once more as the last line.
+#[must_use]
+pub fn table(report: &FitReport, form: &Form) -> String {
+    let mut out = parameters(report, form);
+    if form.brief {
+        return out;
+    }
+    let mut rest = String::new();
+    basis(report, form, &mut rest);
+    out.push_str(&wrapped(&rest, form.columns.min(PROSE_COLUMNS)));
+    line(&mut out, "");
+    line(&mut out, &answer(report, form));
+    out
+}
+
+/// Returns the ridge angle in one line.
+fn answer(report: &FitReport, form: &Form) -> String {
+    let angle = &report.parameters.theta_r_deg;
+    let word = status_word(report.status);
+    match (angle.value, angle.expanded) {
+        (Some(_), Some(_)) => {
+            let value = with_uncertainty(angle.value, angle.expanded);
+            let factor = angle.coverage_factor.unwrap_or(COVERAGE_FACTOR);
+            let value = form.paint(&format!("θr = {value}"), "1");
+            format!("{value} (k = {factor:.2}), {word}")
+        }
+        _ => format!("θr is not determined, {word}"),
+    }
+}
+
+fn parameters(report: &FitReport, form: &Form) -> String {
+    let paint = |text: &str, code: &str| form.paint(text, code);
     let mut out = String::new();
     let word = status_word(report.status);
     let status = if report.status == Status::Converged {
@@ -42,22 +94,30 @@ pub fn table(report: &FitReport, colour: bool) -> String {
     line(
         &mut out,
         &format!(
-            "  {:<25}{:>10}   {:<10} {:<2} {}",
-            "", "value", "± (k = 2)", "", "standard uncertainty, largest parts"
+            "  {:<26}{:>10}   {:<12} {}",
+            "", "value", "± (k = 2)", "u (k = 1), largest parts"
         ),
     );
     for (name, parameter) in report.parameters.named() {
-        let (label, unit) = spoken(name);
-        line(&mut out, &row(label, unit, parameter));
+        line(
+            &mut out,
+            &row(names::quantity(name), parameter, form.columns),
+        );
     }
-    line(&mut out, "");
+    out
+}
+
+/// Adds what the parameters are based on.
+fn basis(report: &FitReport, form: &Form, out: &mut String) {
+    let paint = |text: &str, code: &str| form.paint(text, code);
+    line(out, "");
     if let (Some(rms), Some(reduced), Some(alone)) = (
         report.rms_residual,
         report.chi2_reduced,
         report.chi2_reduced_without_model,
     ) {
         line(
-            &mut out,
+            out,
             &format!(
                 "  RMS residual {} of the peak. Reduced χ² {} with the model-error term, {} with counting noise only.",
                 percent(rms),
@@ -66,11 +126,9 @@ pub fn table(report: &FitReport, colour: bool) -> String {
             ),
         );
     }
-    line(&mut out, plane(report.reference_plane));
+    line(out, plane(report.reference_plane));
     if let Some(message) = report.wedge_across.and_then(|across| across.message()) {
-        for part in wrapped(&message, 94) {
-            line(&mut out, &format!("  {part}"));
-        }
+        line(out, &format!("  {message}"));
     }
     let variants: Vec<String> = report
         .variants
@@ -79,13 +137,13 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         .collect();
     if !variants.is_empty() {
         line(
-            &mut out,
+            out,
             &format!("  RMS residual by variant: {}", variants.join(", ")),
         );
     }
     if let Some(map) = report.tracer.and_then(|t| t.height_map) {
         line(
-            &mut out,
+            out,
             &format!(
                 "  height map: {} ridges, period {:.4} µm, height {:.3} µm, azimuth of the lean {:.2}° from the rows, \
                  effective ridge angle {:.2}°, unevenness along the ridges {:.3} µm (rms)",
@@ -100,26 +158,30 @@ pub fn table(report: &FitReport, colour: bool) -> String {
     }
     if report.tracer.is_some_and(|t| t.profile_turned) {
         line(
-            &mut out,
+            out,
             "  profile reversed: as measured, its longer flanks (the facets) lean to −v",
         );
     }
-    let unknown: Vec<(&str, &str)> = report
+    let unknown: Vec<(String, &str)> = report
         .parameters
         .named()
         .into_iter()
         .filter(|(_, p)| p.value.is_none())
-        .filter_map(|(name, p)| p.note.as_deref().map(|note| (spoken(name).0, note)))
+        .filter_map(|(name, p)| {
+            p.note
+                .as_deref()
+                .map(|note| (names::quantity(name).full(), note))
+        })
         // The rows of the scans show what each scan has of its own.
         .filter(|(_, note)| *note != EACH_ITS_OWN)
         .collect();
     section(
-        &mut out,
+        out,
         &paint("not determined by these data", "1"),
         unknown.iter().map(|(l, n)| format!("{l}: {n}")),
     );
     section(
-        &mut out,
+        out,
         &paint("intervals (independent errors only)", "1"),
         report
             .parameters
@@ -128,7 +190,7 @@ pub fn table(report: &FitReport, colour: bool) -> String {
             .filter_map(|(name, p)| intervals(name, p)),
     );
     section(
-        &mut out,
+        out,
         &paint("findings", "1"),
         report.findings.iter().map(|f| {
             let moves = f.change_of_theta_r_deg.map_or_else(String::new, |change| {
@@ -143,13 +205,13 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         }),
     );
     section(
-        &mut out,
+        out,
         &paint("warnings", "1"),
         report.warnings.iter().cloned(),
     );
-    section(&mut out, &paint("notes", "1"), report.notes.iter().cloned());
+    section(out, &paint("notes", "1"), report.notes.iter().cloned());
     section(
-        &mut out,
+        out,
         &paint("left out", "1"),
         report.left_out.iter().map(|l| {
             let cost = l.cost.map_or_else(
@@ -160,11 +222,10 @@ pub fn table(report: &FitReport, colour: bool) -> String {
         }),
     );
     section(
-        &mut out,
+        out,
         &paint("frames rejected", "1"),
         rejected(report).into_iter(),
     );
-    out
 }
 
 /// States what the angles refer to.
@@ -181,8 +242,11 @@ fn plane(plane: ReferencePlane) -> &'static str {
 
 /// Prints the common surface of several scans, then one row per scan.
 #[must_use]
-pub fn joint(report: &JointReport, colour: bool) -> String {
-    let mut out = table(&report.report, colour);
+pub fn joint(report: &JointReport, form: &Form) -> String {
+    let mut out = table(&report.report, form);
+    if form.brief {
+        return out;
+    }
     line(&mut out, "");
     line(
         &mut out,
@@ -241,27 +305,8 @@ fn section(out: &mut String, title: &str, entries: impl Iterator<Item = String>)
     }
     line(out, &format!("\n{title}"));
     for entry in entries {
-        for (k, part) in wrapped(&entry, 94).iter().enumerate() {
-            line(out, &format!("  {} {part}", if k == 0 { "·" } else { " " }));
-        }
+        line(out, &format!("  · {entry}"));
     }
-}
-
-/// Breaks a text between words into lines of at most `width` characters.
-fn wrapped(text: &str, width: usize) -> Vec<String> {
-    let mut lines = vec![String::new()];
-    for word in text.split_whitespace() {
-        let last = lines.last_mut().expect("never empty");
-        if !last.is_empty() && last.chars().count() + 1 + word.chars().count() > width {
-            lines.push(word.to_owned());
-        } else {
-            if !last.is_empty() {
-                last.push(' ');
-            }
-            last.push_str(word);
-        }
-    }
-    lines
 }
 
 /// Counts rejected frames by reason, so that a hundred saturated frames take one line.
@@ -290,39 +335,27 @@ fn rejected(report: &FitReport) -> Vec<String> {
         .collect()
 }
 
-fn row(label: &str, unit: &str, p: &Parameter) -> String {
+fn row(name: QuantityName, p: &Parameter, columns: usize) -> String {
+    let (label, unit) = (format!("{:<4}{}", name.symbol, name.name), name.unit);
     match (p.value, p.expanded, p.std, &p.budget) {
         (Some(value), Some(expanded), Some(std), Some(budget)) => {
             let decimals = decimals(expanded);
-            format!(
-                "  {label:<25}{value:>10.decimals$} ± {expanded:<10.decimals$} {unit:<2} {}",
-                parts(budget, std)
-            )
+            let expanded = format!("{expanded:.decimals$}{unit}");
+            let row = format!("  {label:<26}{value:>10.decimals$} ± {expanded:<12} ");
+            let room = columns.saturating_sub(width(&row));
+            format!("{row}{}", parts(budget, std, room))
         }
         (Some(value), None, ..) => {
             let decimals = decimals(1e-2 * value.abs());
-            format!("  {label:<25}{value:>10.decimals$}   {:<10} {unit}", "held")
+            format!("  {label:<26}{value:>10.decimals$}{unit} held")
         }
-        _ => format!("  {label:<25}{:>10}", "–"),
+        _ => format!("  {label:<26}{:>10}", "–"),
     }
 }
 
-/// Lists the parts that make up nine tenths of the variance, largest first.
-fn parts(budget: &Budget, std: f64) -> String {
-    let mut all = [
-        ("counting", budget.counting),
-        ("reference", budget.reference),
-        ("angles", budget.angles),
-        ("material", budget.material),
-        ("wedge", budget.wedge),
-        ("drift", budget.drift),
-        ("detector", budget.detector),
-        ("background", budget.background),
-        ("model", budget.model),
-        ("shape", budget.shape),
-        ("prior", budget.prior),
-        ("tracer", budget.tracer),
-    ];
+/// Lists the parts that make up nine tenths of the variance, largest first, as far as there is room.
+fn parts(budget: &Budget, std: f64, room: usize) -> String {
+    let mut all = budget.named();
     all.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut text = String::new();
     let mut variance = 0.0;
@@ -333,14 +366,19 @@ fn parts(budget: &Budget, std: f64) -> String {
         variance += part * part;
         let comma = if text.is_empty() { "" } else { ", " };
         let decimals = decimals(part);
-        write!(text, "{comma}{name} {part:.decimals$}").expect("a string takes text");
+        let next = format!("{comma}{name} {part:.decimals$}");
+        if !text.is_empty() && width(&text) + width(&next) > room {
+            break;
+        }
+        text.push_str(&next);
     }
     text
 }
 
 /// Formats the profile and bootstrap intervals of one parameter in one line.
-fn intervals(name: &str, p: &Parameter) -> Option<String> {
-    let (label, unit) = spoken(name);
+fn intervals(name: &'static str, p: &Parameter) -> Option<String> {
+    let name = names::quantity(name);
+    let (label, unit) = (name.full(), name.unit);
     let decimals = p.std.map_or(4, decimals) + 1;
     let end =
         |x: Option<f64>| x.map_or_else(|| "open".to_owned(), |x| format!("{x:.decimals$}{unit}"));
@@ -350,21 +388,6 @@ fn intervals(name: &str, p: &Parameter) -> Option<String> {
         .filter_map(|(word, i)| i.as_ref().map(|i| one(word, i)))
         .collect();
     (!parts.is_empty()).then(|| format!("{label}: {}", parts.join(", ")))
-}
-
-fn spoken(name: &str) -> (&'static str, &'static str) {
-    match name {
-        "theta_r_deg" => ("θr  ridge angle", "°"),
-        "alpha_u" => ("αu  roughness along", ""),
-        "alpha_v" => ("αv  roughness across", ""),
-        "rho_d" => ("ρd  diffuse reflectance", ""),
-        "scale" => ("g   gain (scale)", ""),
-        "background" => ("B   stray light", ""),
-        "azimuth_offset_deg" => ("Δφs azimuth offset", "°"),
-        "translucency" => ("τ   translucency", ""),
-        "crest_radius" => ("R/p crest radius", ""),
-        _ => ("Δθc tilt offset", "°"),
-    }
 }
 
 fn status_word(status: Status) -> &'static str {
@@ -392,9 +415,9 @@ mod tests {
     fn notes_follow_the_warnings() {
         let one = painted(std::iter::once(Pose::from_deg(0.0, 0.0)), &TRUTH, 1e-3, 1);
         let mut report = fit(&one, &FitOptions::default(), &AtomicBool::new(false));
-        assert!(!table(&report, false).contains("notes"));
+        assert!(!table(&report, &Form::PLAIN).contains("notes"));
         report.notes.push("No action is needed.".to_owned());
-        let text = table(&report, false);
+        let text = table(&report, &Form::PLAIN);
         let place = |section: &str| text.find(section).unwrap_or_else(|| panic!("{text}"));
         assert!(place("\nwarnings\n  · ") < place("\nnotes\n  · No action is needed.\n"));
     }
@@ -407,21 +430,53 @@ mod tests {
             counting: 0.0001,
             ..Budget::default()
         };
-        let text = row("θr", "°", &Parameter::known(10.01732, budget, None));
-        assert!(text.contains("10.017 ± 0.040"), "{text}");
+        let angle = Parameter::known(10.01732, budget, None);
+        let name = names::quantity("theta_r_deg");
+        let text = row(name, &angle, 100);
+        assert!(text.contains("10.017 ± 0.040° "), "{text}");
         assert!(text.contains("material 0.017, model 0.011"), "{text}");
         assert!(!text.contains("counting"), "{text}");
+        // In a narrow terminal the largest part is shown.
+        let text = row(name, &angle, 60);
+        assert!(text.ends_with("material 0.017"), "{text}");
     }
 
     #[test]
     fn an_undetermined_parameter_shows_no_number() {
-        let text = row("ρd", "", &Parameter::unknown("no reference"));
+        let text = row(
+            names::quantity("rho_d"),
+            &Parameter::unknown("no reference"),
+            100,
+        );
         assert!(!text.chars().any(|c| c.is_ascii_digit()), "{text}");
     }
 
     #[test]
-    fn long_sentences_wrap_between_words() {
-        let lines = wrapped("one two three four", 9);
-        assert_eq!(lines, ["one two", "three", "four"]);
+    fn the_answer_is_the_last_line_and_a_brief_result_has_only_the_parameters() {
+        let poses = [-20.0, 0.0, 20.0].into_iter().flat_map(|tilt| {
+            let azimuths = [0.0, 60.0, 120.0, 180.0, 300.0];
+            azimuths.map(|azimuth| Pose::from_deg(tilt, azimuth))
+        });
+        let set = painted(poses, &TRUTH, 1e-3, 1);
+        let report = fit(&set, &FitOptions::default(), &AtomicBool::new(false));
+        let narrow = Form {
+            columns: 80,
+            ..Form::PLAIN
+        };
+        let text = table(&report, &narrow);
+        let last = text.lines().last().unwrap();
+        assert!(
+            last.starts_with("θr = ") && last.contains("(k = "),
+            "{last}"
+        );
+        for line in text.lines().skip(2) {
+            assert!(width(line) <= 80, "{line}");
+        }
+        let brief = Form {
+            brief: true,
+            ..narrow
+        };
+        let parameters = report.parameters.named().len();
+        assert_eq!(table(&report, &brief).lines().count(), 3 + parameters);
     }
 }

@@ -213,6 +213,14 @@ pub enum LabError {
         "no accuracy measurement yet: run `ridged accuracy --data FOLDER` with this daemon's data folder"
     )]
     NothingMeasured,
+    /// A scan has no fit to report.
+    #[error("scan {scan_id} has nothing to report: {why}")]
+    NoReport {
+        /// The scan.
+        scan_id: i64,
+        /// Why, and the way out.
+        why: String,
+    },
     /// A folder is not a series.
     #[error(transparent)]
     Series(#[from] SeriesError),
@@ -274,6 +282,7 @@ impl LabError {
             LabError::Camera(_) => "camera-failed",
             LabError::Store(error) => store_code(error),
             LabError::NothingMeasured => "not-found",
+            LabError::NoReport { .. } => "no-fit",
             LabError::Series(_) => "series-invalid",
             LabError::Frame { .. } => "frame-unreadable",
             LabError::Export(_) => "export-failed",

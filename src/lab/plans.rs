@@ -292,7 +292,10 @@ impl Lab {
         let then = Manifest::from_toml(&then, "manifest.toml").map_err(LabError::from)?;
         let now = &self.side()?.settings.flat;
         let facts = |flat: &FlatFacts| (flat.reflectance, flat.reflectance_std);
-        Ok(then.flat.as_ref().map(facts) == Some(facts(now)))
+        Ok(then.flat.as_ref().is_some_and(|then| {
+            let certificates = then.certificate().zip(now.certificate());
+            certificates.is_none_or(|(then, now)| then == now) && facts(then) == facts(now)
+        }))
     }
 
     /// Returns the pose of the stages, or the middle if they do not answer.

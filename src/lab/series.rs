@@ -107,6 +107,11 @@ impl StoredSeries {
         Ok((self, skipped))
     }
 
+    /// Returns the frames with the SHA-256 of their files.
+    pub(super) fn hashes(&self) -> impl Iterator<Item = (&FrameRow, &str)> {
+        self.rows.iter().zip(self.sha256.iter().map(String::as_str))
+    }
+
     /// Reads the PNG file of a frame.
     pub(super) fn read_png(&self, index: usize) -> Result<Vec<u8>, StoreError> {
         self.store.read_png(&self.sha256[index])
@@ -127,6 +132,47 @@ fn row(record: &FrameRecord, imported: bool) -> FrameRow {
         exposure_s: record.exposure_s,
         repeat: record.repeat,
         timestamp: record.timestamp.clone(),
+    }
+}
+
+/// Returns the poses, exposures and repeats of a recorded series as a plan.
+pub(super) fn plan_of_rows(rows: &[FrameRow]) -> Plan {
+    let values = |kind: FrameKind, of: &dyn Fn(&FrameRow) -> f64| {
+        let mut all: Vec<f64> = rows.iter().filter(|f| f.kind == kind).map(of).collect();
+        all.sort_by(f64::total_cmp);
+        // Recorded positions of the same pose differ slightly.
+        all.dedup_by(|a, b| (*a - *b).abs() < 0.005);
+        all
+    };
+    let repeats = |kind: FrameKind| {
+        let last = rows.iter().filter(|f| f.kind == kind).map(|f| f.repeat + 1);
+        last.max().unwrap_or(0)
+    };
+    let exposures = |kind: FrameKind| {
+        let mut all: Vec<f64> = rows
+            .iter()
+            .filter(|f| f.kind == kind)
+            .map(|f| f.exposure_s)
+            .collect();
+        all.sort_by(f64::total_cmp);
+        all.dedup();
+        all
+    };
+    Plan {
+        theta_c_deg: values(FrameKind::Sample, &|f| f.theta_c_deg),
+        phi_s_deg: values(FrameKind::Sample, &|f| f.phi_s_deg),
+        exposures_s: exposures(FrameKind::Sample),
+        repeats: repeats(FrameKind::Sample),
+        dark: DarkPlan {
+            repeats: repeats(FrameKind::Dark),
+        },
+        flat: FlatPlan {
+            theta_c_deg: values(FrameKind::Flat, &|f| f.theta_c_deg),
+            exposures_s: exposures(FrameKind::Flat),
+            repeats: repeats(FrameKind::Flat),
+        },
+        reuse_calibrations: false,
+        reference_every: 0,
     }
 }
 
@@ -174,46 +220,8 @@ impl Lab {
     /// A store error.
     pub async fn plan_of_import(&self, scan_id: i64) -> Result<Plan, LabError> {
         let frames = self.store().frames_for_reduction(scan_id).await?;
-        let values = |kind: FrameKind, of: &dyn Fn(&FrameRecord) -> f64| {
-            let mut all: Vec<f64> = frames.iter().filter(|f| f.kind == kind).map(of).collect();
-            all.sort_by(f64::total_cmp);
-            // Recorded positions of the same pose differ slightly.
-            all.dedup_by(|a, b| (*a - *b).abs() < 0.005);
-            all
-        };
-        let repeats = |kind: FrameKind| {
-            let last = frames
-                .iter()
-                .filter(|f| f.kind == kind)
-                .map(|f| f.repeat + 1);
-            last.max().unwrap_or(0)
-        };
-        let exposures = |kind: FrameKind| {
-            let mut all: Vec<f64> = frames
-                .iter()
-                .filter(|f| f.kind == kind)
-                .map(|f| f.exposure_s)
-                .collect();
-            all.sort_by(f64::total_cmp);
-            all.dedup();
-            all
-        };
-        Ok(Plan {
-            theta_c_deg: values(FrameKind::Sample, &|f| f.theta_c_deg),
-            phi_s_deg: values(FrameKind::Sample, &|f| f.phi_s_deg),
-            exposures_s: exposures(FrameKind::Sample),
-            repeats: repeats(FrameKind::Sample),
-            dark: DarkPlan {
-                repeats: repeats(FrameKind::Dark),
-            },
-            flat: FlatPlan {
-                theta_c_deg: values(FrameKind::Flat, &|f| f.theta_c_deg),
-                exposures_s: exposures(FrameKind::Flat),
-                repeats: repeats(FrameKind::Flat),
-            },
-            reuse_calibrations: false,
-            reference_every: 0,
-        })
+        let rows: Vec<FrameRow> = frames.iter().map(|record| row(record, true)).collect();
+        Ok(plan_of_rows(&rows))
     }
 
     /// Returns the manifest of a scan.

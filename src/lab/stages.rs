@@ -175,7 +175,7 @@ async fn of_the_rig_before(
     Ok(is_same_rig.then_some(newest))
 }
 
-fn identity_of(row: &RigStages) -> Result<StageIdentity, StoreError> {
+pub(super) fn identity_of(row: &RigStages) -> Result<StageIdentity, StoreError> {
     serde_json::from_str(&row.identity).map_err(|e| StoreError::bad_row("rig_stages", e))
 }
 

@@ -189,6 +189,17 @@ pub struct FlatFacts {
     pub notes: Notes,
 }
 
+impl FlatFacts {
+    /// Key of the certificate: its number, date and laboratory, for reports.
+    pub const CERTIFICATE: &str = "certificate";
+
+    /// Returns the certificate, where it is stated.
+    #[must_use]
+    pub fn certificate(&self) -> Option<&str> {
+        self.notes.get(FlatFacts::CERTIFICATE)?.as_str()
+    }
+}
+
 /// `[dark]`: how dark frames were taken; notes only.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct DarkFacts {

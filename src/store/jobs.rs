@@ -5,10 +5,11 @@ use std::path::PathBuf;
 
 use sqlx::FromRow;
 
-use super::{PROGRAM, Page, PageRequest, Store, StoreError};
+use super::{Page, PageRequest, Store, StoreError};
 use crate::job::{JobId, JobKind, JobState};
 use crate::scan::event::ShortValue;
 use crate::scan::{Event, RecordedEvent};
+use crate::version::BUILD;
 
 /// A job to start.
 #[derive(Debug, Clone, PartialEq)]
@@ -163,7 +164,7 @@ impl Store {
         .bind(&new.variant)
         .bind(&new.request)
         .bind(&new.options)
-        .bind(PROGRAM)
+        .bind(BUILD)
         .bind(self.now_text())
         .bind(&new.who)
         .fetch_one(&mut *transaction)
@@ -257,6 +258,19 @@ impl Store {
         .fetch_optional(self.readers())
         .await?
         .ok_or_else(|| not_found(id))
+    }
+
+    /// Returns the program that started a job, with its commit where it is known.
+    ///
+    /// # Errors
+    /// As [`Store::job`].
+    pub async fn program_of_job(&self, id: JobId) -> Result<String, StoreError> {
+        sqlx::query_scalar("SELECT program FROM jobs WHERE kind = ? AND number = ?")
+            .bind(id.kind.as_str())
+            .bind(id.number)
+            .fetch_optional(self.readers())
+            .await?
+            .ok_or_else(|| not_found(id))
     }
 
     /// Returns jobs of a kind, newest first.

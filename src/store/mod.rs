@@ -57,12 +57,13 @@ use place::{Place, Writing};
 
 pub use audit::{Audit, Discrepancy};
 pub use error::StoreError;
+pub use frames::sha256_hex;
 pub use page::{DamagedRow, Page, PageRequest};
 pub use recovery::Recovery;
 
 static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
 
-/// Name and version written into every scan, reduction and fit.
+/// Name and version written into every reduction.
 pub const PROGRAM: &str = concat!("ridged ", env!("CARGO_PKG_VERSION"));
 
 /// A handle to the store; cheap to clone. The folder is unlocked when the last handle is dropped.

@@ -5,8 +5,9 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::definitions::{DefinitionRef, reference, referenced};
 use super::earlier::{EARLIER_SAMPLES, EarlierSample};
-use super::{PROGRAM, Page, PageRequest, Store, StoreError};
+use super::{Page, PageRequest, Store, StoreError};
 use crate::scan::{Event, OperatorAction, Plan, Progress, RecordedEvent, ScanState};
+use crate::version::BUILD;
 
 /// The origin of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -249,6 +250,18 @@ impl Store {
             .ok_or(StoreError::NotFound { noun: "rig", id })
     }
 
+    /// Returns the program that ran a scan or imported it, with its commit where it is known.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], or a database error.
+    pub async fn program_of_scan(&self, id: i64) -> Result<String, StoreError> {
+        sqlx::query_scalar("SELECT program FROM scans WHERE id = ?")
+            .bind(id)
+            .fetch_optional(self.readers())
+            .await?
+            .ok_or(StoreError::NotFound { noun: "scan", id })
+    }
+
     /// Adds a scan in state planned.
     ///
     /// # Errors
@@ -300,7 +313,7 @@ impl Store {
         .bind(plan)
         .bind(&new.manifest)
         .bind(&new.frames_csv)
-        .bind(PROGRAM)
+        .bind(BUILD)
         .bind(self.now_text())
         .bind(&new.who)
         .bind(new.purpose.recipe_version_id)

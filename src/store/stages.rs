@@ -59,6 +59,28 @@ impl Store {
         )
     }
 
+    /// Returns the controllers that a scan had, the last ones first. A store that an older program wrote has none of them.
+    ///
+    /// # Errors
+    /// A database error.
+    pub async fn stages_of_scan(&self, scan_id: i64) -> Result<Vec<RigStages>, StoreError> {
+        let known: bool = sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'scan_stages')",
+        )
+        .fetch_one(self.readers())
+        .await?;
+        if !known {
+            return Ok(Vec::new());
+        }
+        Ok(sqlx::query_as(
+            "SELECT r.id, r.rig_id, r.identity FROM scan_stages s JOIN rig_stages r ON r.id = s.stages_id
+             WHERE s.scan_id = ? ORDER BY s.id DESC",
+        )
+        .bind(scan_id)
+        .fetch_all(self.readers())
+        .await?)
+    }
+
     /// Adds the controllers of a rig and returns their number.
     ///
     /// # Errors

@@ -27,6 +27,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("robust", &[]),
     ("wording", &[]),
     ("program", &[]),
+    ("version", &[]),
     ("geometry", &["units"]),
     ("observation", &["units", "geometry", "material"]),
     ("model", &["units", "geometry", "material"]),
@@ -112,6 +113,12 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "contrast",
         &["units", "geometry", "observation", "model", "wording"],
+    ),
+    (
+        "report",
+        &[
+            "figures", "fit", "frame", "judge", "material", "scan", "series", "wording",
+        ],
     ),
     (
         "map",
@@ -221,6 +228,7 @@ const RULES: &[(&str, &[&str])] = &[
             "fit",
             "job",
             "scan",
+            "version",
             "wording",
         ],
     ),
@@ -252,6 +260,8 @@ const RULES: &[(&str, &[&str])] = &[
             "accuracy",
             "heights",
             "program",
+            "report",
+            "version",
             "wording",
         ],
     ),
@@ -276,6 +286,7 @@ const RULES: &[(&str, &[&str])] = &[
             "store",
             "judge",
             "lab",
+            "report",
             "wording",
         ],
     ),

@@ -29,6 +29,7 @@ mod radiances;
 mod real_samples;
 mod recorded;
 mod runner;
+mod shell;
 mod simulate_rig;
 mod soak;
 mod stage;

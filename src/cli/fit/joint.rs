@@ -1,6 +1,5 @@
 //! Several series of one sample: one surface, each scan's own offsets.
 
-use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
@@ -8,6 +7,7 @@ use anyhow::anyhow;
 
 use super::{refusal, with_bar};
 use crate::analysis::{AnalysisOptions, JointAnalysisError, analyse_together};
+use crate::cli::output::ResultArgs;
 use crate::cli::{CliError, output};
 use crate::fit::joint::JointError;
 use crate::fit::text;
@@ -22,7 +22,7 @@ use crate::series::Series;
 pub(super) fn run(
     dirs: &[PathBuf],
     options: &AnalysisOptions,
-    json: bool,
+    printed: ResultArgs,
     cancel: &AtomicBool,
 ) -> Result<(), CliError> {
     if options.iterations {
@@ -54,8 +54,8 @@ pub(super) fn run(
         JointAnalysisError::Joint(reason @ JointError::NoFit(..)) => CliError::no_result(reason),
         JointAnalysisError::Joint(reason) => CliError::bad_input(reason),
     })?;
-    output::write(json, &analysis.report, || {
-        text::joint(&analysis.report, std::io::stdout().is_terminal())
+    output::write(printed.json, &analysis.report, || {
+        text::joint(&analysis.report, &output::form(printed.brief))
     })
 }
 

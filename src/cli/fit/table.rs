@@ -8,6 +8,7 @@ use anyhow::anyhow;
 use super::{print, refusal, suits, with_bar};
 use crate::analysis::{AnalysisOptions, analyse_observations};
 use crate::cli::CliError;
+use crate::cli::output::ResultArgs;
 use crate::fit::{Constraint, Quantity};
 use crate::tables::BrdfTable;
 
@@ -18,7 +19,7 @@ use crate::tables::BrdfTable;
 pub(super) fn run(
     dir: &Path,
     mut options: AnalysisOptions,
-    json: bool,
+    printed: ResultArgs,
     cancel: &AtomicBool,
 ) -> Result<(), CliError> {
     let table = BrdfTable::open(dir).map_err(CliError::bad_input)?;
@@ -48,5 +49,5 @@ pub(super) fn run(
         analyse_observations(observations, &options, progress, cancel)
     })
     .map_err(refusal)?;
-    print(&analysis, json)
+    print(&analysis, printed)
 }

@@ -1,4 +1,4 @@
-//! `--max-seconds`, `--target-error` and `--tolerance` of fits.
+//! `--max-seconds`, `--tracer-error` and `--tolerance` of fits.
 
 use anyhow::anyhow;
 
@@ -14,7 +14,7 @@ pub struct FitLimits {
     pub max_seconds: Option<f64>,
     /// Stop the ray tracer once its standard error, as a share of the largest radiance, is below this. Default: once
     /// its line of the budget is small.
-    #[arg(long, value_name = "E")]
+    #[arg(long = "tracer-error", alias = "target-error", value_name = "E")]
     pub target_error: Option<f64>,
     /// Largest share of the brightest observation that the model may neglect to save time: the integrated second bounce
     /// is left out if it changes less. `left_out` lists what was neglected.
@@ -30,13 +30,13 @@ impl FitLimits {
     pub fn check(&self, traces: bool) -> Result<(), CliError> {
         if self.target_error.is_some() && !traces {
             return Err(CliError::bad_input(anyhow!(
-                "--target-error applies only to the ray tracer; add --variant traced or --judge"
+                "--tracer-error applies only to the ray tracer; add --variant traced or --check-traced"
             )));
         }
         check_tolerance(self.tolerance)?;
         check(&[
             ("--max-seconds", self.max_seconds),
-            ("--target-error", self.target_error),
+            ("--tracer-error", self.target_error),
         ])
     }
 }

@@ -1,6 +1,6 @@
-//! `--max-seconds` and `--target-error` of maps.
+//! `--max-seconds` and `--tolerance` of maps.
 
-use super::{check, check_share};
+use super::{check, check_tolerance};
 use crate::cli::CliError;
 
 /// Limits of a map.
@@ -12,7 +12,7 @@ pub struct MapLimits {
     /// Largest share of the brightest radiance that may be neglected. Decides whether double reflections are integrated
     /// and whether each pixel gets its own directions. Default: neglect nothing. `ridged explain DIR --map` shows the
     /// decisions.
-    #[arg(long, value_name = "E")]
+    #[arg(long = "tolerance", alias = "target-error", value_name = "E")]
     pub target_error: Option<f64>,
 }
 
@@ -23,7 +23,7 @@ impl MapLimits {
     /// Bad input, naming the option.
     pub fn check(&self) -> Result<(), CliError> {
         check(&[("--max-seconds", self.max_seconds)])?;
-        check_share("--target-error", self.target_error)
+        check_tolerance(self.target_error)
     }
 
     /// Whether any limit is set.

@@ -1,4 +1,4 @@
-//! `--max-seconds` and `--target-error` of work on many surfaces, each traced with the same number of paths. A small and a
+//! `--max-seconds` and `--radiance-error` of work on many surfaces, each traced with the same number of paths. A small and a
 //! larger pilot run separate the cost of a surface from the cost of a path, and show how many paths fit into the time and
 //! reach the error.
 
@@ -19,7 +19,7 @@ pub struct PathLimits {
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
     /// Trace as many paths as it takes to bring the relative standard error below this, instead of --paths.
-    #[arg(long, value_name = "E")]
+    #[arg(long = "radiance-error", alias = "target-error", value_name = "E")]
     pub target_error: Option<f64>,
 }
 
@@ -118,7 +118,7 @@ impl PathLimits {
     pub fn check(&self) -> Result<(), CliError> {
         check(&[
             ("--max-seconds", self.max_seconds),
-            ("--target-error", self.target_error),
+            ("--radiance-error", self.target_error),
         ])
     }
 

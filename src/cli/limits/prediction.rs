@@ -1,4 +1,4 @@
-//! `--max-seconds` and `--target-error` of tables that are predicted in closed form or by quadrature.
+//! `--max-seconds` and `--quadrature-error` of tables that are predicted in closed form or by quadrature.
 
 use std::io::IsTerminal as _;
 use std::time::Instant;
@@ -18,7 +18,7 @@ pub struct PredictionLimits {
     #[arg(long, value_name = "S")]
     pub max_seconds: Option<f64>,
     /// Error to which the quadrature integrates, as a share of a surface's brightest radiance.
-    #[arg(long, value_name = "E")]
+    #[arg(long = "quadrature-error", alias = "target-error", value_name = "E")]
     pub target_error: Option<f64>,
 }
 
@@ -30,11 +30,11 @@ impl PredictionLimits {
     pub fn check(&self, variant: Model) -> Result<(), CliError> {
         check(&[
             ("--max-seconds", self.max_seconds),
-            ("--target-error", self.target_error),
+            ("--quadrature-error", self.target_error),
         ])?;
         if self.target_error.is_some() && variant != Model::Quadrature {
             return Err(CliError::bad_input(anyhow!(
-                "--target-error applies only to the quadrature; add --variant quadrature"
+                "--quadrature-error applies only to the quadrature; add --variant quadrature"
             )));
         }
         Ok(())

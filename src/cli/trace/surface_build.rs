@@ -12,6 +12,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::CliError;
 use crate::cli::limits::Stopwatch;
+use crate::cli::progress;
 use crate::wording::significant;
 
 /// Interval between checks of flag and clock.
@@ -75,7 +76,7 @@ impl StatusLine {
         if !std::io::stderr().is_terminal() {
             return StatusLine(ProgressBar::hidden());
         }
-        let bar = ProgressBar::new_spinner();
+        let bar = progress::drawn(ProgressBar::new_spinner());
         let style = ProgressStyle::with_template("{spinner} {msg}");
         StatusLine(bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner())))
     }

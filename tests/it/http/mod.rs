@@ -7,6 +7,7 @@ mod old_folder;
 mod queue;
 pub(crate) mod recipes;
 mod refusals;
+mod reports;
 mod samples;
 mod scans;
 mod traces;

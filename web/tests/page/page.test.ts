@@ -374,6 +374,14 @@ describe('the answer', () => {
     expect(await page.getByTestId('so-far').count()).toBe(0);
   });
 
+  it('offers the report of the fit, to print and as JSON', async () => {
+    const fit = daemon.addFit(daemon.addScan(1, 'paper'));
+    await page.goto(`${url}/#/result/1`);
+    const report = page.getByRole('link', { name: 'Report', exact: true });
+    expect(await report.getAttribute('href')).toBe(`/api/v1/scans/1/report?fit_id=${fit}&format=html`);
+    expect(await page.getByRole('link', { name: 'as JSON', exact: true }).getAttribute('href')).toBe(`/api/v1/scans/1/report?fit_id=${fit}&format=json`);
+  });
+
   it('follows a scan that the daemon fits by itself', async () => {
     daemon.fitsAtEnd = true;
     await page.goto(url);

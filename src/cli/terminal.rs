@@ -1,0 +1,23 @@
+//! The width of the terminal.
+
+use std::io::IsTerminal as _;
+
+/// Fewest columns that text is laid out for.
+const LEAST: usize = 40;
+
+/// Returns the columns of the terminal at stdout; none where it is a file or another program. `COLUMNS` wins.
+pub fn columns() -> Option<usize> {
+    let stated = std::env::var("COLUMNS").ok();
+    if let Some(columns) = stated.and_then(|text| text.trim().parse::<usize>().ok()) {
+        return Some(columns.max(LEAST));
+    }
+    let out = std::io::stdout();
+    if !out.is_terminal() {
+        return None;
+    }
+    let size = rustix::termios::tcgetwinsize(&out).ok()?;
+    match usize::from(size.ws_col) {
+        0 => None,
+        columns => Some(columns.max(LEAST)),
+    }
+}

@@ -1,0 +1,448 @@
+//! Reports: a fit, its scan and everything that it rests on, collected from the store.
+
+use serde_json::Value;
+use time::OffsetDateTime;
+
+use super::curves::{FitCurves, curves_of};
+use super::series::plan_of_rows;
+use super::stages::identity_of;
+use super::tasks::blocking;
+use super::{AxisName, Lab, LabError, StoredSeries};
+use crate::analysis::Analysis;
+use crate::fit::FitReport;
+use crate::frame::FrameTag;
+use crate::job::{JobId, JobKind, JobState};
+use crate::observation::ObservationSet;
+use crate::reduction::FrameSource;
+use crate::report::{
+    Earlier, FORM, FrameHash, FrameHashes, MeasuredPart, MeasuredScan, MeasurementReport,
+    MeasuringRig, ReportedCurve, ReportedFit, ReportedIncident, ReportedObservation,
+    ReportedVerdict, StageController, UsedCalibration,
+};
+use crate::scan::{Event, RecordedEvent, ScanState};
+use crate::series::{FrameReadError, Series};
+use crate::store::jobs::{Job, JobFilter};
+use crate::store::scans::{Origin, Scan};
+use crate::store::{PageRequest, Store, StoreError, sha256_hex, utc_of, utc_text};
+use crate::version::BUILD;
+
+/// Distance of the points of a curve, degrees.
+const CURVE_STEP_DEG: f64 = 3.0;
+/// Rows read at a time.
+const ROWS: PageRequest = PageRequest {
+    cursor: None,
+    limit: 1000,
+};
+
+/// Which fit of a scan a report is on; the newest completed one by default.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ReportChoice {
+    /// This fit.
+    pub fit_id: Option<i64>,
+    /// The newest one of this region.
+    pub region: Option<String>,
+}
+
+impl Lab {
+    /// Returns the report on a scan.
+    ///
+    /// # Errors
+    /// As [`report`].
+    pub async fn report(
+        &self,
+        scan_id: i64,
+        choice: &ReportChoice,
+    ) -> Result<MeasurementReport, LabError> {
+        report(self.store(), scan_id, choice).await
+    }
+}
+
+/// Returns the report on a scan of a store.
+///
+/// # Errors
+/// An unknown scan or fit, [`LabError::NoReport`] without a completed fit, or a store error.
+pub async fn report(
+    store: &Store,
+    scan_id: i64,
+    choice: &ReportChoice,
+) -> Result<MeasurementReport, LabError> {
+    let scan = store.scan(scan_id).await?;
+    let (job, result, set_id) = chosen(store, &scan, choice).await?;
+    let set = store.observations(set_id).await?;
+    let series = StoredSeries::open(store, scan_id).await?;
+    let manifest = series.manifest().clone();
+    if set.material != manifest.material() {
+        return Err(LabError::NoReport {
+            scan_id,
+            why: format!(
+                "fit {} used the material of a sample that the scan was assigned to before; fit the scan again",
+                job.number
+            ),
+        });
+    }
+    let sample = store.sample(scan.sample_id).await?;
+    let earlier_names = sample.earlier_names.into_iter().map(|earlier| Earlier {
+        name: earlier.name,
+        until: earlier.until,
+    });
+    let part = MeasuredPart {
+        sample_id: Some(sample.id),
+        name: sample.name,
+        note: sample.note,
+        material: set.material,
+        earlier_names: earlier_names.collect(),
+    };
+    let plan = match &scan.plan {
+        Some(plan) => plan.clone(),
+        None => plan_of_rows(series.rows()),
+    };
+    let rig = rig(store, &scan, &series).await?;
+    let verdict = verdict(store, scan_id, result.region.as_deref()).await?;
+    let job_id = JobId::new(JobKind::Fit, job.number);
+    let fit = ReportedFit {
+        id: Some(job.number),
+        request: json_of(&job.request)?,
+        who: Some(job.who),
+        computed_by: store.program_of_job(job_id).await?,
+        created_at: Some(job.created_at),
+        ended_at: job.ended_at,
+        result,
+    };
+    let frames = series.hashes().map(|(row, sha256)| FrameHash {
+        file: row.file.clone(),
+        kind: row.kind,
+        sha256: sha256.to_owned(),
+    });
+    let drawn = (fit.result.clone(), set.clone());
+    let curves = blocking(move || curves_of(&drawn.0, &drawn.1, CURVE_STEP_DEG)).await?;
+    Ok(MeasurementReport {
+        form: FORM,
+        program: BUILD.to_owned(),
+        part,
+        plan,
+        rig,
+        white_reference: manifest.flat,
+        calibrations: calibrations(store, &scan).await?,
+        fit,
+        absolute: set.white_reference.is_some(),
+        observations: observations(&set),
+        verdict,
+        incidents: incidents(store, scan_id).await?,
+        frames: FrameHashes::of(frames.collect()),
+        curves: drawn_curves(curves),
+        scan: Some(measured(store, scan).await?),
+    })
+}
+
+/// Returns the report on a series that is not in the store.
+///
+/// # Errors
+/// A frame that cannot be read.
+pub fn report_on_series(
+    series: &Series,
+    analysis: &Analysis,
+    request: Value,
+) -> Result<MeasurementReport, FrameReadError> {
+    let manifest = series.manifest();
+    let set = &analysis.observations;
+    let frames = series.rows().iter().enumerate().map(|(index, row)| {
+        Ok(FrameHash {
+            file: row.file.clone(),
+            kind: row.kind,
+            sha256: sha256_hex(&series.read_bytes(index)?),
+        })
+    });
+    let frames = frames.collect::<Result<Vec<_>, FrameReadError>>()?;
+    let name = match manifest.name.as_str() {
+        "" => series.folder().display().to_string(),
+        name => name.to_owned(),
+    };
+    Ok(MeasurementReport {
+        form: FORM,
+        program: BUILD.to_owned(),
+        part: MeasuredPart {
+            sample_id: None,
+            name,
+            note: None,
+            material: set.material,
+            earlier_names: Vec::new(),
+        },
+        scan: None,
+        plan: plan_of_rows(series.rows()),
+        rig: MeasuringRig {
+            simulated: false,
+            geometry: manifest.rig.clone(),
+            camera: manifest.camera.clone(),
+            stages: Vec::new(),
+            camera_serial: None,
+            sensor_temperature_c: None,
+        },
+        white_reference: manifest.flat.clone(),
+        calibrations: Vec::new(),
+        fit: ReportedFit {
+            id: None,
+            request,
+            who: None,
+            computed_by: BUILD.to_owned(),
+            created_at: None,
+            ended_at: None,
+            result: analysis.report.clone(),
+        },
+        absolute: set.white_reference.is_some(),
+        observations: observations(set),
+        verdict: None,
+        incidents: Vec::new(),
+        frames: FrameHashes::of(frames),
+        curves: drawn_curves(curves_of(&analysis.report, set, CURVE_STEP_DEG)),
+    })
+}
+
+/// Returns the fit of a report, its result and the number of its observations.
+async fn chosen(
+    store: &Store,
+    scan: &Scan,
+    choice: &ReportChoice,
+) -> Result<(Job, FitReport, i64), LabError> {
+    let invalid = |problem: String| LabError::Invalid {
+        field: "fit_id".into(),
+        problem,
+    };
+    let jobs = match choice.fit_id {
+        Some(fit_id) => {
+            let job = store.job(JobId::new(JobKind::Fit, fit_id)).await?;
+            if job.scan_id != Some(scan.id) {
+                let other = job.scan_id.unwrap_or_default();
+                let problem = format!("fit {fit_id} is a fit of scan {other}, not of {}", scan.id);
+                return Err(invalid(problem));
+            }
+            vec![job]
+        }
+        None => {
+            let filter = JobFilter {
+                scan_id: Some(scan.id),
+                ..JobFilter::default()
+            };
+            store.jobs(JobKind::Fit, &filter, ROWS).await?.items
+        }
+    };
+    let region = choice.region.as_deref();
+    for job in &jobs {
+        let (Some(result), Some(set_id)) = (&job.result, job.set_id) else {
+            continue;
+        };
+        let result: FitReport =
+            serde_json::from_str(result).map_err(|e| StoreError::bad_row("job_ends", e))?;
+        if region.is_none() || result.region.as_deref() == region {
+            return Ok((job.clone(), result, set_id));
+        }
+    }
+    Err(LabError::NoReport {
+        scan_id: scan.id,
+        why: why_none(scan, &jobs, choice),
+    })
+}
+
+/// States why a scan has no fit to report, and the way to one.
+fn why_none(scan: &Scan, jobs: &[Job], choice: &ReportChoice) -> String {
+    let fit_it = format!(
+        "fit it on its page, or with POST /api/v1/fits {{\"scan_id\": {}}}",
+        scan.id
+    );
+    if let Some(running) = jobs.iter().find(|job| job.state == JobState::Running) {
+        return format!("fit {} is running; wait for its end", running.number);
+    }
+    if let (Some(region), true) = (&choice.region, jobs.iter().any(|job| job.result.is_some())) {
+        return format!("it has no completed fit of the region `{region}`; {fit_it}");
+    }
+    if let Some(failed) = jobs.iter().find(|job| job.error_detail.is_some()) {
+        let detail = failed.error_detail.as_deref().unwrap_or_default();
+        return format!("fit {} failed ({detail}); {fit_it}", failed.number);
+    }
+    match scan.state {
+        state if state.is_end() || state == ScanState::Interrupted => {
+            format!("it has no completed fit; {fit_it}")
+        }
+        state => format!("it is {state} and has no fit; wait for its end"),
+    }
+}
+
+async fn measured(store: &Store, scan: Scan) -> Result<MeasuredScan, LabError> {
+    let earlier_samples = scan.earlier_samples.iter().map(|earlier| Earlier {
+        name: earlier.sample_name.clone(),
+        until: earlier.until.clone(),
+    });
+    Ok(MeasuredScan {
+        id: scan.id,
+        origin: scan.origin.as_str(),
+        state: scan.state,
+        program: store.program_of_scan(scan.id).await?,
+        frames_rejected: store.frames_rejected(scan.id).await?,
+        earlier_samples: earlier_samples.collect(),
+        ended_at: scan.ended_at().map(str::to_owned),
+        started_at: match scan.origin {
+            Origin::Rig => scan.started_at,
+            Origin::Import => None,
+        },
+        reason: scan.reason,
+        who: scan.who,
+        created_at: scan.created_at,
+    })
+}
+
+async fn rig(store: &Store, scan: &Scan, series: &StoredSeries) -> Result<MeasuringRig, LabError> {
+    let manifest = series.manifest();
+    let mut simulated = false;
+    if let Some(rig_id) = scan.rig_id {
+        let settings = json_of(&store.rig_settings(rig_id).await?)?;
+        // A real rig has no label.
+        simulated = settings["label"].as_str().is_some_and(|l| !l.is_empty());
+    }
+    let mut stages = Vec::new();
+    for row in store.stages_of_scan(scan.id).await? {
+        let identity = identity_of(&row)?;
+        for axis in AxisName::ALL {
+            let device = identity.axis(axis);
+            stages.push(StageController {
+                axis: axis.to_string(),
+                serial: device.serial,
+                device_id: device.device_id,
+                firmware: device.firmware.clone(),
+            });
+        }
+    }
+    let tags = store.tags_of_scan(scan.id, 0, i64::MAX).await?;
+    let of = |value: fn(&FrameTag) -> Option<f64>| tags.values().filter_map(value);
+    let temperatures = of(|tag| tag.temperature_c);
+    let ends = temperatures.fold(None, |ends: Option<[f64; 2]>, value| {
+        let [low, high] = ends.unwrap_or([value, value]);
+        Some([low.min(value), high.max(value)])
+    });
+    Ok(MeasuringRig {
+        simulated,
+        geometry: manifest.rig.clone(),
+        camera: manifest.camera.clone(),
+        stages,
+        camera_serial: tags.values().find_map(|tag| tag.serial.clone()),
+        sensor_temperature_c: ends,
+    })
+}
+
+async fn calibrations(store: &Store, scan: &Scan) -> Result<Vec<UsedCalibration>, LabError> {
+    let started = scan.started_at.as_deref().and_then(utc_of);
+    let mut used = Vec::new();
+    for id in store.calibrations_of_scan(scan.id).await? {
+        let kept = store.calibration(id).await?;
+        let hours = |from: OffsetDateTime| Some((started? - from).as_seconds_f64() / 3600.0);
+        used.push(UsedCalibration {
+            id,
+            kind: kept.kind,
+            scan_id: kept.scan_id,
+            exposures_s: kept.exposures_s,
+            theta_c_deg: kept.theta_c_deg,
+            n_frames: kept.n_frames,
+            age_h: utc_of(&kept.created_at).and_then(hours),
+            created_at: kept.created_at,
+        });
+    }
+    Ok(used)
+}
+
+/// Returns the newest completed verdict on a region of a scan.
+async fn verdict(
+    store: &Store,
+    scan_id: i64,
+    region: Option<&str>,
+) -> Result<Option<ReportedVerdict>, LabError> {
+    let filter = JobFilter {
+        scan_id: Some(scan_id),
+        state: Some(JobState::Completed),
+        ..JobFilter::default()
+    };
+    for job in store.jobs(JobKind::Verdict, &filter, ROWS).await?.items {
+        let Some(result) = &job.result else { continue };
+        let result: crate::judge::VerdictReport =
+            serde_json::from_str(result).map_err(|e| StoreError::bad_row("job_ends", e))?;
+        if result.region.as_deref() == region {
+            return Ok(Some(ReportedVerdict {
+                id: job.number,
+                request: json_of(&job.request)?,
+                who: job.who,
+                created_at: job.created_at,
+                ended_at: job.ended_at,
+                result,
+            }));
+        }
+    }
+    Ok(None)
+}
+
+async fn incidents(store: &Store, scan_id: i64) -> Result<Vec<ReportedIncident>, LabError> {
+    let mut all = Vec::new();
+    let mut after = 0;
+    loop {
+        let found = store.incidents(scan_id, after, ROWS.limit).await?;
+        let Some(last) = found.last() else { break };
+        after = last.id;
+        all.extend(found.into_iter().filter_map(incident));
+    }
+    Ok(all)
+}
+
+fn incident(recorded: RecordedEvent) -> Option<ReportedIncident> {
+    let (id, at) = (recorded.id, utc_text(recorded.at));
+    match recorded.event {
+        Event::Alarm { code, message, .. } => Some(ReportedIncident {
+            id,
+            at,
+            kind: "alarm",
+            code,
+            message,
+            took_s: None,
+            points: Vec::new(),
+            attended: None,
+        }),
+        Event::Recovered {
+            code,
+            message,
+            took_s,
+            points,
+            attended,
+            ..
+        } => Some(ReportedIncident {
+            id,
+            at,
+            kind: "recovered",
+            code,
+            message,
+            took_s: Some(took_s),
+            points,
+            attended: Some(attended),
+        }),
+        _ => None,
+    }
+}
+
+fn observations(set: &ObservationSet) -> Vec<ReportedObservation> {
+    let all = set.observations.iter();
+    all.map(|o| ReportedObservation {
+        theta_c_deg: o.pose.theta_c.deg_for_tables(),
+        phi_s_deg: o.pose.phi_s.deg_for_tables(),
+        signal: o.signal,
+        sigma: o.sigma,
+        n_frames: o.n_frames,
+    })
+    .collect()
+}
+
+fn drawn_curves(curves: FitCurves) -> Vec<ReportedCurve> {
+    let all = curves.curves.into_iter();
+    all.map(|curve| ReportedCurve {
+        theta_c_deg: curve.theta_c_deg,
+        points: curve.phi_s_deg.into_iter().zip(curve.signal).collect(),
+    })
+    .collect()
+}
+
+fn json_of(text: &str) -> Result<Value, StoreError> {
+    serde_json::from_str(text).map_err(|e| StoreError::bad_row("jobs", e))
+}
