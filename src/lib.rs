@@ -26,6 +26,7 @@ pub mod job;
 pub mod judge;
 pub mod lab;
 pub mod limits;
+pub mod logging;
 pub mod map;
 pub mod material;
 pub mod model;

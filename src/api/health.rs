@@ -8,6 +8,7 @@ use utoipa::ToSchema;
 
 use super::App;
 use super::status::{self, ApiError};
+use crate::logging;
 use crate::store::ROOM_TO_OPEN_KB;
 
 /// Path of the liveness check.
@@ -113,6 +114,10 @@ pub(super) fn describe_metrics() {
         Unit::Seconds,
         "Time to answer a request"
     );
+    describe_counter!(
+        "ridged_log_lines_left_out_total",
+        "Lines of the log left out because nobody read stderr"
+    );
     describe_gauge!(
         "ridged_disk_free_bytes",
         Unit::Bytes,
@@ -127,6 +132,7 @@ pub(super) async fn metrics(State(app): State<App>) -> impl IntoResponse {
     if let Ok(free) = app.lab.store().free_bytes().await {
         ::metrics::gauge!("ridged_disk_free_bytes").set(free as f64);
     }
+    ::metrics::counter!("ridged_log_lines_left_out_total").absolute(logging::lines_left_out());
     (
         [(header::CONTENT_TYPE, "text/plain; version=0.0.4")],
         (app.render_metrics)(),

@@ -483,13 +483,18 @@ impl Daemon {
     }
 
     pub(crate) fn start_by(mut program: Command, folder: &Path, args: &[&str]) -> Daemon {
+        program.env("RIDGED_LOG", "off");
+        Daemon::start_with(program, folder, args)
+    }
+
+    /// Starts the daemon with its log as the command has it.
+    pub(crate) fn start_with(mut program: Command, folder: &Path, args: &[&str]) -> Daemon {
         let data: PathBuf = folder.join("data");
         let mut child = program
             .args(["serve", "--listen", "127.0.0.1:0", "--data"])
             .arg(data)
             .args(args)
             .current_dir(folder)
-            .env("RIDGED_LOG", "off")
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();

@@ -263,6 +263,31 @@ fn a_full_daemon_stops_the_rig_is_alive_and_is_said_to_be_full() {
 }
 
 #[test]
+fn a_log_that_nobody_reads_holds_no_answer() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    // A pipe takes 64 kB and then blocks who writes to it; the daemon's end of it stays open with the child.
+    let (unread, stderr) = std::io::pipe().unwrap();
+    let mut program = Command::new(env!("CARGO_BIN_EXE_ridged"));
+    program.env("RIDGED_LOG", "trace").stderr(stderr);
+    let mut daemon = Daemon::start_with(program, at, &["--simulated-rig", "--time-scale", "1000"]);
+    let left_out = |daemon: &Daemon| {
+        let text = ureq::get(format!("{}/metrics", daemon.url)).call().unwrap();
+        let text = text.into_body().read_to_string().unwrap();
+        let name = "ridged_log_lines_left_out_total ";
+        let line = text.lines().find_map(|line| line.strip_prefix(name));
+        line.unwrap().parse::<u64>().unwrap()
+    };
+    while left_out(&daemon) == 0 {
+        assert_eq!(daemon.get("/rig").0, 200);
+    }
+    let stopped = ridged(at, &["rig", "stop", "--data", "data"]);
+    assert!(stopped.status.success(), "{stopped:?}");
+    drop(unread);
+    assert!(daemon.terminate().success());
+}
+
+#[test]
 fn beside_a_scan_that_has_no_daemon_the_stop_names_who_drives_the_rig() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
