@@ -149,6 +149,10 @@ pub struct Uncertainty {
     pub budgets: Vec<Budget>,
     /// Rank test and statistical covariance, with the weights of the fit.
     pub covariance: Covariance,
+    /// Covariance by the sources that are propagated through the derivatives, in the units of the solver: all but wedge,
+    /// shape, and the error of the closed form itself, which each parameter has on its own. Its diagonal is at most the
+    /// squares of the budgets.
+    pub propagated: DMatrix<f64>,
     /// Degrees of freedom of the model part (groups minus one).
     pub model_freedom: f64,
 }
@@ -364,11 +368,87 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
             }
         })
         .collect();
+    let mut propagated = rows_through(&k, parts);
+    for (change, first) in common_changes(parts, &shared, &drifts, same_reference, same_rig) {
+        let rows = k.columns(first, change.len());
+        let moved = rows * DVector::from_vec(change);
+        propagated += &moved * moved.transpose();
+    }
+    if let Some(body) = &body {
+        propagated += body * body.transpose();
+    }
     Uncertainty {
         budgets,
         covariance,
+        propagated,
         model_freedom,
     }
+}
+
+/// Covariance by the errors that are independent from row to row: counting, residual model error, traced radiances, priors.
+fn rows_through(k: &DMatrix<f64>, parts: &[Part<'_, '_>]) -> DMatrix<f64> {
+    let mut variances = DVector::zeros(k.ncols());
+    let mut first = 0;
+    for part in parts {
+        let estimate = part.estimate;
+        let (problem, set) = (&estimate.problem, estimate.problem.set());
+        let rows = problem.residual_count();
+        for i in 0..rows {
+            variances[first + i] = match set.observations.get(i) {
+                Some(o) => {
+                    (o.sigma.powi(2) + estimate.misfit[i].powi(2)) / problem.sigma()[i].powi(2)
+                }
+                None => 1.0,
+            };
+        }
+        for (i, s) in estimate.traced.iter().flat_map(|t| &t.sigma).enumerate() {
+            variances[first + i] += (s / problem.sigma()[i]).powi(2);
+        }
+        first += rows;
+    }
+    let mut weighted = k.clone();
+    for (mut column, variance) in weighted.column_iter_mut().zip(variances.iter()) {
+        column *= *variance;
+    }
+    weighted * k.transpose()
+}
+
+/// Changes of the residuals, each from its first row on, by one standard uncertainty of each error that rows share.
+fn common_changes(
+    parts: &[Part<'_, '_>],
+    shared: &[Shared],
+    drifts: &[Option<Drift>],
+    same_reference: bool,
+    same_rig: bool,
+) -> Vec<(Vec<f64>, usize)> {
+    let times = |change: &[f64], std: f64| change.iter().map(|c| c * std).collect();
+    let (mut of_reference, mut changes) = (Vec::new(), Vec::new());
+    let mut of_angles: [Vec<(Vec<f64>, usize)>; ANGLE_ERRORS] = Default::default();
+    let mut first = 0;
+    for ((part, shared), drift) in parts.iter().zip(shared).zip(drifts) {
+        let set = part.estimate.problem.set();
+        of_reference.push((times(&shared.gain, reference_std(set)), first));
+        changes.push((times(&shared.gain, drift_std(set)), first));
+        changes.push((shared.detector.clone(), first));
+        let drifted = drift.iter().flat_map(|drift| &drift.changes);
+        changes.extend(drifted.map(|change| (change.clone(), first)));
+        for (all, change) in of_angles.iter_mut().zip(&shared.angles) {
+            all.push((change.clone(), first));
+        }
+        first += part.estimate.problem.residual_count();
+    }
+    let of_angles = of_angles.into_iter().map(|parts| (parts, same_rig));
+    for (parts, is_one_error) in std::iter::once((of_reference, same_reference)).chain(of_angles) {
+        match is_one_error {
+            // The parts follow each other, so one change has them all.
+            true => changes.push((
+                parts.into_iter().flat_map(|(change, _)| change).collect(),
+                0,
+            )),
+            false => changes.extend(parts),
+        }
+    }
+    changes
 }
 
 /// Roughness above which the ridge angle depends on where the body's light leaves. Below it the lobes are so narrow

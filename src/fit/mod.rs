@@ -21,8 +21,8 @@
 //! - The uncertainty: [`covariance`], [`budget`], `drift` (of the lamp), `blunders` (single poses and runs of them),
 //!   `leftover` (the residual that they use), [`profile`] and [`intervals`] (intervals without the linear
 //!   approximation).
-//! - The answer: [`variants`] (selection), [`reporting`] (estimate to report), [`report`] (its form), [`joint`]
-//!   (several scans), [`trail`] (progress against time), [`outlook`] (forecast of the duration).
+//! - The answer: [`variants`] (selection), [`reporting`] (estimate to report), `parameter_covariance`, [`report`] (its form),
+//!   [`joint`] (several scans), [`trail`] (progress against time), [`outlook`] (forecast of the duration).
 //!
 //! This module uses no frames, no files and no clock.
 
@@ -55,6 +55,7 @@ pub mod loss;
 mod misfit;
 mod opening;
 pub mod outlook;
+mod parameter_covariance;
 pub mod problem;
 pub mod profile;
 mod projection;

@@ -206,6 +206,20 @@ impl Parameters {
     }
 }
 
+/// Covariance of the parameters that the data determine (k = 1).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitCovariance)]
+pub struct ParameterCovariance {
+    /// Names of the parameters, in the order of rows and columns. Fixed and held parameters are not in the list.
+    pub parameters: Vec<String>,
+    /// Units of their values: `deg`, `1`, `1/sr`, or `arbitrary` without a white reference.
+    pub units: Vec<String>,
+    /// The matrix, row by row, in the product of the two units. The diagonal has the squares of `std`. The rest has what
+    /// the errors that rows share or scatter (counting, references, angles, drift, detector, priors) have in common; wedge,
+    /// shape and the error of the closed form count as independent between parameters.
+    pub values: Vec<Vec<f64>>,
+}
+
 /// Slope distribution of the facets.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[schema(as = FitSlopes)]
@@ -336,6 +350,9 @@ pub struct FitReport {
     pub region: Option<String>,
     /// The parameters.
     pub parameters: Parameters,
+    /// Covariance of the parameters; none if the fit has no result, and for the common surface of several scans.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<ParameterCovariance>,
     /// The plane that θr and the azimuth refer to.
     #[serde(default)]
     pub reference_plane: ReferencePlane,

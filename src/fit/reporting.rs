@@ -11,6 +11,7 @@ use super::estimate::{Denial, Estimate, denials};
 use super::findings;
 use super::known::{drift_std, reference_std};
 use super::misfit::{self, LOUD, few, peak};
+use super::parameter_covariance::{self, per_solver_unit};
 use super::problem::{Quantity, Values};
 use super::report::{
     FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters, SlopeDistribution,
@@ -273,6 +274,9 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
     let fitted = listed.collect();
     let peak = peak(set);
     let across = wedge::of_report(set, &parameters);
+    let is_absolute = set.white_reference.is_some();
+    let covariance =
+        parameter_covariance::of(e.problem.free(), u, &e.values, &parameters, is_absolute);
     FitReport {
         variant,
         status,
@@ -295,6 +299,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         slope_distribution: (variant != VariantName::Paper)
             .then(|| slope_distribution(e, &parameters)),
         parameters,
+        covariance: Some(covariance),
         variants: Vec::new(),
         left_out: all_left_out(e, variant),
         tracer: None,
@@ -404,37 +409,21 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
                 _ => Parameter::unknown("not fitted"),
             };
         };
-        // From the units of the solver to those of the report.
-        let (value, factor, hopeless) = match q {
-            Quantity::ThetaR => {
-                let deg = 1f64.to_degrees();
-                (values.theta_r.to_degrees(), deg, HOPELESS_ANGLE)
-            }
-            Quantity::AzimuthOffset => (
-                values.azimuth_offset.to_degrees(),
-                1f64.to_degrees(),
-                HOPELESS_ANGLE,
-            ),
-            Quantity::TiltOffset => (
-                values.tilt_offset.to_degrees(),
-                1f64.to_degrees(),
-                HOPELESS_ANGLE,
-            ),
-            Quantity::AlphaU => (values.alpha_u, values.alpha_u, HOPELESS_LOG_ALPHA),
-            Quantity::AlphaV => (values.alpha_v, values.alpha_v, HOPELESS_LOG_ALPHA),
-            Quantity::RhoD if variant == VariantName::Paper => (values.rho_d, 1.0, f64::INFINITY),
-            Quantity::RhoD => (values.rho_d, 1.0, HOPELESS_RHO_D),
-            Quantity::Scale => (values.scale, 1.0, f64::INFINITY),
-            Quantity::Eta | Quantity::K => (values.inner(q), 1.0, f64::INFINITY),
+        let (value, hopeless) = match q {
+            Quantity::ThetaR => (values.theta_r.to_degrees(), HOPELESS_ANGLE),
+            Quantity::AzimuthOffset => (values.azimuth_offset.to_degrees(), HOPELESS_ANGLE),
+            Quantity::TiltOffset => (values.tilt_offset.to_degrees(), HOPELESS_ANGLE),
+            Quantity::AlphaU => (values.alpha_u, HOPELESS_LOG_ALPHA),
+            Quantity::AlphaV => (values.alpha_v, HOPELESS_LOG_ALPHA),
+            Quantity::RhoD if variant == VariantName::Paper => (values.rho_d, f64::INFINITY),
+            Quantity::RhoD => (values.rho_d, HOPELESS_RHO_D),
+            Quantity::Scale => (values.scale, f64::INFINITY),
+            Quantity::Eta | Quantity::K => (values.inner(q), f64::INFINITY),
             Quantity::Translucency | Quantity::Tail | Quantity::CrestRadius => {
-                (values.inner(q), 1.0, HOPELESS_REAL)
+                (values.inner(q), HOPELESS_REAL)
             }
-            Quantity::Background if absolute => (
-                values.background / values.scale,
-                1.0 / values.scale,
-                f64::INFINITY,
-            ),
-            Quantity::Background => (values.background, 1.0, f64::INFINITY),
+            Quantity::Background if absolute => (values.background / values.scale, f64::INFINITY),
+            Quantity::Background => (values.background, f64::INFINITY),
         };
         if !u.covariance.identifiable[j] {
             return Parameter::unknown(format!(
@@ -457,6 +446,7 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
             };
             return Parameter::unknown(format!("{reason} {}", spoken(q)));
         }
+        let factor = per_solver_unit(q, &values, absolute);
         Parameter::known(value, inner.scaled(factor), effective_freedom(&inner, u))
     };
     let mut rho_d = of(Quantity::RhoD);

@@ -360,6 +360,7 @@ fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitRepor
             translucency: None,
             crest_radius: None,
         },
+        covariance: None,
         rms_residual: None,
         model_discrepancy: None,
         chi2_reduced: None,

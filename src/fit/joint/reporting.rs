@@ -176,6 +176,9 @@ fn seen_by(joint: &Uncertainty, columns: &[usize]) -> Uncertainty {
             degrees_of_freedom: all.degrees_of_freedom,
             chi2_reduced: all.chi2_reduced,
         },
+        propagated: DMatrix::from_fn(columns.len(), columns.len(), |a, b| {
+            joint.propagated[(columns[a], columns[b])]
+        }),
         model_freedom: joint.model_freedom,
     }
 }
@@ -208,6 +211,7 @@ fn together(common: &FitReport, reports: &[FitReport], estimates: &[Estimate<'_>
         n_observations: reports.iter().map(|r| r.n_observations).sum(),
         n_frames_used: reports.iter().map(|r| r.n_frames_used).sum(),
         region: None,
+        covariance: None,
         wedge_across: None,
         parameters: Parameters {
             scale: own(),
