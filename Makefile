@@ -92,10 +92,13 @@ bench-peers-trace: build  ## ridged trace against Mitsuba 3, one field, one run 
 	DRJIT_LIBLLVM_PATH=$$(ls /usr/lib/*/libLLVM-19.so* 2>/dev/null | head -1) \
 	  target/peers-venv/bin/python tools/bench_trace.py --ridged target/release/ridged $(ARGS)
 
+bench-results: web  ## Time of queries over 100,000 fits
+	cargo bench --bench results
+
 setup-build:
 	@tools/setup build
 
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-fit bench-peers-trace code-figures faults fuzz help demo docs build build-tests test check check-python test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshots setup-build setup-test soak
+.PHONY: bench-peers bench-peers-fit bench-peers-trace bench-results code-figures faults fuzz help demo docs build build-tests test check check-python test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshots setup-build setup-test soak

@@ -82,8 +82,8 @@ pub fn stated(value: f64) -> String {
 
 /// Returns the word of a list that was probably meant by another one: at most two letters or a third of them differ.
 #[must_use]
-pub fn meant(word: &str, known: &[&'static str]) -> Option<&'static str> {
-    let distance = |k: &&&'static str| strsim::damerau_levenshtein(word, k);
+pub fn meant<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
+    let distance = |k: &&&'a str| strsim::damerau_levenshtein(word, k);
     let nearest = known.iter().min_by_key(distance)?;
     let letters = word.chars().count();
     (distance(&nearest) <= (letters / 3).clamp(1, 2)).then_some(*nearest)

@@ -2,16 +2,20 @@
 
 use axum::Json;
 use axum::extract::State;
-use axum::response::Response;
+use axum::response::{IntoResponse as _, Response};
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use serde_json::Value;
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::Schema;
+use utoipa::{PartialSchema as _, ToSchema};
 
 use super::caller::Caller;
 use super::extract::{Body, Id, Params, page, since};
+use super::fields::Fields;
 use super::job_body::{FitBody, JobBody};
 use super::status::{ApiError, Problem};
 use super::{App, Begun, List, jobs};
-use crate::fit::report::{Status, VariantName};
+use crate::fit::report::{Parameters, Status, VariantName};
 use crate::job::JobKind;
 use crate::lab::FitRequest;
 use crate::store::jobs::JobFilter;
@@ -40,6 +44,24 @@ pub struct FitParams {
     limit: Option<u32>,
     /// `next_cursor` of the previous page.
     cursor: Option<String>,
+    /// Only these fields of the rows, separated by commas, e.g. `id,scan_id,parameters.theta_r_deg`.
+    fields: Option<String>,
+}
+
+/// Names that `fields` takes: those of a fit, and of its parameters.
+fn field_names() -> Vec<String> {
+    let names = |schema: RefOr<Schema>| -> Vec<String> {
+        match schema {
+            RefOr::T(Schema::Object(object)) => object.properties.into_keys().collect(),
+            _ => unreachable!("structs are described as objects"),
+        }
+    };
+    let parameters = names(Parameters::schema()).into_iter();
+    let parameters = parameters.map(|name| format!("parameters.{name}"));
+    names(FitBody::schema())
+        .into_iter()
+        .chain(parameters)
+        .collect()
 }
 
 /// Returns the word that reports have for a status.
@@ -48,7 +70,7 @@ fn word_of(status: Status) -> String {
     word.as_str().expect("a status is a word").to_owned()
 }
 
-/// Fits, newest first.
+/// Fits, newest first. A row has some 9 kB; `fields` shortens it, and `/results` has one short row per scan.
 #[utoipa::path(get, path = "/api/v1/fits", tag = "fits", params(FitParams), responses(
     (status = 200, description = "A page of fits", body = List<FitBody>),
     (status = 422, description = "A value is not valid", body = Problem),
@@ -56,7 +78,10 @@ fn word_of(status: Status) -> String {
 pub(super) async fn list(
     State(app): State<App>,
     Params(params): Params<FitParams>,
-) -> Result<Json<List<JobBody>>, ApiError> {
+) -> Result<Response, ApiError> {
+    let fields = params.fields.as_deref();
+    let fields = fields.map(|text| Fields::read(text, &field_names()));
+    let fields = fields.transpose()?;
     let page = page(params.limit, params.cursor.as_deref())?;
     let filter = JobFilter {
         sample_id: params.sample_id,
@@ -68,7 +93,25 @@ pub(super) async fn list(
         theta_r_deg_max: params.theta_r_deg_max,
         ..JobFilter::default()
     };
-    jobs::found(&app, JobKind::Fit, &filter, page).await
+    let Json(list) = jobs::found(&app, JobKind::Fit, &filter, page).await?;
+    let Some(fields) = fields else {
+        return Ok(Json(list).into_response());
+    };
+    let short = |job: JobBody| -> Result<Value, ApiError> {
+        let row = serde_json::to_value(job).map_err(|_| ApiError::internal())?;
+        Ok(fields.of(&row))
+    };
+    let items = list
+        .items
+        .into_iter()
+        .map(short)
+        .collect::<Result<_, _>>()?;
+    Ok(Json(List {
+        items,
+        next_cursor: list.next_cursor,
+        damaged: list.damaged,
+    })
+    .into_response())
 }
 
 /// Start a fit.

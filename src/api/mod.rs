@@ -19,6 +19,7 @@ mod connections;
 mod document;
 mod events;
 mod extract;
+mod fields;
 mod fits;
 mod frames;
 mod guard;
@@ -37,6 +38,7 @@ mod peers;
 mod queue;
 mod recipes;
 mod reports;
+mod results;
 mod rig;
 mod samples;
 mod scans;
@@ -182,6 +184,7 @@ pub struct Begun {
         (name = "scans", description = "Series of frames"),
         (name = "frames", description = "16-bit images"),
         (name = "observations", description = "Frames reduced to numbers"),
+        (name = "results", description = "One short row per scan: parts, values, verdicts"),
         (name = "fits", description = "The model fitted to observations"),
         (name = "maps", description = "The model fitted to every pixel"),
         (name = "contrasts", description = "Contrast after rotation"),
@@ -240,6 +243,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(frames::get))
         .routes(routes!(frames::image))
         .routes(routes!(frames::pixels))
+        .routes(routes!(results::list))
         .routes(routes!(fits::list, fits::begin))
         .routes(routes!(fits::get))
         .routes(routes!(fits::cancel))

@@ -104,6 +104,7 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/frames/{id}", READ),
     ("GET", "/api/v1/frames/{id}/image.png", READ),
     ("GET", "/api/v1/frames/{id}/pixels", READ),
+    ("GET", "/api/v1/results", READ),
     ("GET", "/api/v1/fits", READ),
     ("POST", "/api/v1/fits", COMPUTE),
     ("GET", "/api/v1/fits/{id}", READ),

@@ -35,6 +35,7 @@ pub mod progress;
 pub mod queue;
 pub mod render;
 pub mod report;
+pub mod results;
 pub mod rig;
 pub mod runtime;
 pub mod sample;
@@ -95,6 +96,8 @@ pub enum Command {
     Specification(definitions::SpecificationArgs),
     /// Add, move and remove parts in the queue, start and stop it.
     Queue(queue::Args),
+    /// List results: one row per scan, with filters; as a table, JSON or CSV.
+    Results(results::Args),
     /// Import a recorded series into the store.
     Import(import::Args),
     /// Export a scan from the store as a recorded series.
@@ -206,6 +209,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Recipe(args) => definitions::recipes(args),
         Command::Specification(args) => definitions::specifications(args),
         Command::Queue(args) => queue::run(args),
+        Command::Results(args) => results::run(args),
         Command::Import(args) => import::run(args),
         Command::Export(args) => export::run(args),
         Command::Contrast(args) => contrast::run(args),

@@ -32,6 +32,7 @@ mod place;
 pub mod queue;
 mod recovery;
 mod reductions;
+pub mod results;
 pub mod samples;
 pub mod scans;
 pub mod stages;

@@ -25,6 +25,7 @@ mod near;
 mod night;
 mod nist;
 mod off_axis;
+mod parameter_covariance;
 mod radiances;
 mod real_samples;
 mod recorded;

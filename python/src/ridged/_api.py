@@ -214,6 +214,7 @@ class Fit(TypedDict):
 
     chi2_reduced: NotRequired[float | None]
     chi2_reduced_without_model: NotRequired[float | None]
+    covariance: NotRequired[FitCovariance | None]
     created_at: str
     ended_at: NotRequired[str | None]
     error: NotRequired[FitError | None]
@@ -263,6 +264,14 @@ class FitAcross(TypedDict):
     split: bool
     wedge_deg: float
     wedge_std_deg: NotRequired[float | None]
+
+
+class FitCovariance(TypedDict):
+    """Covariance of the parameters that the data determine (k = 1)."""
+
+    parameters: list[str]
+    units: list[str]
+    values: list[list[float]]
 
 
 class FitError(TypedDict):

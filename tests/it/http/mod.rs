@@ -8,6 +8,7 @@ mod queue;
 pub(crate) mod recipes;
 mod refusals;
 mod reports;
+mod results;
 mod samples;
 mod scans;
 mod traces;

@@ -364,6 +364,7 @@ export interface components {
              * @description The same with counting noise only.
              */
             readonly chi2_reduced_without_model?: number | null;
+            readonly covariance?: components["schemas"]["FitCovariance"] | null;
             /** @description When it was accepted, RFC 3339 in UTC. */
             readonly created_at: string;
             /** @description When it ended, RFC 3339 in UTC; null while it runs. */
@@ -493,6 +494,19 @@ export interface components {
              * @description Its standard uncertainty; none if it is not separated from the zero.
              */
             readonly wedge_std_deg?: number | null;
+        };
+        /** @description Covariance of the parameters that the data determine (k = 1). */
+        readonly FitCovariance: {
+            /** @description Names of the parameters, in the order of rows and columns. Fixed and held parameters are not in the list. */
+            readonly parameters: readonly string[];
+            /** @description Units of their values: `deg`, `1`, `1/sr`, or `arbitrary` without a white reference. */
+            readonly units: readonly string[];
+            /**
+             * @description The matrix, row by row, in the product of the two units. The diagonal has the squares of `std`. The rest has what
+             *     the errors that rows share or scatter (counting, references, angles, drift, detector, priors) have in common; wedge,
+             *     shape and the error of the closed form count as independent between parameters.
+             */
+            readonly values: readonly (readonly number[])[];
         };
         /** @description Why a job has no result. */
         readonly FitError: {
@@ -1347,6 +1361,7 @@ export interface components {
                  * @description The same with counting noise only.
                  */
                 readonly chi2_reduced_without_model?: number | null;
+                readonly covariance?: components["schemas"]["FitCovariance"] | null;
                 /** @description When it was accepted, RFC 3339 in UTC. */
                 readonly created_at: string;
                 /** @description When it ended, RFC 3339 in UTC; null while it runs. */
@@ -2494,6 +2509,426 @@ export interface components {
             /** @description Name, 1 to 200 characters. */
             readonly name: string;
         };
+        /** @description A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and at most 600 bytes where its texts have 80 together. Uncertainties have three significant digits, values end at the same decimal; /fits/{id} has all digits */
+        readonly Result: {
+            /**
+             * Format: double
+             * @description Roughness along the ridges, tangent of a slope
+             */
+            readonly alpha_u?: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty (k = 1)
+             */
+            readonly alpha_u_std?: number;
+            /**
+             * Format: double
+             * @description Roughness across the ridges, tangent of a slope
+             */
+            readonly alpha_v?: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty (k = 1)
+             */
+            readonly alpha_v_std?: number;
+            /**
+             * Format: double
+             * @description Δφs, degrees
+             */
+            readonly azimuth_offset_deg?: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty (k = 1), degrees
+             */
+            readonly azimuth_offset_deg_std?: number;
+            /**
+             * Format: double
+             * @description Stray light B
+             */
+            readonly background?: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty (k = 1)
+             */
+            readonly background_std?: number;
+            /**
+             * Format: double
+             * @description k of the expanded uncertainty: U = k·u
+             */
+            readonly coverage_factor?: number;
+            /** @description When the scan was started or imported */
+            readonly created_at?: string;
+            /**
+             * Format: double
+             * @description Radius of the crests divided by the length of the facets
+             */
+            readonly crest_radius?: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty (k = 1)
+             */
+            readonly crest_radius_std?: number;
+            /** @description When it ended; null while it can go on */
+            readonly ended_at?: string;
+            /**
+             * Format: double
+             * @description Index of refraction n of the material
+             */
+            readonly eta?: number;
+            /** @description Number of the part or order in another system */
+            readonly external_id?: string;
+            /**
+             * Format: int64
+             * @description Number of the newest completed fit
+             */
+            readonly fit_id?: number;
+            /** @description When the fit ended */
+            readonly fitted_at?: string;
+            /**
+             * Format: double
+             * @description Extinction coefficient k of the material; 0 for a dielectric
+             */
+            readonly k?: number;
+            /** @description Lot of the part */
+            readonly lot?: string;
+            /**
+             * @description Kind of the sample's material
+             * @enum {string}
+             */
+            readonly material?: "dielectric" | "conductor";
+            /** @description The person at the rig */
+            readonly operator_name?: string;
+            /**
+             * @description Scan of the rig, or imported series
+             * @enum {string}
+             */
+            readonly origin?: "rig" | "import";
+            /** @description Name of the sample */
+            readonly part?: string;
+            /** @description Name of the recipe that the scan was started with */
+            readonly recipe?: string;
+            /**
+             * Format: int64
+             * @description Version of that recipe
+             */
+            readonly recipe_version?: number;
+            /** @description Region of a sample that has several; omitted from an object if there is none */
+            readonly region?: string;
+            /**
+             * Format: double
+             * @description Diffuse reflectance
+             */
+            readonly rho_d?: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty (k = 1)
+             */
+            readonly rho_d_std?: number;
+            /**
+             * Format: double
+             * @description Residual (rms) as a share of the largest observation
+             */
+            readonly rms_residual?: number;
+            /**
+             * Format: int64
+             * @description Number of the sample
+             */
+            readonly sample_id?: number;
+            /**
+             * Format: double
+             * @description Gain g of the signals; 1 with a white reference
+             */
+            readonly scale?: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty (k = 1)
+             */
+            readonly scale_std?: number;
+            /**
+             * Format: int64
+             * @description Number of the scan
+             */
+            readonly scan_id?: number;
+            /** @description Name of the specification of that verdict */
+            readonly specification?: string;
+            /**
+             * @description State of the scan
+             * @enum {string}
+             */
+            readonly state?: "planned" | "waiting-for-operator" | "running" | "pausing" | "paused" | "interrupted" | "completed" | "aborted" | "failed";
+            /**
+             * @description How the fit ended
+             * @enum {string}
+             */
+            readonly status?: "converged" | "at-bound" | "rank-deficient" | "stalled" | "not-finite" | "too-few-observations" | "cancelled";
+            /**
+             * Format: double
+             * @description Ridge angle θr, degrees; null where the data do not determine it
+             */
+            readonly theta_r_deg?: number;
+            /**
+             * Format: double
+             * @description Expanded uncertainty U of θr, degrees
+             */
+            readonly theta_r_deg_expanded?: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty u of θr (k = 1), degrees
+             */
+            readonly theta_r_deg_std?: number;
+            /**
+             * Format: double
+             * @description Δθc, degrees
+             */
+            readonly tilt_offset_deg?: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty (k = 1), degrees
+             */
+            readonly tilt_offset_deg_std?: number;
+            /**
+             * Format: double
+             * @description Share of the body's light that leaves evenly over the ridges
+             */
+            readonly translucency?: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty (k = 1)
+             */
+            readonly translucency_std?: number;
+            /**
+             * @description Variant of the model that the fit reports
+             * @enum {string}
+             */
+            readonly variant?: "paper" | "sawtooth" | "traced";
+            /**
+             * @description Newest verdict; null where the scan was not judged
+             * @enum {string}
+             */
+            readonly verdict?: "pass" | "fail" | "cannot-tell";
+            /**
+             * Format: int64
+             * @description Number of that verdict
+             */
+            readonly verdict_id?: number;
+            /** @description Who started the scan: the name of a token, or `local` */
+            readonly who?: string;
+        };
+        /** @description A page of results. */
+        readonly ResultsBody_Result: {
+            /**
+             * Format: int64
+             * @description Number of all rows that the filters select, if `count` asks for it.
+             */
+            readonly count?: number | null;
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /**
+                 * Format: double
+                 * @description Roughness along the ridges, tangent of a slope
+                 */
+                readonly alpha_u?: number;
+                /**
+                 * Format: double
+                 * @description Its standard uncertainty (k = 1)
+                 */
+                readonly alpha_u_std?: number;
+                /**
+                 * Format: double
+                 * @description Roughness across the ridges, tangent of a slope
+                 */
+                readonly alpha_v?: number;
+                /**
+                 * Format: double
+                 * @description Its standard uncertainty (k = 1)
+                 */
+                readonly alpha_v_std?: number;
+                /**
+                 * Format: double
+                 * @description Δφs, degrees
+                 */
+                readonly azimuth_offset_deg?: number;
+                /**
+                 * Format: double
+                 * @description Its standard uncertainty (k = 1), degrees
+                 */
+                readonly azimuth_offset_deg_std?: number;
+                /**
+                 * Format: double
+                 * @description Stray light B
+                 */
+                readonly background?: number;
+                /**
+                 * Format: double
+                 * @description Its standard uncertainty (k = 1)
+                 */
+                readonly background_std?: number;
+                /**
+                 * Format: double
+                 * @description k of the expanded uncertainty: U = k·u
+                 */
+                readonly coverage_factor?: number;
+                /** @description When the scan was started or imported */
+                readonly created_at?: string;
+                /**
+                 * Format: double
+                 * @description Radius of the crests divided by the length of the facets
+                 */
+                readonly crest_radius?: number;
+                /**
+                 * Format: double
+                 * @description Its standard uncertainty (k = 1)
+                 */
+                readonly crest_radius_std?: number;
+                /** @description When it ended; null while it can go on */
+                readonly ended_at?: string;
+                /**
+                 * Format: double
+                 * @description Index of refraction n of the material
+                 */
+                readonly eta?: number;
+                /** @description Number of the part or order in another system */
+                readonly external_id?: string;
+                /**
+                 * Format: int64
+                 * @description Number of the newest completed fit
+                 */
+                readonly fit_id?: number;
+                /** @description When the fit ended */
+                readonly fitted_at?: string;
+                /**
+                 * Format: double
+                 * @description Extinction coefficient k of the material; 0 for a dielectric
+                 */
+                readonly k?: number;
+                /** @description Lot of the part */
+                readonly lot?: string;
+                /**
+                 * @description Kind of the sample's material
+                 * @enum {string}
+                 */
+                readonly material?: "dielectric" | "conductor";
+                /** @description The person at the rig */
+                readonly operator_name?: string;
+                /**
+                 * @description Scan of the rig, or imported series
+                 * @enum {string}
+                 */
+                readonly origin?: "rig" | "import";
+                /** @description Name of the sample */
+                readonly part?: string;
+                /** @description Name of the recipe that the scan was started with */
+                readonly recipe?: string;
+                /**
+                 * Format: int64
+                 * @description Version of that recipe
+                 */
+                readonly recipe_version?: number;
+                /** @description Region of a sample that has several; omitted from an object if there is none */
+                readonly region?: string;
+                /**
+                 * Format: double
+                 * @description Diffuse reflectance
+                 */
+                readonly rho_d?: number;
+                /**
+                 * Format: double
+                 * @description Its standard uncertainty (k = 1)
+                 */
+                readonly rho_d_std?: number;
+                /**
+                 * Format: double
+                 * @description Residual (rms) as a share of the largest observation
+                 */
+                readonly rms_residual?: number;
+                /**
+                 * Format: int64
+                 * @description Number of the sample
+                 */
+                readonly sample_id?: number;
+                /**
+                 * Format: double
+                 * @description Gain g of the signals; 1 with a white reference
+                 */
+                readonly scale?: number;
+                /**
+                 * Format: double
+                 * @description Its standard uncertainty (k = 1)
+                 */
+                readonly scale_std?: number;
+                /**
+                 * Format: int64
+                 * @description Number of the scan
+                 */
+                readonly scan_id?: number;
+                /** @description Name of the specification of that verdict */
+                readonly specification?: string;
+                /**
+                 * @description State of the scan
+                 * @enum {string}
+                 */
+                readonly state?: "planned" | "waiting-for-operator" | "running" | "pausing" | "paused" | "interrupted" | "completed" | "aborted" | "failed";
+                /**
+                 * @description How the fit ended
+                 * @enum {string}
+                 */
+                readonly status?: "converged" | "at-bound" | "rank-deficient" | "stalled" | "not-finite" | "too-few-observations" | "cancelled";
+                /**
+                 * Format: double
+                 * @description Ridge angle θr, degrees; null where the data do not determine it
+                 */
+                readonly theta_r_deg?: number;
+                /**
+                 * Format: double
+                 * @description Expanded uncertainty U of θr, degrees
+                 */
+                readonly theta_r_deg_expanded?: number;
+                /**
+                 * Format: double
+                 * @description Standard uncertainty u of θr (k = 1), degrees
+                 */
+                readonly theta_r_deg_std?: number;
+                /**
+                 * Format: double
+                 * @description Δθc, degrees
+                 */
+                readonly tilt_offset_deg?: number;
+                /**
+                 * Format: double
+                 * @description Its standard uncertainty (k = 1), degrees
+                 */
+                readonly tilt_offset_deg_std?: number;
+                /**
+                 * Format: double
+                 * @description Share of the body's light that leaves evenly over the ridges
+                 */
+                readonly translucency?: number;
+                /**
+                 * Format: double
+                 * @description Its standard uncertainty (k = 1)
+                 */
+                readonly translucency_std?: number;
+                /**
+                 * @description Variant of the model that the fit reports
+                 * @enum {string}
+                 */
+                readonly variant?: "paper" | "sawtooth" | "traced";
+                /**
+                 * @description Newest verdict; null where the scan was not judged
+                 * @enum {string}
+                 */
+                readonly verdict?: "pass" | "fail" | "cannot-tell";
+                /**
+                 * Format: int64
+                 * @description Number of that verdict
+                 */
+                readonly verdict_id?: number;
+                /** @description Who started the scan: the name of a token, or `local` */
+                readonly who?: string;
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
         /** @description Properties of a height map; lengths in µm. */
         readonly RidgeFacts: {
             /**
@@ -3030,6 +3465,7 @@ export type EstimateBody = components['schemas']['EstimateBody'];
 export type FieldProblem = components['schemas']['FieldProblem'];
 export type Fit = components['schemas']['Fit'];
 export type FitAcross = components['schemas']['FitAcross'];
+export type FitCovariance = components['schemas']['FitCovariance'];
 export type FitError = components['schemas']['FitError'];
 export type FitFinding = components['schemas']['FitFinding'];
 export type FitFindingCode = components['schemas']['FitFindingCode'];
@@ -3121,6 +3557,8 @@ export type RecipeFit = components['schemas']['RecipeFit'];
 export type RecipeLayout = components['schemas']['RecipeLayout'];
 export type RecipeMaterial = components['schemas']['RecipeMaterial'];
 export type RenameBody = components['schemas']['RenameBody'];
+export type Result = components['schemas']['Result'];
+export type ResultsBodyResult = components['schemas']['ResultsBody_Result'];
 export type RidgeFacts = components['schemas']['RidgeFacts'];
 export type RigBody = components['schemas']['RigBody'];
 export type RigProblem = components['schemas']['RigProblem'];

@@ -1,0 +1,180 @@
+//! Rows of results as objects and as lines of a CSV.
+
+use serde::ser::{Serialize, SerializeMap, Serializer};
+
+use super::columns::{COLUMNS, Column, Kind, column, place};
+use super::query::Cell;
+
+/// Digits of an uncertainty in a row; a value ends at the same decimal.
+const DIGITS_STD: i32 = 3;
+/// Significant digits of a value without an uncertainty.
+const DIGITS_ALONE: usize = 6;
+
+/// A row with the values of all columns.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResultRow {
+    cells: Vec<Cell>,
+}
+
+impl ResultRow {
+    pub(super) fn new(cells: Vec<Cell>) -> Self {
+        ResultRow { cells }
+    }
+
+    /// Makes a row of some columns; the others have no value.
+    #[cfg(test)]
+    pub(crate) fn of(cells: Vec<(&str, Cell)>) -> Self {
+        let mut row = ResultRow::new(vec![Cell::Null; COLUMNS.len()]);
+        for (name, cell) in cells {
+            row.cells[place(column(name).expect("it is a column"))] = cell;
+        }
+        row
+    }
+
+    /// Returns the value of a column with all its digits.
+    #[must_use]
+    pub fn cell(&self, column: &Column) -> &Cell {
+        &self.cells[place(column)]
+    }
+
+    /// Number of the scan.
+    #[must_use]
+    pub fn scan_id(&self) -> i64 {
+        match self.cells.first() {
+            Some(Cell::Id(id)) => *id,
+            _ => 0,
+        }
+    }
+
+    /// Region; empty for the whole sample.
+    #[must_use]
+    pub fn region(&self) -> &str {
+        match &self.cells[1] {
+            Cell::Text(region) => region,
+            _ => "",
+        }
+    }
+
+    /// Returns the value of a column as it is shown: an uncertainty with three significant digits, a value to the same
+    /// decimal.
+    #[must_use]
+    pub fn shown(&self, of: &Column) -> Cell {
+        match (self.cell(of), of.kind) {
+            (Cell::Real(value), Kind::Real { std }) => {
+                let std = std.and_then(column).map(|std| self.cell(std));
+                Cell::Real(match std {
+                    Some(Cell::Real(std)) => to_decimal_of(*value, *std),
+                    _ => to_digits(*value),
+                })
+            }
+            (cell, _) => cell.clone(),
+        }
+    }
+
+    /// Returns the row as a JSON object of these columns.
+    #[must_use]
+    pub fn object<'a>(&'a self, fields: &'a [&'static Column]) -> impl Serialize + 'a {
+        Object { row: self, fields }
+    }
+
+    /// Returns the row as a line of a CSV.
+    #[must_use]
+    pub fn csv_line(&self, fields: &[&'static Column]) -> String {
+        line(fields.iter().map(|column| match self.shown(column) {
+            Cell::Null => String::new(),
+            Cell::Id(id) => id.to_string(),
+            // The shortest digits that read back as the same number.
+            Cell::Real(value) => value.to_string(),
+            Cell::Text(text) => text,
+        }))
+    }
+}
+
+/// Returns the first line of a CSV.
+#[must_use]
+pub fn csv_header(fields: &[&'static Column]) -> String {
+    line(fields.iter().map(|column| column.name.to_owned()))
+}
+
+fn line(values: impl Iterator<Item = String>) -> String {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer
+        .write_record(values)
+        .and_then(|()| Ok(writer.flush()?))
+        .expect("memory takes everything");
+    let bytes = writer.into_inner().expect("it was flushed");
+    String::from_utf8(bytes).expect("text in, text out")
+}
+
+/// Rounds a value to the last shown decimal of its standard uncertainty.
+fn to_decimal_of(value: f64, std: f64) -> f64 {
+    if !(std > 0.0 && std.is_finite() && value.is_finite()) {
+        return to_digits(value);
+    }
+    let decimals = DIGITS_STD - 1 - std.log10().floor() as i32;
+    match usize::try_from(decimals) {
+        Ok(decimals @ 0..=300) => parsed(format!("{value:.decimals$}"), value),
+        _ => to_digits(value),
+    }
+}
+
+fn to_digits(value: f64) -> f64 {
+    parsed(format!("{value:.*e}", DIGITS_ALONE - 1), value)
+}
+
+fn parsed(text: String, value: f64) -> f64 {
+    // Rounding makes −0 of a small negative value.
+    text.parse::<f64>().map_or(value, |rounded| rounded + 0.0)
+}
+
+struct Object<'a> {
+    row: &'a ResultRow,
+    fields: &'a [&'static Column],
+}
+
+impl Serialize for Object<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut object = serializer.serialize_map(None)?;
+        for column in self.fields {
+            let shown = self.row.shown(column);
+            // Few samples have regions, and the rows of all others are shorter without it.
+            if column.name == COLUMNS[1].name && shown == Cell::Null {
+                continue;
+            }
+            object.serialize_entry(column.name, &shown)?;
+        }
+        object.end()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_rounded_by_their_uncertainty() {
+        for (value, std, shown) in [
+            (10.001_234_567, 0.012_345, 10.001_2),
+            (0.012_345, 0.012_345, 0.0123),
+            (-0.000_001, 0.012_345, 0.0),
+            (12_345.678_9, 250.0, 12_346.0),
+            (12_345.678_9, 0.0, 12_345.7),
+            (1.0, f64::NAN, 1.0),
+            (1e-300, 1e-302, 1e-300),
+            (1e300, 1e299, 1e300),
+        ] {
+            let rounded = to_decimal_of(value, std);
+            assert_eq!(rounded, shown, "{value} ± {std}");
+            assert!(rounded.is_sign_positive() || rounded < 0.0);
+        }
+    }
+
+    #[test]
+    fn names_with_commas_and_quotes_are_quoted_in_a_csv() {
+        let name = Cell::Text("B-17, \"left\"".into());
+        let row = ResultRow::of(vec![("scan_id", Cell::Id(3)), ("part", name)]);
+        let fields = ["scan_id", "part"].map(|name| column(name).unwrap());
+        assert_eq!(csv_header(&fields), "scan_id,part\n");
+        assert_eq!(row.csv_line(&fields), "3,\"B-17, \"\"left\"\"\"\n");
+    }
+}
