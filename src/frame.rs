@@ -2,6 +2,7 @@
 
 mod tag;
 mod tiff;
+pub mod tiff_stack;
 
 use std::io::Cursor;
 use std::str::FromStr;

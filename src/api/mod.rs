@@ -18,6 +18,7 @@ mod certainty;
 mod connections;
 mod document;
 mod events;
+mod exports;
 mod extract;
 mod fields;
 mod fits;
@@ -240,6 +241,8 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(imports::add))
         .routes(routes!(frames::of_scan))
         .routes(routes!(observations::of_scan))
+        .routes(routes!(exports::brdf))
+        .routes(routes!(exports::stack))
         .routes(routes!(frames::get))
         .routes(routes!(frames::image))
         .routes(routes!(frames::pixels))

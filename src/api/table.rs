@@ -97,6 +97,8 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/scans/{id}/report", READ),
     ("GET", "/api/v1/scans/{id}/frames", READ),
     ("GET", "/api/v1/scans/{id}/observations", READ),
+    ("GET", "/api/v1/scans/{id}/brdf.json", READ),
+    ("GET", "/api/v1/scans/{id}/frames.tif", READ),
     ("GET", "/api/v1/calibrations", READ),
     ("POST", "/api/v1/calibrations", Need::Rig),
     ("GET", "/api/v1/calibrations/{id}", READ),

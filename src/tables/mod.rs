@@ -7,6 +7,7 @@
 //! flats.
 
 mod bird;
+pub mod bird_out;
 mod manifest;
 mod rows;
 

@@ -260,6 +260,7 @@ const RULES: &[(&str, &[&str])] = &[
             "forecast",
             "accuracy",
             "heights",
+            "tables",
             "program",
             "report",
             "version",

@@ -12,6 +12,7 @@ mod corrections;
 mod costs;
 mod cut_short;
 mod doctor;
+mod exports;
 mod faults;
 mod fuzz;
 mod height_files;

@@ -347,12 +347,15 @@ fn bird(angles: [Vec<f64>; 4], values: &[f64], u_brdf: &Json) -> Json {
             "id": "urn:uuid:5f0c2b8e-43d8-4f07-9a6c-30f6b0b8b5a1",
             "type": "BRDF",
             "timestamp": "2026-03-02T09:00:00+00",
-            "provenance": {},
+            "provenance": {
+                "organization": "lab", "email": "lab@lab.example", "contact_person": "Anna",
+                "location": {"country": "A", "city": "B", "street": "C", "building_nr": "1", "postal_code": "2"},
+            },
             "description": "made for a test",
             "method": "simulation",
             "instrumentation": "NA",
             "software": "NA",
-            "sample": {},
+            "sample": {"name": "s", "type": "t", "shape": "flat", "dimensions": {}, "zero_azimuth_location": "mark"},
             "environment": "NA",
         },
         "data": {
@@ -369,7 +372,7 @@ fn bird(angles: [Vec<f64>; 4], values: &[f64], u_brdf: &Json) -> Json {
 
 /// The faults that a schema of BiRD finds, for the keywords of its schemas of `brdf`, `metadata`
 /// and `data`. Other schemas (provenance, sample, instruments, which are not read) are skipped.
-fn against(schema: &Json, value: &Json, at: &str) -> Vec<String> {
+pub(crate) fn against(schema: &Json, value: &Json, at: &str) -> Vec<String> {
     let mut wrong = Vec::new();
     if let Some(link) = schema["$ref"].as_str() {
         let name = link.rsplit('/').next().unwrap();

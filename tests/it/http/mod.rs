@@ -88,7 +88,7 @@ pub(crate) fn request(method: &str, path: &str) -> axum::http::request::Builder 
         .header("host", "127.0.0.1:8787")
 }
 
-async fn get(router: &Router, path: &str) -> Answer {
+pub(crate) async fn get(router: &Router, path: &str) -> Answer {
     send(router, request("GET", path).body(Body::empty()).unwrap()).await
 }
 
@@ -127,12 +127,12 @@ pub(crate) fn is_problem(answer: &Answer, status: u16, code: &str) {
 }
 
 /// The recorded series that comes with the tests.
-fn polymer() -> PathBuf {
+pub(crate) fn polymer() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/polymer-10")
 }
 
 /// Imports it: scan 1 of a fresh store.
-async fn imported(router: &Router) -> Answer {
+pub(crate) async fn imported(router: &Router) -> Answer {
     let body = json!({ "folder": polymer() }).to_string();
     let imported = post(router, "/api/v1/imports", &body).await;
     assert_eq!(imported.status, 201, "{}", imported.body);

@@ -1,0 +1,84 @@
+//! `/scans/{id}/frames.tif` and `/scans/{id}/brdf.json`: a scan for other programs.
+
+use std::sync::Arc;
+
+use axum::Json;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use futures::stream;
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::App;
+use super::document::Binary;
+use super::extract::{Id, Params};
+use super::status::{ApiError, Problem};
+use crate::lab::{FrameStack, LabError};
+
+/// Region of the observations.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct BrdfParams {
+    /// Region of a sample with several regions.
+    region: Option<String>,
+}
+
+/// The observations of a scan as BRDF, in the universal format of the BiRD project (JSON, version 1.0): directions in the
+/// sample frame, BRDF and its standard uncertainty (k = 1), 1/sr.
+#[utoipa::path(get, path = "/api/v1/scans/{id}/brdf.json", tag = "observations", params(("id" = i64, Path, description = "Number of the scan"), BrdfParams), responses(
+    (status = 200, description = "A BiRD file: `metadata` and `data`", body = Object),
+    (status = 404, description = "There is no such scan", body = Problem),
+    (status = 422, description = "The scan has no white reference, its frames give no observations, or a region must be named", body = Problem),
+))]
+pub(super) async fn brdf(
+    State(app): State<App>,
+    Id(id): Id,
+    Params(params): Params<BrdfParams>,
+) -> Result<impl IntoResponse, ApiError> {
+    let file: Value = app.lab.bird_file(id, params.region.as_deref()).await?;
+    Ok((attachment(id, "brdf.json"), Json(file)))
+}
+
+/// All frames of a scan, calibrations included, as one 16-bit TIFF with a page per frame. The description of each page is JSON
+/// with file, kind, angles and exposure.
+#[utoipa::path(get, path = "/api/v1/scans/{id}/frames.tif", tag = "frames", params(("id" = i64, Path, description = "Number of the scan")), responses(
+    (status = 200, description = "The stack, not compressed; a BigTIFF above 4 GB", content_type = "image/tiff", body = Binary),
+    (status = 404, description = "There is no such scan", body = Problem),
+    (status = 422, description = "The scan has no frames", body = Problem),
+))]
+pub(super) async fn stack(State(app): State<App>, Id(id): Id) -> Result<Response, ApiError> {
+    let stack = Arc::new(FrameStack::open(app.lab.store(), id).await?);
+    let length = stack.bytes();
+    let pages = stream::try_unfold(None, move |next| page(Arc::clone(&stack), next));
+    let kind = [
+        (header::CONTENT_TYPE, "image/tiff".to_owned()),
+        (header::CONTENT_LENGTH, length.to_string()),
+    ];
+    Ok((kind, attachment(id, "frames.tif"), Body::from_stream(pages)).into_response())
+}
+
+/// Returns the header of a stack, then page after page. An error ends the connection before the stated length.
+async fn page(
+    stack: Arc<FrameStack>,
+    index: Option<usize>,
+) -> Result<Option<(Vec<u8>, Option<usize>)>, LabError> {
+    let Some(index) = index else {
+        return Ok(Some((stack.header(), Some(0))));
+    };
+    if index == stack.n_pages() {
+        return Ok(None);
+    }
+    let read = tokio::task::spawn_blocking(move || stack.page(index)).await;
+    let bytes = read.map_err(|_| LabError::Panicked)?;
+    let bytes =
+        bytes.inspect_err(|error| tracing::warn!("a stack of frames ends early: {error}"))?;
+    Ok(Some((bytes, Some(index + 1))))
+}
+
+fn attachment(scan_id: i64, name: &str) -> [(header::HeaderName, String); 1] {
+    let disposition = format!("attachment; filename=\"scan-{scan_id}-{name}\"");
+    [(header::CONTENT_DISPOSITION, disposition)]
+}

@@ -1,0 +1,120 @@
+//! Files that other programs read, made of a stored scan: its frames as one TIFF, its observations as BRDF.
+
+use serde_json::{Value, json};
+
+use super::{Lab, LabError, StoredSeries};
+use crate::frame::tiff_stack::TiffStack;
+use crate::observation::ObservationSet;
+use crate::reduction::FrameSource;
+use crate::store::scans::Scan;
+use crate::store::{PROGRAM, Store};
+use crate::tables::bird_out::{self, BirdFacts};
+
+/// The frames of a scan as one TIFF, page by page.
+#[derive(Debug, Clone)]
+pub struct FrameStack {
+    series: StoredSeries,
+    layout: TiffStack,
+}
+
+impl FrameStack {
+    /// Lays out the stack of a scan, calibrations included, in the order of its list of frames.
+    ///
+    /// # Errors
+    /// An unknown scan, a scan without frames, or a store error.
+    pub async fn open(store: &Store, scan_id: i64) -> Result<FrameStack, LabError> {
+        let series = StoredSeries::open(store, scan_id).await?;
+        if series.rows().is_empty() {
+            return Err(not_for_this(scan_id, "it has no frames"));
+        }
+        let describe = |row: &crate::series::FrameRow| {
+            json!({
+                "file": row.file, "kind": row.kind, "theta_c_deg": row.theta_c_deg, "phi_s_deg": row.phi_s_deg,
+                "exposure_s": row.exposure_s, "repeat": row.repeat, "timestamp": row.timestamp,
+            })
+            .to_string()
+        };
+        let descriptions: Vec<String> = series.rows().iter().map(describe).collect();
+        let camera = &series.manifest().camera;
+        let layout = TiffStack::new(camera.width_px, camera.height_px, &descriptions);
+        Ok(FrameStack { series, layout })
+    }
+
+    /// Size of the file.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.layout.bytes()
+    }
+
+    /// Number of pages.
+    #[must_use]
+    pub fn n_pages(&self) -> usize {
+        self.layout.n_pages()
+    }
+
+    /// Returns the bytes before the first page.
+    #[must_use]
+    pub fn header(&self) -> Vec<u8> {
+        self.layout.header()
+    }
+
+    /// Reads a frame and returns the bytes of its page. Blocks on the disk.
+    ///
+    /// # Errors
+    /// A damaged frame, or one of another size than the camera's.
+    pub fn page(&self, index: usize) -> Result<Vec<u8>, LabError> {
+        let frame = self.series.read(index);
+        let frame = frame.map_err(|reason| LabError::Frame { reason })?;
+        self.layout.page(index, &frame).ok_or_else(|| {
+            let row = &self.series.rows()[index];
+            LabError::Export(format!(
+                "{} has {} × {} pixels, and the camera of the scan has others; a stack has pages of one size, so export the \
+                 scan as a series",
+                row.file,
+                frame.width_px(),
+                frame.height_px()
+            ))
+        })
+    }
+}
+
+/// Returns the observations of a scan as a BiRD file.
+///
+/// # Errors
+/// [`LabError::Invalid`] for observations that are not a BRDF.
+pub fn bird_file(
+    scan: &Scan,
+    series: &StoredSeries,
+    set: &ObservationSet,
+) -> Result<Value, LabError> {
+    let facts = BirdFacts {
+        id: format!("urn:ridged:scan:{}:{}", scan.id, scan.created_at),
+        timestamp: scan.created_at.clone(),
+        sample: scan.sample_name.clone(),
+        wavelength_nm: series.manifest().rig.wavelength_nm,
+        operator_name: scan.operator_name.clone(),
+        program: PROGRAM.to_owned(),
+    };
+    bird_out::file(set, &facts).map_err(|error| not_for_this(scan.id, &error.to_string()))
+}
+
+/// The error for a scan that cannot have this form.
+fn not_for_this(scan_id: i64, problem: &str) -> LabError {
+    LabError::Invalid {
+        field: format!("scan {scan_id}"),
+        problem: problem.to_owned(),
+    }
+}
+
+impl Lab {
+    /// Returns the observations of a scan or of one of its regions as a BiRD file.
+    ///
+    /// # Errors
+    /// As [`Lab::observations`] and [`bird_file`].
+    pub async fn bird_file(&self, scan_id: i64, region: Option<&str>) -> Result<Value, LabError> {
+        let reduced = self.observations(scan_id, region).await?;
+        let scan = self.store().scan(scan_id).await?;
+        let series = StoredSeries::open(self.store(), scan_id).await?;
+        bird_file(&scan, &series, &reduced.set)
+    }
+}

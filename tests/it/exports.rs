@@ -1,0 +1,97 @@
+//! A scan as files for other programs: read back by their formats' own rules.
+
+use std::io::Cursor;
+
+use axum::body::{Body, to_bytes};
+use ridged::series::Series;
+use ridged::tables::BrdfTable;
+use serde_json::{Value, json};
+use tiff::decoder::{Decoder, DecodingResult};
+use tiff::tags::Tag;
+use tower::ServiceExt;
+
+use crate::http::{get, imported, is_problem, opened, polymer, request};
+use crate::tables::against;
+
+#[tokio::test]
+async fn the_brdf_of_a_scan_is_a_valid_bird_file_that_is_read_back() {
+    let (bench, router) = opened().await;
+    imported(&router).await;
+    let answer = get(&router, "/api/v1/scans/1/brdf.json").await;
+    assert_eq!(answer.status, 200, "{}", answer.body);
+    let file = answer.body;
+    let schema = include_str!("../data/bird/brdf_json_schema_v1.0.json");
+    let schema: Value = serde_json::from_str(schema).unwrap();
+    assert_eq!(against(&schema, &file, "file"), Vec::<String>::new());
+    let folder = tempfile::tempdir().unwrap();
+    let manifest = "schema = \"brdf-table-1\"\ntable = \"brdf.json\"\n[goniometer]\nvalue = \"brdf\"\n[sample]\n\
+        kind = \"dielectric\"\nindex_of_refraction = 1.54\n";
+    std::fs::write(folder.path().join("manifest.toml"), manifest).unwrap();
+    std::fs::write(folder.path().join("brdf.json"), file.to_string()).unwrap();
+    let read = BrdfTable::open(folder.path()).unwrap().observations();
+    let set = bench.lab.observations(1, None).await.unwrap().set;
+    assert_eq!(read.observations.len(), set.observations.len());
+    for (index, (own, back)) in set.observations.iter().zip(&read.observations).enumerate() {
+        let signal = own.signal.max(0.0);
+        assert!(
+            (back.signal - signal).abs() <= 1e-12 + 1e-9 * signal,
+            "{index}"
+        );
+        assert!(back.sigma >= own.sigma * (1.0 - 1e-9), "{index}");
+        // The same angles between lamp, camera, normal and ridges.
+        let (a, b) = (set.rig_directions(index), read.rig_directions(index));
+        for (x, y) in [
+            (a.incident.z, b.incident.z),
+            (a.outgoing.z, b.outgoing.z),
+            (a.incident.dot(&a.outgoing), b.incident.dot(&b.outgoing)),
+        ] {
+            // A zenith angle in degrees keeps half of the digits of a cosine near 1.
+            assert!((x - y).abs() < 1e-7, "{index}: {x} for {y}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn the_stack_of_a_scan_has_its_frames_bit_for_bit() {
+    let (_bench, router) = opened().await;
+    imported(&router).await;
+    let asked = request("GET", "/api/v1/scans/1/frames.tif").body(Body::empty());
+    let answer = router.clone().oneshot(asked.unwrap()).await.unwrap();
+    assert_eq!(answer.headers()["content-type"], "image/tiff");
+    let length: usize = answer.headers()["content-length"]
+        .to_str()
+        .unwrap()
+        .parse()
+        .unwrap();
+    let bytes = to_bytes(answer.into_body(), usize::MAX).await.unwrap();
+    assert_eq!(bytes.len(), length);
+    let series = Series::open(&polymer()).unwrap();
+    let mut decoder = Decoder::new(Cursor::new(&bytes[..])).unwrap();
+    let rows = series.rows();
+    for (index, row) in rows.iter().enumerate() {
+        let text = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap();
+        let page: Value = serde_json::from_str(text.trim_end_matches('\0')).unwrap();
+        assert_eq!(page["file"], json!(row.file));
+        assert_eq!(page["theta_c_deg"], json!(row.theta_c_deg));
+        // Each tenth frame shows it.
+        if index % 10 == 0 {
+            let DecodingResult::U16(pixels) = decoder.read_image().unwrap() else {
+                panic!("the pixels are not 16-bit");
+            };
+            assert_eq!(pixels, series.read(index).unwrap().pixels_dn());
+        }
+        assert_eq!(decoder.more_images(), index + 1 < rows.len());
+        if decoder.more_images() {
+            decoder.next_image().unwrap();
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_scan_that_does_not_exist_has_no_files() {
+    let (_bench, router) = opened().await;
+    for path in ["brdf.json", "frames.tif"] {
+        let refused = get(&router, &format!("/api/v1/scans/9/{path}")).await;
+        is_problem(&refused, 404, "not-found");
+    }
+}
