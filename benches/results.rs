@@ -114,7 +114,8 @@ async fn fill(folder: &Path, rows: i64) {
     let mut database = SqliteConnection::connect_with(&options).await.unwrap();
     let mut filling = database.begin().await.unwrap();
     let material = json!({ "kind": "dielectric", "eta": 1.54, "eta_std": 0.005 }).to_string();
-    for sample in 0..rows.div_ceil(10) {
+    let samples = rows / 10 + 1;
+    for sample in 0..samples {
         sqlx::query("INSERT INTO samples (name, material, created_at) VALUES (?, ?, '2026-01-01T00:00:00.000Z')")
             .bind(format!("Panel B-{sample}"))
             .bind(&material)
@@ -137,7 +138,7 @@ async fn fill(folder: &Path, rows: i64) {
             "INSERT INTO scans (sample_id, origin, name, plan, manifest, program, created_at)
              VALUES (?, 'rig', 'scan', '{\"repeats\":1}', '', 'bench', ?) RETURNING id",
         )
-        .bind(1 + (row * 7919) % rows.div_ceil(10))
+        .bind(1 + (row * 7919) % samples)
         .bind(&at)
         .fetch_one(&mut *filling)
         .await

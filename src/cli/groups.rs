@@ -29,7 +29,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
         "Analyse",
         &["fit", "map", "contrast", "judge", "report", "score"],
     ),
-    ("Data", &["import", "export"]),
+    ("Data", &["results", "import", "export"]),
     (
         "Predict",
         &[

@@ -83,7 +83,10 @@ async fn a_report_says_what_the_routes_say_and_the_page_what_the_json_says() {
     assert_eq!(added.status, 201, "{}", added.body);
     let sample_id = added.body["id"].as_i64().unwrap();
     let plan = small(&[-10.0, 0.0, 10.0], &[0.0, 60.0, 180.0, 300.0]);
-    let scan = bench.lab.start_scan(&ScanRequest { sample_id, plan }).await;
+    let scan = bench
+        .lab
+        .start_scan(&ScanRequest::of(sample_id, plan))
+        .await;
     let id = scan.unwrap().id;
     bench.finish(id).await;
     let path = format!("/api/v1/scans/{id}/report");
