@@ -17,10 +17,11 @@ use crate::reduction::FrameSource;
 use crate::report::{
     Earlier, FORM, FrameHash, FrameHashes, MeasuredPart, MeasuredScan, MeasurementReport,
     MeasuringRig, ReportedCurve, ReportedFit, ReportedIncident, ReportedObservation,
-    ReportedVerdict, StageController, UsedCalibration,
+    ReportedVerdict, StageController, UsedCalibration, UsedDefinition,
 };
 use crate::scan::{Event, RecordedEvent, ScanState};
 use crate::series::{FrameReadError, Series};
+use crate::store::definitions::DefinitionRef;
 use crate::store::jobs::{Job, JobFilter};
 use crate::store::scans::{Origin, Scan};
 use crate::store::{PageRequest, Store, StoreError, sha256_hex, utc_of, utc_text};
@@ -284,9 +285,23 @@ async fn measured(store: &Store, scan: Scan) -> Result<MeasuredScan, LabError> {
             Origin::Import => None,
         },
         reason: scan.reason,
+        recipe: scan.recipe.map(used),
+        specification: scan.specification.map(used),
+        lot: scan.lot,
+        external_id: scan.external_id,
+        order_id: scan.order_id,
+        operator_name: scan.operator_name,
         who: scan.who,
         created_at: scan.created_at,
     })
+}
+
+fn used(definition: DefinitionRef) -> UsedDefinition {
+    UsedDefinition {
+        id: definition.id,
+        name: definition.name,
+        version: definition.version,
+    }
 }
 
 async fn rig(store: &Store, scan: &Scan, series: &StoredSeries) -> Result<MeasuringRig, LabError> {

@@ -103,6 +103,18 @@ pub struct MeasuredScan {
     pub state: ScanState,
     /// Reason for the state, if it is not the normal course.
     pub reason: Option<String>,
+    /// The version of the recipe that it was started with.
+    pub recipe: Option<UsedDefinition>,
+    /// The version of the specification that it was started with.
+    pub specification: Option<UsedDefinition>,
+    /// Lot of the part.
+    pub lot: Option<String>,
+    /// Number of the part or order in another system.
+    pub external_id: Option<String>,
+    /// The order of the queue that it measures.
+    pub order_id: Option<i64>,
+    /// The person at the rig.
+    pub operator_name: Option<String>,
     /// Who started it.
     pub who: String,
     /// Program that ran it, with its commit.
@@ -117,6 +129,17 @@ pub struct MeasuredScan {
     pub frames_rejected: u32,
     /// Samples that it was assigned to before, oldest first.
     pub earlier_samples: Vec<Earlier>,
+}
+
+/// A version of a recipe or specification.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+pub struct UsedDefinition {
+    /// Number of the recipe or specification in the store.
+    pub id: i64,
+    /// Its name.
+    pub name: String,
+    /// Its version, from 1.
+    pub version: i64,
 }
 
 /// The rig as the scan used it.

@@ -54,7 +54,27 @@ pub(super) fn measurement(page: &mut Markup, report: &MeasurementReport) {
             earlier(p, "assigned until", &scan.earlier_samples);
             p
         });
-        page.entry("Operator", |p| p.foreign(&scan.who));
+        for (name, definition) in [
+            ("Recipe", &scan.recipe),
+            ("Specification", &scan.specification),
+        ] {
+            if let Some(used) = definition {
+                page.entry(name, |p| {
+                    p.foreign(&used.name)
+                        .text(&format!(", version {}", used.version))
+                });
+            }
+        }
+        for (name, text) in [
+            ("Lot", &scan.lot),
+            ("External number", &scan.external_id),
+            ("Operator", &scan.operator_name),
+        ] {
+            if let Some(text) = text {
+                page.entry(name, |p| p.foreign(text));
+            }
+        }
+        page.entry("Started by", |p| p.foreign(&scan.who));
         page.entry("Started", |p| match &scan.started_at {
             Some(at) => p.text(&time(at)),
             None => p.text("imported ").text(&time(&scan.created_at)),

@@ -144,6 +144,7 @@ async fn a_report_says_what_the_routes_say_and_the_page_what_the_json_says() {
         "camera",
         "calibration_ids",
         "regions",
+        "target_expanded_deg",
     ];
     contains(&report["scan"], &scan, &elsewhere);
     assert_eq!(report["plan"], scan["plan"]);
@@ -218,6 +219,8 @@ async fn a_report_says_what_the_routes_say_and_the_page_what_the_json_says() {
         report["frames"]["sha256"].as_str().unwrap(),
         report["program"].as_str().unwrap(),
         "&lt;b&gt;lid&lt;/b&gt;",
+        "PO-4711",
+        "Kim &lt;night shift&gt;",
         "&lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt; &amp; &quot;B&quot;",
     ] {
         assert!(html.contains(words), "{words}");
