@@ -37,7 +37,7 @@ pub fn start(stderr: impl Write + Send + 'static) -> WorkerGuard {
     guard
 }
 
-/// Number of lines left out because nobody read stderr.
+/// Number of lines left out because stderr had no reader.
 #[must_use]
 pub fn lines_left_out() -> u64 {
     LEFT_OUT.get().map_or(0, |n| n.dropped_lines() as u64)

@@ -116,7 +116,7 @@ pub(super) fn describe_metrics() {
     );
     describe_counter!(
         "ridged_log_lines_left_out_total",
-        "Lines of the log left out because nobody read stderr"
+        "Lines of the log left out because stderr had no reader"
     );
     describe_gauge!(
         "ridged_disk_free_bytes",

@@ -57,10 +57,11 @@ pub(super) fn of(
             Some((column, name, unit, factor, parameter.std?))
         })
         .collect();
+    // Each pair is read in one order, so that the matrix is symmetric to the last digit.
     let value =
         |a: &(usize, &str, &str, f64, f64), b: &(usize, &str, &str, f64, f64)| match a.0 == b.0 {
             true => a.4 * a.4,
-            false => u.propagated[(a.0, b.0)] * a.3 * b.3,
+            false => u.propagated[(a.0.min(b.0), a.0.max(b.0))] * (a.3 * b.3),
         };
     ParameterCovariance {
         parameters: reported

@@ -263,7 +263,7 @@ fn a_full_daemon_stops_the_rig_is_alive_and_is_said_to_be_full() {
 }
 
 #[test]
-fn a_log_that_nobody_reads_holds_no_answer() {
+fn a_log_without_a_reader_holds_no_answer() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     // A pipe takes 64 kB and then blocks who writes to it; the daemon's end of it stays open with the child.

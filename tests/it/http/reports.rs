@@ -83,10 +83,13 @@ async fn a_report_says_what_the_routes_say_and_the_page_what_the_json_says() {
     assert_eq!(added.status, 201, "{}", added.body);
     let sample_id = added.body["id"].as_i64().unwrap();
     let plan = small(&[-10.0, 0.0, 10.0], &[0.0, 60.0, 180.0, 300.0]);
-    let scan = bench
-        .lab
-        .start_scan(&ScanRequest::of(sample_id, plan))
-        .await;
+    let request = ScanRequest {
+        lot: Some("12 & 13".to_owned()),
+        external_id: Some("PO-4711".to_owned()),
+        operator_name: Some("Kim <night shift>".to_owned()),
+        ..ScanRequest::of(sample_id, plan)
+    };
+    let scan = bench.lab.start_scan(&request).await;
     let id = scan.unwrap().id;
     bench.finish(id).await;
     let path = format!("/api/v1/scans/{id}/report");
@@ -219,6 +222,7 @@ async fn a_report_says_what_the_routes_say_and_the_page_what_the_json_says() {
         report["frames"]["sha256"].as_str().unwrap(),
         report["program"].as_str().unwrap(),
         "&lt;b&gt;lid&lt;/b&gt;",
+        "12 &amp; 13",
         "PO-4711",
         "Kim &lt;night shift&gt;",
         "&lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt; &amp; &quot;B&quot;",

@@ -290,6 +290,13 @@ export interface components {
              */
             readonly version: number;
         };
+        /** @description Something that was corrected. */
+        readonly Earlier: {
+            /** @description What it was. */
+            readonly name: string;
+            /** @description When it was corrected, RFC 3339 in UTC. */
+            readonly until: string;
+        };
         /** @description A name that a sample had. */
         readonly EarlierName: {
             /** @description The name. */
@@ -657,6 +664,78 @@ export interface components {
          * @enum {string}
          */
         readonly FitReferencePlane: "turntable" | "sample";
+        /** @description The complete result. */
+        readonly FitReport: {
+            /**
+             * Format: double
+             * @description χ² per degree of freedom with the model error among the uncertainties.
+             */
+            readonly chi2_reduced?: number | null;
+            /**
+             * Format: double
+             * @description The same with counting noise only.
+             */
+            readonly chi2_reduced_without_model?: number | null;
+            readonly covariance?: components["schemas"]["FitCovariance"] | null;
+            /**
+             * @description What explains the residual that an ideal sawtooth, a steady lamp and a linear detector leave, largest share
+             *     first.
+             */
+            readonly findings?: readonly components["schemas"]["FitFinding"][];
+            /** @description Observations with their fitted values. */
+            readonly fitted?: readonly components["schemas"]["FittedPoint"][];
+            /** @description Degrees of freedom of the two parts of every budget that come from scatter. */
+            readonly freedom?: components["schemas"]["FitFreedom"];
+            /** @description One descent to the reported minimum, step by step, on request. */
+            readonly iterations?: readonly components["schemas"]["FitIteration"][];
+            /** @description What the fit leaves out, why, and its possible effect. */
+            readonly left_out: readonly components["schemas"]["WorkLeftOut"][];
+            /**
+             * Format: double
+             * @description Model error at the peak, as a share of the largest observation.
+             */
+            readonly model_discrepancy?: number | null;
+            /**
+             * Format: int32
+             * @description Frames used, including darks and flats.
+             */
+            readonly n_frames_used: number;
+            /** @description Number of observations fitted. */
+            readonly n_observations: number;
+            /** @description Sentences worth knowing that need no action. */
+            readonly notes?: readonly string[];
+            /** @description The parameters. */
+            readonly parameters: components["schemas"]["FitParameters"];
+            /** @description Program and version. */
+            readonly program: string;
+            /** @description The plane that θr and the azimuth refer to. */
+            readonly reference_plane?: components["schemas"]["FitReferencePlane"];
+            /** @description Region of interest, if the sample has several. */
+            readonly region?: string | null;
+            /** @description Rejected frames. */
+            readonly rejected_frames: readonly components["schemas"]["FrameRejected"][];
+            /**
+             * Format: double
+             * @description Root mean square residual, as a share of the largest observation. Like the next three, none if the fit has no
+             *     result.
+             */
+            readonly rms_residual?: number | null;
+            readonly slope_distribution?: components["schemas"]["FitSlopes"] | null;
+            /** @description Outcomes of the starts. */
+            readonly starts?: components["schemas"]["FitStarts"];
+            /** @description How the fit ended. */
+            readonly status: components["schemas"]["FitStatus"];
+            /** @description Durations in seconds. */
+            readonly timing_s: components["schemas"]["FitTiming"];
+            readonly tracer?: components["schemas"]["FitTracer"] | null;
+            /** @description Variant that the parameters belong to. */
+            readonly variant: components["schemas"]["FitVariantName"];
+            /** @description All variants fitted. */
+            readonly variants: readonly components["schemas"]["FitVariant"][];
+            /** @description Sentences on what the user has to check or change. */
+            readonly warnings: readonly string[];
+            readonly wedge_across?: components["schemas"]["FitAcross"] | null;
+        };
         /** @description A request for a fit. */
         readonly FitRequest: {
             /**
@@ -1039,6 +1118,24 @@ export interface components {
              * @description Columns, px.
              */
             readonly width_px: number;
+        };
+        /** @description A frame. */
+        readonly FrameHash: {
+            /** @description File name in the series or in an export. */
+            readonly file: string;
+            /** @description What it shows. */
+            readonly kind: components["schemas"]["FrameKind"];
+            /** @description SHA-256 of the file. */
+            readonly sha256: string;
+        };
+        /** @description Frames by their content. */
+        readonly FrameHashes: {
+            /** @description Number of frames. */
+            readonly count: number;
+            /** @description The frames, by name. */
+            readonly files: readonly components["schemas"]["FrameHash"][];
+            /** @description SHA-256 of the text that `sha256sum` prints of the files: a line `HASH  NAME` for each, in the order of `files`. */
+            readonly sha256: string;
         };
         /**
          * @description Kind of a frame.
@@ -1904,6 +2001,110 @@ export interface components {
             /** @enum {string} */
             readonly kind: "conductor";
         };
+        /** @description What was measured. */
+        readonly MeasuredPart: {
+            /** @description Names that it had, oldest first. */
+            readonly earlier_names: readonly components["schemas"]["Earlier"][];
+            /** @description Nominal material with standard uncertainties. */
+            readonly material: Record<string, never>;
+            /** @description Its name. */
+            readonly name: string;
+            /** @description Its note. */
+            readonly note?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the sample in the store.
+             */
+            readonly sample_id?: number | null;
+        };
+        /** @description The scan. */
+        readonly MeasuredScan: {
+            /** @description When it was requested, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description Samples that it was assigned to before, oldest first. */
+            readonly earlier_samples: readonly components["schemas"]["Earlier"][];
+            /** @description When it ended. */
+            readonly ended_at?: string | null;
+            /** @description Number of the part or order in another system. */
+            readonly external_id?: string | null;
+            /**
+             * Format: int32
+             * @description Number of frames that were taken and rejected.
+             */
+            readonly frames_rejected: number;
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly id: number;
+            /** @description Lot of the part. */
+            readonly lot?: string | null;
+            /** @description The person at the rig. */
+            readonly operator_name?: string | null;
+            /**
+             * Format: int64
+             * @description The order of the queue that it measures.
+             */
+            readonly order_id?: number | null;
+            /** @description `rig` or `import`. */
+            readonly origin: string;
+            /** @description Program that ran it, with its commit. */
+            readonly program: string;
+            /** @description Reason for the state, if it is not the normal course. */
+            readonly reason?: string | null;
+            readonly recipe?: components["schemas"]["UsedDefinition"] | null;
+            readonly specification?: components["schemas"]["UsedDefinition"] | null;
+            /** @description When it started; null for an import. */
+            readonly started_at?: string | null;
+            /** @description Its state. */
+            readonly state: components["schemas"]["ScanState"];
+            /** @description Who started it. */
+            readonly who: string;
+        };
+        /** @description Everything that a report states. */
+        readonly MeasurementReport: {
+            /** @description Whether a white reference defines the scale of the observations; otherwise their unit is arbitrary. */
+            readonly absolute: boolean;
+            /** @description Dark and white-reference frames of the store that the scan used; empty for a series, which has its own. */
+            readonly calibrations: readonly components["schemas"]["UsedCalibration"][];
+            /** @description The fit. */
+            readonly fit: components["schemas"]["ReportedFit"];
+            /** @description [`FORM`]. */
+            readonly form: string;
+            /** @description The frames, by their content. */
+            readonly frames: components["schemas"]["FrameHashes"];
+            /** @description Faults during the scan and their ends, oldest first. */
+            readonly incidents: readonly components["schemas"]["ReportedIncident"][];
+            /** @description The observations that were fitted. */
+            readonly observations: readonly components["schemas"]["ReportedObservation"][];
+            /** @description What was measured. */
+            readonly part: components["schemas"]["MeasuredPart"];
+            /** @description Poses, exposures and repeats. */
+            readonly plan: components["schemas"]["Plan"];
+            /** @description Program that made the report, with its commit. */
+            readonly program: string;
+            /** @description Lamp, camera and stages. */
+            readonly rig: components["schemas"]["MeasuringRig"];
+            readonly scan?: components["schemas"]["MeasuredScan"] | null;
+            readonly verdict?: components["schemas"]["ReportedVerdict"] | null;
+            /** @description The white reference. */
+            readonly white_reference?: Record<string, never> | null;
+        };
+        /** @description The rig as the scan used it. */
+        readonly MeasuringRig: {
+            /** @description How the camera makes counts. */
+            readonly camera: Record<string, never>;
+            /** @description Serial number of the camera, where its program states one. */
+            readonly camera_serial?: string | null;
+            /** @description Where lamp and camera are, with the stated uncertainties. */
+            readonly geometry: Record<string, never>;
+            /** @description Lowest and highest temperature of the sensor, °C, where the camera's program states it. */
+            readonly sensor_temperature_c?: readonly number[] | null;
+            /** @description Whether it was simulated. */
+            readonly simulated: boolean;
+            /** @description Controllers of the stages during the scan, the last ones first. */
+            readonly stages: readonly components["schemas"]["StageController"][];
+        };
         /** @description A metal of the tables, by its name. */
         readonly MetalBody: {
             /** @description `Ag`, `Al`, `Au`, `Cr`, `Cu` or `W`. */
@@ -2508,6 +2709,93 @@ export interface components {
         readonly RenameBody: {
             /** @description Name, 1 to 200 characters. */
             readonly name: string;
+        };
+        /** @description The fit. */
+        readonly ReportedFit: components["schemas"]["FitReport"] & {
+            /** @description Program that computed it, with its commit. */
+            readonly computed_by: string;
+            /** @description When it was requested, RFC 3339 in UTC. */
+            readonly created_at?: string | null;
+            /** @description When it ended. */
+            readonly ended_at?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the fit in the store.
+             */
+            readonly id?: number | null;
+            /** @description The request, as it was accepted. */
+            readonly request: Record<string, never>;
+            /** @description Who started it. */
+            readonly who?: string | null;
+        };
+        /** @description A fault or its end. */
+        readonly ReportedIncident: {
+            /** @description When it was recorded, RFC 3339 in UTC. */
+            readonly at: string;
+            /** @description Whether a person resumed the scan in between; null for an alarm. */
+            readonly attended?: boolean | null;
+            /** @description Stable word of the fault. */
+            readonly code: string;
+            /**
+             * Format: int64
+             * @description Number of the event.
+             */
+            readonly id: number;
+            /** @description `alarm` or `recovered`. */
+            readonly kind: string;
+            /** @description What happened. */
+            readonly message: string;
+            /** @description Points of the plan that were taken again. */
+            readonly points: readonly number[];
+            /**
+             * Format: double
+             * @description Time from the fault to the first point that counted again, s; null for an alarm.
+             */
+            readonly took_s?: number | null;
+        };
+        /** @description An observation. */
+        readonly ReportedObservation: {
+            /**
+             * Format: int32
+             * @description Frames of this observation.
+             */
+            readonly n_frames: number;
+            /**
+             * Format: double
+             * @description Sample azimuth φs read back, degrees.
+             */
+            readonly phi_s_deg: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty by independent errors.
+             */
+            readonly sigma: number;
+            /**
+             * Format: double
+             * @description Radiance for a lamp irradiance of 1 on a surface that faces the lamp; in an arbitrary unit if not `absolute`.
+             */
+            readonly signal: number;
+            /**
+             * Format: double
+             * @description Camera tilt θc read back, degrees.
+             */
+            readonly theta_c_deg: number;
+        };
+        /** @description The verdict. */
+        readonly ReportedVerdict: Record<string, never> & {
+            /** @description When it was requested, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description When it ended. */
+            readonly ended_at?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the verdict in the store.
+             */
+            readonly id: number;
+            /** @description The request with the whole specification. */
+            readonly request: Record<string, never>;
+            /** @description Who asked for it. */
+            readonly who: string;
         };
         /** @description A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and at most 600 bytes where its texts have 80 together. Uncertainties have three significant digits, values end at the same decimal; /fits/{id} has all digits */
         readonly Result: {
@@ -3258,6 +3546,23 @@ export interface components {
             /** @description The whole specification. Its name stays. */
             readonly specification: components["schemas"]["Specification"];
         };
+        /** @description A controller of a stage. */
+        readonly StageController: {
+            /** @description Axis. */
+            readonly axis: string;
+            /**
+             * Format: int32
+             * @description The manufacturer's product number.
+             */
+            readonly device_id: number;
+            /** @description Firmware version. */
+            readonly firmware: string;
+            /**
+             * Format: int32
+             * @description Serial number.
+             */
+            readonly serial: number;
+        };
         /** @description Two controllers. */
         readonly StagesBody: {
             /** @description The controller of the sample azimuth. */
@@ -3353,6 +3658,52 @@ export interface components {
              * @description Estimate, in the unit of the parameter's name.
              */
             readonly value: number;
+        };
+        /** @description Dark or white-reference frames of the store. */
+        readonly UsedCalibration: {
+            /**
+             * Format: double
+             * @description Age at the start of the scan, h; negative for frames that the scan took itself.
+             */
+            readonly age_h?: number | null;
+            /** @description When the frames were taken, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description Exposure times, s. */
+            readonly exposures_s: readonly number[];
+            /**
+             * Format: int64
+             * @description Number of the calibration.
+             */
+            readonly id: number;
+            /** @description Kind of its frames. */
+            readonly kind: components["schemas"]["FrameKind"];
+            /**
+             * Format: int32
+             * @description Number of frames.
+             */
+            readonly n_frames: number;
+            /**
+             * Format: int64
+             * @description Number of the scan that took the frames.
+             */
+            readonly scan_id: number;
+            /** @description Camera tilts θc, degrees; empty for dark frames. */
+            readonly theta_c_deg: readonly number[];
+        };
+        /** @description A version of a recipe or specification. */
+        readonly UsedDefinition: {
+            /**
+             * Format: int64
+             * @description Number of the recipe or specification in the store.
+             */
+            readonly id: number;
+            /** @description Its name. */
+            readonly name: string;
+            /**
+             * Format: int64
+             * @description Its version, from 1.
+             */
+            readonly version: number;
         };
         /** @description A list of numbers, written out or as a grid. */
         readonly Values: readonly number[] | components["schemas"]["Grid"];
@@ -3459,6 +3810,7 @@ export type DarkRequest = components['schemas']['DarkRequest'];
 export type DecisionRule = components['schemas']['DecisionRule'];
 export type DefinitionName = components['schemas']['DefinitionName'];
 export type DefinitionRef = components['schemas']['DefinitionRef'];
+export type Earlier = components['schemas']['Earlier'];
 export type EarlierName = components['schemas']['EarlierName'];
 export type EarlierSample = components['schemas']['EarlierSample'];
 export type EstimateBody = components['schemas']['EstimateBody'];
@@ -3475,6 +3827,7 @@ export type FitIteration = components['schemas']['FitIteration'];
 export type FitParameter = components['schemas']['FitParameter'];
 export type FitParameters = components['schemas']['FitParameters'];
 export type FitReferencePlane = components['schemas']['FitReferencePlane'];
+export type FitReport = components['schemas']['FitReport'];
 export type FitRequest = components['schemas']['FitRequest'];
 export type FitSlopes = components['schemas']['FitSlopes'];
 export type FitStarts = components['schemas']['FitStarts'];
@@ -3493,6 +3846,8 @@ export type ForecastAtLimit = components['schemas']['ForecastAtLimit'];
 export type ForecastError = components['schemas']['ForecastError'];
 export type ForecastPart = components['schemas']['ForecastPart'];
 export type FrameBody = components['schemas']['FrameBody'];
+export type FrameHash = components['schemas']['FrameHash'];
+export type FrameHashes = components['schemas']['FrameHashes'];
 export type FrameKind = components['schemas']['FrameKind'];
 export type FrameRejected = components['schemas']['FrameRejected'];
 export type GeometryBody = components['schemas']['GeometryBody'];
@@ -3523,6 +3878,10 @@ export type LoginRequest = components['schemas']['LoginRequest'];
 export type Loss = components['schemas']['Loss'];
 export type MapRequest = components['schemas']['MapRequest'];
 export type MaterialBody = components['schemas']['MaterialBody'];
+export type MeasuredPart = components['schemas']['MeasuredPart'];
+export type MeasuredScan = components['schemas']['MeasuredScan'];
+export type MeasurementReport = components['schemas']['MeasurementReport'];
+export type MeasuringRig = components['schemas']['MeasuringRig'];
 export type MetalBody = components['schemas']['MetalBody'];
 export type MoveBody = components['schemas']['MoveBody'];
 export type MoveRequest = components['schemas']['MoveRequest'];
@@ -3557,6 +3916,10 @@ export type RecipeFit = components['schemas']['RecipeFit'];
 export type RecipeLayout = components['schemas']['RecipeLayout'];
 export type RecipeMaterial = components['schemas']['RecipeMaterial'];
 export type RenameBody = components['schemas']['RenameBody'];
+export type ReportedFit = components['schemas']['ReportedFit'];
+export type ReportedIncident = components['schemas']['ReportedIncident'];
+export type ReportedObservation = components['schemas']['ReportedObservation'];
+export type ReportedVerdict = components['schemas']['ReportedVerdict'];
 export type Result = components['schemas']['Result'];
 export type ResultsBodyResult = components['schemas']['ResultsBody_Result'];
 export type RidgeFacts = components['schemas']['RidgeFacts'];
@@ -3575,12 +3938,15 @@ export type ShapeFile = components['schemas']['ShapeFile'];
 export type Specification = components['schemas']['Specification'];
 export type SpecificationBody = components['schemas']['SpecificationBody'];
 export type SpecificationChange = components['schemas']['SpecificationChange'];
+export type StageController = components['schemas']['StageController'];
 export type StagesBody = components['schemas']['StagesBody'];
 export type TagBody = components['schemas']['TagBody'];
 export type TaskState = components['schemas']['TaskState'];
 export type ToleranceLimits = components['schemas']['ToleranceLimits'];
 export type TraceRequest = components['schemas']['TraceRequest'];
 export type UncertainBody = components['schemas']['UncertainBody'];
+export type UsedCalibration = components['schemas']['UsedCalibration'];
+export type UsedDefinition = components['schemas']['UsedDefinition'];
 export type Values = components['schemas']['Values'];
 export type VariantChoice = components['schemas']['VariantChoice'];
 export type VerdictRequest = components['schemas']['VerdictRequest'];
