@@ -86,6 +86,9 @@ pub(super) fn complete(document: &mut OpenApi) {
                 answers(operation, "413", "The body is too large");
                 answers(operation, "415", "`Content-Type` is not `application/json`");
             }
+            if operation.request_body.is_some() {
+                answers(operation, "422", "A value is not valid");
+            }
             if begins && has_key(operation) {
                 answers(
                     operation,

@@ -10,22 +10,18 @@ use axum::http::HeaderMap;
 use axum::response::sse::{Event as SseEvent, KeepAlive, Sse};
 use futures::Stream;
 use serde::Deserialize;
-use serde_json::{Value, json};
 use tokio::sync::broadcast;
 
 use super::App;
 use super::access::Access;
 use super::caller::Principal;
+use super::event_body::EventBody;
 use super::extract::Params;
-use super::frames::image_of;
 use super::peers::StreamPlace;
-use super::scans::{OperatorBody, ProgressBody};
 use super::status::ApiError;
 use super::via::Client;
 use crate::lab::Lab;
-use crate::scan::event::OperatorStep;
-use crate::scan::{Event, RecordedEvent, ScanState};
-use crate::store::utc_text;
+use crate::scan::RecordedEvent;
 
 /// A client that has left is noticed only when something is written to it; until then it holds a seat.
 const KEEP_ALIVE: Duration = Duration::from_secs(3);
@@ -42,7 +38,7 @@ pub struct EventParams {
 /// Events as they happen: rig, scan, frame, fit, uncertainty, calculation, forecast, recovered, order, alarm, each with an id.
 #[utoipa::path(get, path = "/api/v1/events", tag = "events", params(EventParams,
     ("Last-Event-ID" = Option<i64>, Header, description = "Last id seen; later events are sent first")), responses(
-    (status = 200, description = "Server-sent events; `data` is one JSON object with id, at, who, type and the fields of the type", content_type = "text/event-stream", body = String),
+    (status = 200, description = "Server-sent events; `data` of each is one JSON object of this form", content_type = "text/event-stream", body = EventBody),
     (status = 400, description = "Last-Event-ID is not an id", body = super::status::Problem),
     (status = 429, description = "Too many event streams are open (`too-many-streams`)", body = super::status::Problem),
 ))]
@@ -88,7 +84,7 @@ pub(super) async fn stream(
             };
             // A token may have been revoked while no event came.
             let next = next.filter(|_| app.access.is_still_valid(&caller));
-            next.map(|event| (Ok(sse(&event)), follower))
+            next.map(|event| (Ok(sse(event)), follower))
         }
     });
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
@@ -145,61 +141,22 @@ impl Follower {
     }
 }
 
-fn sse(event: &RecordedEvent) -> SseEvent {
-    let sent = SseEvent::default()
-        .event(event.event.kind())
-        .data(body(event).to_string());
+fn sse(event: RecordedEvent) -> SseEvent {
+    let (kind, id) = (event.event.kind(), event.is_recorded().then_some(event.id));
+    let sent = SseEvent::default().event(kind);
+    let body = serde_json::to_string(&EventBody::from(event));
+    let sent = sent.data(body.expect("an event is JSON"));
     // A client continues after the last id it got, so an event without a number has none.
-    match event.is_recorded() {
-        true => sent.id(event.id.to_string()),
-        false => sent,
+    match id {
+        Some(id) => sent.id(id.to_string()),
+        None => sent,
     }
-}
-
-/// The `data` of an event.
-fn body(recorded: &RecordedEvent) -> Value {
-    let mut data = serde_json::to_value(&recorded.event).unwrap_or_else(|_| json!({}));
-    data["id"] = json!(recorded.id);
-    data["at"] = json!(utc_text(recorded.at));
-    data["who"] = json!(recorded.who);
-    match &recorded.event {
-        Event::Rig { theta_c, phi_s, .. } => {
-            data["axes"] = json!({ "theta_c": theta_c, "phi_s": phi_s });
-            if let Value::Object(fields) = &mut data {
-                fields.remove("theta_c");
-                fields.remove("phi_s");
-            }
-        }
-        Event::Scan {
-            operator,
-            progress,
-            state,
-            ..
-        } => {
-            data["operator"] = json!(operator.map(|a| OperatorBody::from(OperatorStep::from(a))));
-            data["progress"] = json!(ProgressBody::new(progress, *state));
-        }
-        Event::Frame {
-            frame_id, progress, ..
-        } => {
-            data["image"] = json!(image_of(*frame_id));
-            data["progress"] = json!(ProgressBody::new(progress, ScanState::Running));
-        }
-        Event::Fit { .. }
-        | Event::Uncertainty { .. }
-        | Event::Calculation { .. }
-        | Event::Forecast { .. }
-        | Event::Recovered { .. }
-        | Event::Order { .. }
-        | Event::Alarm { .. } => {}
-    }
-    data
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::{OperatorAction, Progress};
+    use crate::scan::{Event, OperatorAction, Progress, ScanState};
 
     #[test]
     fn an_event_of_a_waiting_scan_has_the_operator_step() {
@@ -216,7 +173,7 @@ mod tests {
                 progress: Progress::default(),
             },
         };
-        let body = body(&event);
+        let body = serde_json::to_value(EventBody::from(event)).unwrap();
         assert_eq!(body["id"], 7);
         assert_eq!(body["who"], "anna");
         assert_eq!(body["type"], "scan");

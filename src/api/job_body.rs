@@ -1,18 +1,24 @@
 //! What a job looks like to a client: the fields that all kinds share, and those of its result.
 
 use std::borrow::Cow;
+use std::marker::PhantomData;
 
 use serde::Serialize;
 use serde_json::Value;
 use utoipa::openapi::RefOr;
-use utoipa::openapi::schema::{KnownFormat, ObjectBuilder, Ref, Schema, SchemaFormat, Type};
+use utoipa::openapi::schema::{
+    KnownFormat, Object, ObjectBuilder, Ref, Schema, SchemaFormat, Type,
+};
 use utoipa::{PartialSchema, ToSchema};
 
 use crate::fit::VariantChoice;
 use crate::fit::report::FitReport;
 use crate::forecast::Forecast;
 use crate::job::JobState;
+use crate::judge::VerdictReport;
 use crate::lab::{FitRequest, JobProgress};
+use crate::map::summary::Summary;
+use crate::trace::report::TraceReport;
 
 /// A job with the fields of its result, once it has one.
 #[derive(Debug, Serialize, ToSchema)]
@@ -84,23 +90,116 @@ impl JobError {
     }
 }
 
-/// A fit as it is sent, for the description: the fields of its job, and those of its report once it has one.
+/// The result of a kind of job, for the description.
+pub(super) trait JobResult: ToSchema {
+    /// Name of a job with this result.
+    const NAME: &'static str;
+    /// What such a job is.
+    const DESCRIPTION: &'static str;
+}
+
+impl JobResult for FitReport {
+    const NAME: &'static str = "Fit";
+    const DESCRIPTION: &'static str =
+        "A fit: its request and its state; from `status` on its report, once it has completed";
+}
+
+impl JobResult for Summary {
+    const NAME: &'static str = "Map";
+    const DESCRIPTION: &'static str =
+        "A map: its request and its state, and the object of `map --json`, once it has completed";
+}
+
+impl JobResult for VerdictReport {
+    const NAME: &'static str = "Verdict";
+    const DESCRIPTION: &'static str = "A verdict: its request and its state, and the object of `judge --json`, once it has completed";
+}
+
+impl JobResult for TraceReport {
+    const NAME: &'static str = "Trace";
+    const DESCRIPTION: &'static str = "A trace: its request and its state, and the object of `trace --json`, once it has completed";
+}
+
+/// A job with the fields of its result, none of which is there before it has completed.
+pub(super) struct WithResult<R>(PhantomData<R>);
+
+/// A map as it is sent.
+pub(super) type MapBody = WithResult<Summary>;
+/// A verdict as it is sent.
+pub(super) type VerdictBody = WithResult<VerdictReport>;
+/// A trace as it is sent.
+pub(super) type TraceBody = WithResult<TraceReport>;
+
+impl<R: JobResult> WithResult<R> {
+    fn object() -> Object {
+        let mut all = Vec::new();
+        R::schemas(&mut all);
+        let mut job = Object::new();
+        let mut known = vec![("Job".to_owned(), JobBody::schema())];
+        known.append(&mut all);
+        add_fields(&mut job, &JobBody::schema(), &known);
+        job.required = required(&JobBody::schema());
+        add_fields(&mut job, &R::schema(), &known);
+        job.description = Some(R::DESCRIPTION.into());
+        job
+    }
+}
+
+/// Adds the fields of a schema, those of flattened parts among them, unless there is one of that name.
+fn add_fields(to: &mut Object, of: &RefOr<Schema>, known: &[(String, RefOr<Schema>)]) {
+    match of {
+        RefOr::T(Schema::Object(object)) => {
+            for (name, field) in &object.properties {
+                to.properties
+                    .entry(name.clone())
+                    .or_insert_with(|| field.clone());
+            }
+        }
+        RefOr::T(Schema::AllOf(parts)) => {
+            for part in &parts.items {
+                add_fields(to, part, known);
+            }
+        }
+        RefOr::T(_) => {}
+        RefOr::Ref(reference) => {
+            let is_it = |name: &str| reference.ref_location.rsplit('/').next() == Some(name);
+            if let Some((_, schema)) = known.iter().find(|(name, _)| is_it(name)) {
+                add_fields(to, schema, known);
+            }
+        }
+    }
+}
+
+fn required(of: &RefOr<Schema>) -> Vec<String> {
+    match of {
+        RefOr::T(Schema::Object(object)) => object.required.clone(),
+        _ => Vec::new(),
+    }
+}
+
+impl<R: JobResult> PartialSchema for WithResult<R> {
+    fn schema() -> RefOr<Schema> {
+        RefOr::T(Schema::Object(Self::object()))
+    }
+}
+
+impl<R: JobResult> ToSchema for WithResult<R> {
+    fn name() -> Cow<'static, str> {
+        R::NAME.into()
+    }
+
+    fn schemas(all: &mut Vec<(String, RefOr<Schema>)>) {
+        JobBody::schemas(all);
+        R::schemas(all);
+    }
+}
+
+/// A fit as it is sent, for the description.
 pub(super) struct FitBody;
 
 impl PartialSchema for FitBody {
     fn schema() -> RefOr<Schema> {
-        let (RefOr::T(Schema::Object(mut fit)), RefOr::T(Schema::Object(report))) =
-            (JobBody::schema(), FitReport::schema())
-        else {
-            unreachable!("structs are described as objects");
-        };
-        fit.description = Some(
-            "A fit: its request and its state; from `status` on its report, once it has completed"
-                .into(),
-        );
-        for (name, field) in report.properties {
-            fit.properties.entry(name).or_insert(field);
-        }
+        let mut fit = WithResult::<FitReport>::object();
         for (name, schema) in [("request", "FitRequest"), ("variant", "VariantChoice")] {
             let field = Ref::from_schema_name(schema);
             fit.properties.insert(name.into(), field.into());
@@ -141,12 +240,11 @@ impl PartialSchema for FitBody {
 
 impl ToSchema for FitBody {
     fn name() -> Cow<'static, str> {
-        "Fit".into()
+        FitReport::NAME.into()
     }
 
     fn schemas(all: &mut Vec<(String, RefOr<Schema>)>) {
-        JobBody::schemas(all);
-        FitReport::schemas(all);
+        WithResult::<FitReport>::schemas(all);
         FitRequest::schemas(all);
         for (name, schema) in [
             (FitRequest::name(), FitRequest::schema()),

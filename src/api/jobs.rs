@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::caller::Caller;
 use super::document::Binary;
 use super::extract::{Body, Id, IdAndName, Params, page, since};
-use super::job_body::{JobBody, JobError, result_of_today};
+use super::job_body::{JobBody, JobError, MapBody, TraceBody, VerdictBody, result_of_today};
 use super::status::{self, ApiError, Problem};
 use super::{App, Begun, List};
 use crate::job::{JobId, JobKind, JobState};
@@ -155,7 +155,7 @@ pub(super) async fn cancel(app: &App, kind: JobKind, number: i64) -> Result<Resp
 
 /// Maps, newest first.
 #[utoipa::path(get, path = "/api/v1/maps", tag = "maps", params(JobParams), responses(
-    (status = 200, description = "A page of maps", body = List<JobBody>),
+    (status = 200, description = "A page of maps", body = List<MapBody>),
     (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn maps(
@@ -182,7 +182,7 @@ pub(super) async fn begin_map(
 
 /// One map: the object of `map --json` plus the fields of its job. Its `files` are below `files/`.
 #[utoipa::path(get, path = "/api/v1/maps/{id}", tag = "maps", params(("id" = i64, Path, description = "Number of the map")), responses(
-    (status = 200, description = "The map; `state` running (with `progress`), completed, failed, cancelled or interrupted", body = JobBody),
+    (status = 200, description = "The map; `state` running (with `progress`), completed, failed, cancelled or interrupted", body = MapBody),
     (status = 404, description = "Not found", body = Problem),
 ))]
 pub(super) async fn map(State(app): State<App>, Id(id): Id) -> Result<Json<JobBody>, ApiError> {
@@ -273,7 +273,7 @@ pub(super) async fn cancel_contrast(
 
 /// Verdicts, newest first.
 #[utoipa::path(get, path = "/api/v1/verdicts", tag = "verdicts", params(JobParams), responses(
-    (status = 200, description = "A page of verdicts", body = List<JobBody>),
+    (status = 200, description = "A page of verdicts", body = List<VerdictBody>),
     (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn verdicts(
@@ -300,7 +300,7 @@ pub(super) async fn begin_verdict(
 
 /// One verdict: the object of `judge --json` plus the fields of its job.
 #[utoipa::path(get, path = "/api/v1/verdicts/{id}", tag = "verdicts", params(("id" = i64, Path, description = "Number of the verdict")), responses(
-    (status = 200, description = "The verdict: pass, fail or cannot-tell, with every limit's reason", body = JobBody),
+    (status = 200, description = "The verdict: pass, fail or cannot-tell, with every limit's reason", body = VerdictBody),
     (status = 404, description = "Not found", body = Problem),
 ))]
 pub(super) async fn verdict(State(app): State<App>, Id(id): Id) -> Result<Json<JobBody>, ApiError> {
@@ -322,7 +322,7 @@ pub(super) async fn cancel_verdict(
 
 /// Traces, newest first.
 #[utoipa::path(get, path = "/api/v1/traces", tag = "traces", params(JobParams), responses(
-    (status = 200, description = "A page of traces", body = List<JobBody>),
+    (status = 200, description = "A page of traces", body = List<TraceBody>),
     (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn traces(
@@ -349,7 +349,7 @@ pub(super) async fn begin_trace(
 /// One trace: the object of `trace --json` plus the fields of its job, `light`, `bins` (the content of its files), `comparison`
 /// (with `compare`: ADM and MDM of Wang et al. 2017, and their mask) and `warnings`. Its `files` are below `files/`.
 #[utoipa::path(get, path = "/api/v1/traces/{id}", tag = "traces", params(("id" = i64, Path, description = "Number of the trace")), responses(
-    (status = 200, description = "The trace", body = JobBody),
+    (status = 200, description = "The trace", body = TraceBody),
     (status = 404, description = "Not found", body = Problem),
 ))]
 pub(super) async fn trace(State(app): State<App>, Id(id): Id) -> Result<Json<JobBody>, ApiError> {

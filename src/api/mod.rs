@@ -17,6 +17,7 @@ mod caller;
 mod certainty;
 mod connections;
 mod document;
+mod event_body;
 mod events;
 mod exports;
 mod extract;

@@ -7,7 +7,8 @@ use super::specification::{DecisionRule, ToleranceLimits};
 use super::true_value::TrueValue;
 
 /// The result for one limit, or for all of them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = VerdictWord)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
     /// Conforms, at the allowed risk.
@@ -29,7 +30,7 @@ impl std::fmt::Display for Verdict {
 }
 
 /// The judgement of one limited quantity.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct JudgedItem {
     /// Quantity, with its unit in the name.
     pub quantity: String,

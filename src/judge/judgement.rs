@@ -11,7 +11,7 @@ use super::would_decide::WouldDecide;
 use crate::fit::report::ReferencePlane;
 
 /// The judgement of one sample.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Judgement {
     /// Fails if one item fails, passes if all pass.
     pub verdict: Verdict,

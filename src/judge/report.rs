@@ -12,7 +12,8 @@ use crate::geometry::Pose;
 use crate::observation::ObservationSet;
 
 /// A judgement and the fit that it is based on.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = VerdictResult)]
 pub struct VerdictReport {
     /// The judgement.
     #[serde(flatten)]

@@ -25,7 +25,7 @@ const BISECTIONS: usize = 50;
 const FACTOR_MAX: f64 = 100.0;
 
 /// What would decide an item.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct WouldDecide {
     /// The verdict at the present value once the uncertainty is small enough.
     pub verdict: Verdict,
@@ -38,7 +38,8 @@ pub struct WouldDecide {
 }
 
 /// A change of the measurement that suffices by itself.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = WayToDecide)]
 #[serde(tag = "change", rename_all = "kebab-case")]
 pub enum Way {
     /// More frames per pose.

@@ -30,7 +30,8 @@ const LEAN_HALF_WIDTH_DEG: f64 = 30.0;
 const BINS: usize = 72;
 
 /// A lean direction that many pixels share.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = MapLean)]
 pub struct Lean {
     /// Degrees, counter-clockwise from the sample's x at φs = 0.
     pub azimuth_deg: f64,
@@ -39,7 +40,8 @@ pub struct Lean {
 }
 
 /// Difference of an area from the map's median in one parameter.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = MapDeviation)]
 pub struct Deviation {
     /// Name of the layer.
     pub parameter: &'static str,
@@ -52,7 +54,8 @@ pub struct Deviation {
 }
 
 /// A connected area that differs from the rest.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = MapDefect)]
 pub struct Defect {
     /// Centre of gravity in the sample's axes at φs = 0, from the rotation axis.
     pub x_mm: f64,

@@ -11,7 +11,8 @@ use crate::model::LeftOut;
 use crate::observation::RejectedFrame;
 
 /// Median and percentiles of a parameter over the pixels that have a value.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = MapSpread)]
 pub struct Spread {
     /// Median; azimuths are counted around their mean direction.
     pub median: Option<f64>,
@@ -26,7 +27,8 @@ pub struct Spread {
 }
 
 /// Shared quantities in a summary; see [`super::Globals`].
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = MapShared)]
 pub struct SharedSummary {
     /// Signal units per unit of radiance (the radiance for a lamp irradiance of 1).
     pub gain: f64,
@@ -43,7 +45,8 @@ pub struct SharedSummary {
 }
 
 /// Seconds per step.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, utoipa::ToSchema)]
+#[schema(as = MapTiming)]
 pub struct Timing {
     /// Darks, flats, frames read and resampled.
     pub read: f64,
@@ -58,7 +61,8 @@ pub struct Timing {
 }
 
 /// The object of `map --json`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = MapResult)]
 pub struct Summary {
     /// Pixels that were fitted.
     pub pixels: usize,

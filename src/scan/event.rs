@@ -114,7 +114,7 @@ pub struct Progress {
 }
 
 /// What an axis did.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct AxisEvent {
     /// Position read back; `None` when unknown.
     pub position_deg: Option<f64>,
@@ -149,7 +149,7 @@ impl AxisEvent {
 }
 
 /// What the rig is doing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum RigActivity {
     /// At rest and free.
@@ -167,7 +167,7 @@ pub enum RigActivity {
 }
 
 /// Fitted ridge angle in short.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ShortValue {
     /// Estimate.
     pub value: f64,
@@ -176,7 +176,7 @@ pub struct ShortValue {
 }
 
 /// A fitted parameter in passing.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct UncertainValue {
     /// Estimate, in the unit of the parameter's name.
     pub value: f64,

@@ -9,7 +9,8 @@ use super::tally::{Energies, MonteCarloEstimate, ORDERS, Totals};
 use crate::wording::{percent, significant};
 
 /// Energies, errors and effects left out.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = TraceResult)]
 pub struct TraceReport {
     /// Photons launched.
     pub photons: u64,
@@ -49,7 +50,8 @@ pub struct TraceReport {
 }
 
 /// Fractions of the light; the first four sum to 1.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = TraceEnergy)]
 pub struct Energy {
     /// Reflected to the upper side.
     pub reflected: MonteCarloEstimate,

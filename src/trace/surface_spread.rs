@@ -11,7 +11,8 @@ use super::scene::{PreparedScene, Scene};
 use super::tally::{MonteCarloEstimate, Totals};
 
 /// A fraction of the light over several surfaces.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = TraceBetween)]
 pub struct Between {
     /// Mean over the surfaces.
     pub value: f64,
@@ -46,7 +47,8 @@ impl Between {
 }
 
 /// Energies over several surfaces.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = TraceSurfaces)]
 pub struct Surfaces {
     /// Number of surfaces; fewer than requested if time ran out.
     pub count: usize,

@@ -36,7 +36,7 @@ pub struct PreparedScene {
 }
 
 /// The effective ridge angle of an interface.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct RidgeAngle {
     /// 1 for the topmost.
     pub interface: usize,
