@@ -33,6 +33,7 @@ mod job_body;
 mod jobs;
 mod keys;
 mod lease;
+mod motions;
 mod observations;
 mod origin;
 mod page;
@@ -204,6 +205,8 @@ fn described() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(Document::openapi())
         .routes(routes!(rig::get_rig))
         .routes(routes!(rig::move_axis))
+        .routes(routes!(motions::move_rig))
+        .routes(routes!(motions::motion))
         .routes(routes!(rig::home_axis))
         .routes(routes!(rig::home_both))
         .routes(routes!(rig::unpark_axis))

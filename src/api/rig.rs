@@ -10,11 +10,15 @@ use utoipa::ToSchema;
 
 use super::caller::Caller;
 use super::extract::Body;
-use super::status::{self, ApiError, Problem};
+use super::motions::about_to_move;
+use super::status::{ApiError, Problem};
 use super::{App, Begun};
 use crate::lab::{AxisView, DeviceIdentity, JogRequest, JogView, LabError, RigView, StageIdentity};
 use crate::scan::ScanState;
 use crate::units::Angle;
+
+/// Where motions of single axes can be followed.
+const RIG: &str = "/api/v1/rig";
 
 /// What the rig is doing.
 #[derive(Debug, Clone, Copy, Serialize, ToSchema)]
@@ -320,7 +324,7 @@ pub(super) async fn get_rig(State(app): State<App>) -> Result<Json<RigBody>, Api
 /// Move one axis to an absolute position.
 #[utoipa::path(post, path = "/api/v1/rig/axes/{axis}/move", tag = "rig", params(("axis" = String, Path, description = "theta_c or phi_s")),
     request_body = MoveBody, responses(
-    (status = 202, description = "The axis is about to move", body = Begun),
+    (status = 202, description = "The axis is about to move; `id` is the number of the motion", body = Begun),
     (status = 404, description = "There is no such axis", body = Problem),
     (status = 409, description = "The rig is busy, a stop was requested first (`stopped`), or the axis has no reference (`stage-not-referenced`): home it first", body = Problem),
     (status = 422, description = "The position is outside the travel", body = Problem),
@@ -332,13 +336,13 @@ pub(super) async fn move_axis(
     Body(body): Body<MoveBody>,
 ) -> Result<Response, ApiError> {
     let target = Angle::from_deg(body.position_deg);
-    app.lab.move_axis(axis_of(&axis)?, target).await?;
-    Ok(accepted("moving"))
+    let id = app.lab.move_axis(axis_of(&axis)?, target).await?;
+    Ok(about_to_move(RIG, "moving", id))
 }
 
 /// Home one axis.
 #[utoipa::path(post, path = "/api/v1/rig/axes/{axis}/home", tag = "rig", params(("axis" = String, Path, description = "theta_c or phi_s")), responses(
-    (status = 202, description = "The axis is about to move", body = Begun),
+    (status = 202, description = "The axis is about to move; `id` is the number of the motion", body = Begun),
     (status = 404, description = "There is no such axis", body = Problem),
     (status = 409, description = "The rig is busy, or a stop was requested first (`stopped`)", body = Problem),
     (status = 503, description = "The stages are not available", body = Problem),
@@ -347,19 +351,19 @@ pub(super) async fn home_axis(
     Caller(app): Caller,
     Path(axis): Path<String>,
 ) -> Result<Response, ApiError> {
-    app.lab.home(axis_of(&axis)?).await?;
-    Ok(accepted("homing"))
+    let id = app.lab.home(axis_of(&axis)?).await?;
+    Ok(about_to_move(RIG, "homing", id))
 }
 
 /// Home both axes, in the order of the settings (`[stage.homing]`).
 #[utoipa::path(post, path = "/api/v1/rig/home", tag = "rig", responses(
-    (status = 202, description = "The axes are about to move", body = Begun),
+    (status = 202, description = "The axes are about to move; `id` is the number of the motion", body = Begun),
     (status = 409, description = "The rig is busy, or a stop was requested first (`stopped`)", body = Problem),
     (status = 503, description = "The stages are not available", body = Problem),
 ))]
 pub(super) async fn home_both(Caller(app): Caller) -> Result<Response, ApiError> {
-    app.lab.home_both().await?;
-    Ok(accepted("homing"))
+    let id = app.lab.home_both().await?;
+    Ok(about_to_move(RIG, "homing", id))
 }
 
 /// Unpark an axis that another program parked. It keeps its position and does not move. Homing also unparks.
@@ -462,12 +466,4 @@ fn axis_of(word: &str) -> Result<crate::lab::AxisName, ApiError> {
             "there is no axis `{word}`; expected theta_c or phi_s"
         ))
     })
-}
-
-fn accepted(state: &str) -> Response {
-    let body = Begun {
-        id: None,
-        state: state.into(),
-    };
-    status::accepted("/api/v1/rig", body)
 }

@@ -49,6 +49,8 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("DELETE", "/api/v1/lease", OPERATE),
     ("GET", "/api/v1/rig", READ),
     ("POST", "/api/v1/rig/stop", Need::Stop),
+    ("POST", "/api/v1/rig/move", Need::Rig),
+    ("GET", "/api/v1/rig/motions/{id}", READ),
     ("POST", "/api/v1/rig/axes/{axis}/move", Need::Rig),
     ("POST", "/api/v1/rig/axes/{axis}/home", Need::Rig),
     ("POST", "/api/v1/rig/axes/{axis}/unpark", Need::Rig),

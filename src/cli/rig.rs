@@ -15,7 +15,7 @@ use lease::LeaseAction;
 
 mod stop;
 
-/// Shows, homes, jogs, unparks or stops the rig of a running daemon.
+/// Shows, homes, moves, jogs, unparks or stops the rig of a running daemon.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  ridged rig stop        stops both axes of every rig at once, whatever moves them"
@@ -44,6 +44,9 @@ pub enum Action {
     /// Home both axes.
     #[command(after_help = "Example:\n  ridged rig home")]
     Home,
+    /// Move one axis or both to absolute positions, and wait until they arrive.
+    #[command(after_help = "Example:\n  ridged rig move --theta-c-deg 20 --phi-s-deg -90")]
+    Move(MoveArgs),
     /// Unpark axes that another program parked, without moving them.
     #[command(after_help = "Example:\n  ridged rig unpark")]
     Unpark,
@@ -80,6 +83,18 @@ pub struct JogArgs {
     pub for_s: f64,
 }
 
+/// Options of `rig move`.
+#[derive(Debug, Clone, clap::Args)]
+#[group(required = true, multiple = true)]
+pub struct MoveArgs {
+    /// Camera tilt θc to move to, degrees.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    pub theta_c_deg: Option<f64>,
+    /// Sample azimuth φs to move to, degrees.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    pub phi_s_deg: Option<f64>,
+}
+
 /// Time between two renewals of a jog: the daemon ends it after 0.5 s without one.
 const RENEW_EVERY: Duration = Duration::from_millis(150);
 
@@ -109,6 +124,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
             for axis in ["theta_c", "phi_s"] {
                 until_homed(&client, axis)?;
             }
+            client.get("/rig")?
+        }
+        Action::Move(targets) => {
+            let client = client()?;
+            move_and_wait(&client, targets)?;
             client.get("/rig")?
         }
         Action::Jog(jog) => {
@@ -146,6 +166,34 @@ pub fn run(args: Args) -> Result<(), CliError> {
     out.write_all(text.as_bytes())
         .and_then(|()| out.flush())
         .map_err(CliError::no_result)
+}
+
+/// Moves the axes, and waits until they have arrived.
+fn move_and_wait(client: &Client, targets: &MoveArgs) -> Result<(), CliError> {
+    let mut body = json!({});
+    for (key, target) in [
+        ("theta_c_deg", targets.theta_c_deg),
+        ("phi_s_deg", targets.phi_s_deg),
+    ] {
+        if let Some(deg) = target {
+            body[key] = json!(deg);
+        }
+    }
+    let begun = client.post("/rig/move", Some(&body))?;
+    loop {
+        let motion = client.get(&format!("/rig/motions/{}?wait_s=1", begun["id"]))?;
+        match motion["state"].as_str() {
+            Some("moving") => {}
+            Some("arrived") => return Ok(()),
+            _ => {
+                let why = motion["problem"]["detail"].as_str();
+                let why = why
+                    .unwrap_or("the motion has ended before its target")
+                    .to_owned();
+                return Err(CliError::no_result(anyhow!("{why}")));
+            }
+        }
+    }
 }
 
 /// Jogs an axis: the daemon stops it by itself if this process ends.
@@ -221,7 +269,12 @@ fn words(action: &Action, answer: &Value) -> String {
                 serial("phi_s")
             );
         }
-        Action::Status | Action::Home | Action::Jog(_) | Action::Unpark | Action::Stop => {}
+        Action::Status
+        | Action::Home
+        | Action::Move(_)
+        | Action::Jog(_)
+        | Action::Unpark
+        | Action::Stop => {}
     }
     let mut text = match answer["problem"]["detail"].as_str() {
         Some(problem) => format!("not connected: {problem}\n"),

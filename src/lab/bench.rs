@@ -14,11 +14,13 @@ use tokio::sync::{mpsc, watch};
 
 use super::event_sink::EventSink;
 use super::hands::Hands;
+use super::motions::Motions;
 use super::rig_work::{Request, Work};
 use super::scan_run::RigContext;
 use super::stages::{PinnedStages, record_notices};
 use super::{Holder, LabError, Occupation, RigParts, RigSide};
 use crate::bench::stage::{AxisName, Stage, StageError};
+use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::{Event, Rig, StageAccess};
 use crate::store::StoreError;
@@ -43,6 +45,7 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
     let (requests, inbox) = mpsc::channel(16);
     let (occupation, occupied) = watch::channel(Occupation::default());
     let hands = Hands::default();
+    let motions = Arc::new(Motions::default());
     let side = RigSide {
         id,
         stage_settings: link.settings.clone(),
@@ -51,6 +54,7 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
         access: rig.access().clone(),
         pinned: pinned.clone(),
         jogs: Default::default(),
+        motions: Arc::clone(&motions),
         requests,
         occupation: occupied,
         owner: Mutex::new(None),
@@ -69,6 +73,7 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
             occupation: Arc::new(occupation),
             hands,
             pinned,
+            motions,
             sink,
         },
     };
@@ -214,6 +219,7 @@ impl Owner {
     async fn work_with(self, stage: Stage, mut rig: Rig, request: Request) -> Rig {
         let Request {
             work,
+            motion,
             who,
             stops,
             reply,
@@ -251,7 +257,26 @@ impl Owner {
                 self.report_axis(&who, RigActivity::Moving, axis, AxisEvent::to(target));
                 let moved = stage.move_since(axis, target, stops_of_stage).await;
                 let moved = moved.map(|_| ());
-                self.settled(&mut rig, &stage, &who, moved).await;
+                self.settled(&mut rig, &stage, &who, motion, moved).await;
+            }
+            Work::MoveBoth { target } => {
+                if let Err(error) = self.check_move_both(&stage, target).await {
+                    rig.let_go_if_lost(&error);
+                    reply.send(Err(error.into())).ok();
+                    return rig;
+                }
+                self.access.allow_unasked_motion();
+                self.context.begin(RigActivity::Moving, &who);
+                reply.send(Ok(())).ok();
+                let event = Event::Rig {
+                    activity: RigActivity::Moving,
+                    theta_c: AxisEvent::to(target.theta_c),
+                    phi_s: AxisEvent::to(target.phi_s),
+                };
+                self.context.sink.report_by(&who, event);
+                let moved = stage.move_pose_since(target, stops_of_stage).await;
+                let moved = moved.map(|_| ());
+                self.settled(&mut rig, &stage, &who, motion, moved).await;
             }
             Work::Home { axis } => {
                 self.access.allow_unasked_motion();
@@ -263,7 +288,7 @@ impl Owner {
                     stage.home_since(axis, stops_of_stage).await
                 };
                 let homed = homed.await;
-                self.settled(&mut rig, &stage, &who, homed).await;
+                self.settled(&mut rig, &stage, &who, motion, homed).await;
             }
             Work::HomeBoth => {
                 self.access.allow_unasked_motion();
@@ -282,7 +307,7 @@ impl Owner {
                     stage.home_all_since(stops_of_stage).await
                 };
                 let homed = homed.await;
-                self.settled(&mut rig, &stage, &who, homed).await;
+                self.settled(&mut rig, &stage, &who, motion, homed).await;
             }
             Work::Jog(work) => {
                 if let Err(error) = stage.check_jog(work.axis).await {
@@ -296,7 +321,7 @@ impl Owner {
                 let (axis, order) = (work.axis, work.order.clone());
                 let at_end = |why| work.at_end(why);
                 let jogged = stage.jog(axis, order, stops_of_stage, at_end).await;
-                self.settled(&mut rig, &stage, &who, jogged.map(|_| ()))
+                self.settled(&mut rig, &stage, &who, motion, jogged.map(|_| ()))
                     .await;
             }
             Work::Scan(work) => {
@@ -356,11 +381,24 @@ impl Owner {
         stage.check_move(axis, target).await
     }
 
+    async fn check_move_both(&self, stage: &Stage, target: Pose) -> Result<(), StageError> {
+        stage.check_limits(target)?;
+        let status = stage.status().await?;
+        let unknown = AxisName::ALL
+            .into_iter()
+            .find(|axis| !status.axis(*axis).homed);
+        if let Some(axis) = unknown {
+            return Err(StageError::NotReferenced { axis });
+        }
+        stage.check_move_pose(target).await
+    }
+
     async fn settled(
         &self,
         rig: &mut Rig,
         stage: &Stage,
         who: &Arc<str>,
+        motion: Option<i64>,
         outcome: Result<(), StageError>,
     ) {
         let status = stage.status().await.ok();
@@ -373,6 +411,10 @@ impl Owner {
             now.activity = None;
             now.failure = failure;
         });
+        // After the rig is free, so that a caller that waited gets it.
+        if let Some(id) = motion {
+            self.context.motions.end(id, &outcome, status.as_ref());
+        }
         if let Err(error) = &outcome {
             self.access.forbid_unasked_motion();
             rig.let_go_if_lost(error);

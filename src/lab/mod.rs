@@ -30,6 +30,7 @@ mod jobs;
 mod jog;
 mod live_fit;
 mod maps;
+mod motions;
 mod orders;
 mod outcome;
 mod park;
@@ -98,6 +99,7 @@ use job_slots::JobSlots;
 pub use jobs::JobRequest;
 pub use jog::{JogRequest, JogView};
 pub use maps::MapRequest;
+pub use motions::{Motion, MotionState};
 pub use orders::OrderRequest;
 pub use outcome::Outcome;
 pub use plans::{Estimated, ScanRequest};
@@ -194,6 +196,7 @@ struct RigSide {
     hands: hands::Hands,
     pinned: stages::PinnedStages,
     jogs: jog::Jogs,
+    motions: Arc<motions::Motions>,
     sink: EventSink,
 }
 

@@ -174,12 +174,21 @@ impl Lab {
     }
 
     pub(super) async fn request(&self, work: rig_work::Work) -> Result<(), LabError> {
+        self.request_as(work, None).await
+    }
+
+    pub(super) async fn request_as(
+        &self,
+        work: rig_work::Work,
+        motion: Option<i64>,
+    ) -> Result<(), LabError> {
         let (reply, answer) = oneshot::channel();
         let side = self.side()?;
         let stops = side.access.stops();
         side.requests
             .send(rig_work::Request {
                 work,
+                motion,
                 who: Arc::clone(&self.who),
                 stops,
                 reply,
@@ -215,34 +224,35 @@ impl Lab {
         self.request(rig_work::Work::Connect).await
     }
 
-    /// Starts to move an axis; returns just before the stage moves.
+    /// Starts to move an axis; returns the number of the motion, just before the stage moves.
     ///
     /// # Errors
     /// [`LabError::Busy`], [`LabError::NoRig`], or [`LabError::Stage`], also for a position outside the limits.
-    pub async fn move_axis(&self, axis: AxisName, target: Angle) -> Result<(), LabError> {
+    pub async fn move_axis(&self, axis: AxisName, target: Angle) -> Result<i64, LabError> {
         if !target.is_finite() {
             return Err(LabError::Invalid {
                 field: "position_deg".into(),
                 problem: "must be a finite number".into(),
             });
         }
-        self.request(rig_work::Work::Move { axis, target }).await
+        self.begin_motion(rig_work::Work::Move { axis, target })
+            .await
     }
 
-    /// Starts to home an axis; returns just before the stage moves.
+    /// Starts to home an axis; returns the number of the motion, just before the stage moves.
     ///
     /// # Errors
     /// As [`Lab::move_axis`].
-    pub async fn home(&self, axis: AxisName) -> Result<(), LabError> {
-        self.request(rig_work::Work::Home { axis }).await
+    pub async fn home(&self, axis: AxisName) -> Result<i64, LabError> {
+        self.begin_motion(rig_work::Work::Home { axis }).await
     }
 
-    /// Starts to home both axes, in the order of the settings; returns just before a stage moves.
+    /// Starts to home both axes, in the order of the settings; returns the number of the motion, just before a stage moves.
     ///
     /// # Errors
     /// As [`Lab::move_axis`].
-    pub async fn home_both(&self) -> Result<(), LabError> {
-        self.request(rig_work::Work::HomeBoth).await
+    pub async fn home_both(&self) -> Result<i64, LabError> {
+        self.begin_motion(rig_work::Work::HomeBoth).await
     }
 
     /// Unparks an axis that another program parked; it keeps its position. Nothing moves.

@@ -7,6 +7,7 @@ use tokio::sync::{oneshot, watch};
 use super::LabError;
 use super::scan_run::ScanWork;
 use crate::bench::stage::{AxisName, JogOrder};
+use crate::geometry::Pose;
 use crate::units::Angle;
 
 /// Work for the owner.
@@ -19,6 +20,11 @@ pub(super) enum Work {
         axis: AxisName,
         /// The target.
         target: Angle,
+    },
+    /// Move both axes.
+    MoveBoth {
+        /// The target.
+        target: Pose,
     },
     /// Home one axis.
     Home {
@@ -47,7 +53,11 @@ impl Work {
     pub fn is_a_motion(&self) -> bool {
         matches!(
             self,
-            Work::Move { .. } | Work::Home { .. } | Work::HomeBoth | Work::Jog(_)
+            Work::Move { .. }
+                | Work::MoveBoth { .. }
+                | Work::Home { .. }
+                | Work::HomeBoth
+                | Work::Jog(_)
         )
     }
 }
@@ -55,6 +65,8 @@ impl Work {
 /// Work and its reply, which is sent when the work starts, not when it is done.
 pub(super) struct Request {
     pub work: Work,
+    /// Number of the motion, if the caller can wait for it.
+    pub motion: Option<i64>,
     /// The caller.
     pub who: Arc<str>,
     /// Number of stops before the request.

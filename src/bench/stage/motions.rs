@@ -160,8 +160,24 @@ impl Stage {
     /// # Errors
     /// [`StageError`]; both axes have then been stopped as far as they can be reached.
     pub async fn move_pose(&self, target: Pose) -> Result<Pose, StageError> {
+        self.move_pose_since(target, self.stops()).await
+    }
+
+    /// Checks a move of both axes against the limits and the forbidden regions.
+    ///
+    /// # Errors
+    /// [`StageError::OutsideLimits`], [`StageError::Forbidden`], or a device that does not answer.
+    pub async fn check_move_pose(&self, target: Pose) -> Result<(), StageError> {
         self.inner.settings.check_limits(target)?;
-        let stops = self.stops();
+        self.order_to(target).await.map(|_| ())
+    }
+
+    /// As [`Stage::move_pose`], unless there has been a stop since [`Stage::stops`] returned `stops`.
+    ///
+    /// # Errors
+    /// As [`Stage::move_pose`]; [`StageError::Stopped`] if there was a stop.
+    pub async fn move_pose_since(&self, target: Pose, stops: u64) -> Result<Pose, StageError> {
+        self.inner.settings.check_limits(target)?;
         let order = self.order_to(target).await?;
         let (tilt, turn) = (&self.inner.theta_c, &self.inner.phi_s);
         let outcome = async {

@@ -3,6 +3,7 @@
 mod calibrations;
 pub(crate) mod document;
 mod jobs;
+mod motions;
 mod old_folder;
 mod queue;
 pub(crate) mod recipes;
