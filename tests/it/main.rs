@@ -45,3 +45,4 @@ mod tables;
 mod terminal;
 mod test_tables;
 mod unattended;
+mod ways;
