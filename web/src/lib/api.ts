@@ -1,6 +1,7 @@
 // The page's only way to the daemon: typed requests. A failure is thrown as a `Problem`.
 
 import type { FitOptions } from './fitoptions';
+import type { PlanRequest } from './plan';
 import { Problem, problemOf } from './problems';
 import type { SampleRequest } from './sample';
 import type { ShapeRequest } from './shape';
@@ -11,7 +12,6 @@ import type {
   Certainty,
   Curves,
   CurvePoint,
-  Definition,
   Estimate,
   Fit,
   FrameRow,
@@ -26,11 +26,15 @@ import type {
   Queue,
   QueueOrder,
   RefusedStages,
+  ResultRow,
   Rig,
   Sample,
   Scan,
   ScanJob,
   Session,
+  StoredDefinition,
+  StoredRecipe,
+  StoredSpecification,
   Trace,
   TracePlane,
 } from './types';
@@ -109,11 +113,21 @@ async function getAll<T>(path: string, signal?: AbortSignal): Promise<T[]> {
   return items;
 }
 
-/** Body of `POST /scans`. */
+/** Body of `POST /scans`: of a plan, or of a recipe. */
 export interface ScanRequest {
   readonly sample_id: number;
-  readonly plan: Record<string, unknown>;
+  readonly plan?: PlanRequest;
+  /** Name of the recipe. */
+  readonly recipe?: string;
+  /** Name of the specification. */
+  readonly specification?: string;
+  readonly lot?: string;
+  readonly external_id?: string;
+  readonly operator_name?: string;
 }
+
+/** Kinds of definitions, as they appear in paths. */
+export type DefinitionKind = 'recipes' | 'specifications';
 
 /** Body of `POST /fits`. */
 export interface FitRequest extends FitOptions {
@@ -158,8 +172,19 @@ export const api = {
   /** Reconnects first if the link is lost; no motion starts. */
   stop: (): Promise<unknown> => post('/rig/stop'),
 
-  recipes: (): Promise<Definition[]> => getAll('/recipes'),
-  specifications: (): Promise<Definition[]> => getAll('/specifications'),
+  recipes: (): Promise<StoredRecipe[]> => getAll('/recipes'),
+  specifications: (): Promise<StoredSpecification[]> => getAll('/specifications'),
+  archived: (kind: DefinitionKind): Promise<StoredDefinition[]> => getAll(`/${kind}?archived=true`),
+  /** All versions, newest first. */
+  versions: (kind: DefinitionKind, id: number, signal?: AbortSignal): Promise<StoredDefinition[]> => getAll(`/${kind}/${id}/versions`, signal),
+  addDefinition: (kind: DefinitionKind, content: object): Promise<StoredDefinition> => post(`/${kind}`, content),
+  /** Adds a version; `replaces` is the one that it was made from. */
+  addVersion: (kind: DefinitionKind, id: number, replaces: number, content: object): Promise<StoredDefinition> =>
+    post(`/${kind}/${id}/versions`, { replaces, [kind === 'recipes' ? 'recipe' : 'specification']: content }),
+  archive: (kind: DefinitionKind, id: number): Promise<unknown> => post(`/${kind}/${id}/archive`),
+  restore: (kind: DefinitionKind, id: number): Promise<unknown> => post(`/${kind}/${id}/restore`),
+  /** The newest results: one row per scan, several for a sample with regions. */
+  verdictWords: async (limit: number, signal?: AbortSignal): Promise<readonly ResultRow[]> => (await get<Page<ResultRow>>(`/results?fields=scan_id,region,verdict&limit=${limit}`, signal)).items,
   queue: (): Promise<Queue> => get('/queue'),
   /** Orders that run or wait, in sequence. */
   queueOrders: (): Promise<QueueOrder[]> => getAll('/queue/orders'),
@@ -183,7 +208,7 @@ export const api = {
   assignScan: (id: number, sample_id: number): Promise<Scan> => post(`/scans/${id}`, { sample_id }, 'PATCH'),
   startScan: (request: ScanRequest): Promise<{ id: number }> => post('/scans', request),
   /** Takes dark and white-reference frames only. Returns the scan that takes them. */
-  takeCalibrations: (request: ScanRequest): Promise<{ id: number }> => post('/calibrations', request),
+  takeCalibrations: (request: Pick<ScanRequest, 'sample_id' | 'plan'>): Promise<{ id: number }> => post('/calibrations', request),
   estimate: (request: ScanRequest): Promise<Estimate> => post('/scans/estimate', request),
   command: (id: number, verb: 'pause' | 'resume' | 'abort'): Promise<unknown> => post(`/scans/${id}/${verb}`),
   /** Confirms one step by its name, since another page or terminal may have confirmed it already. */

@@ -139,6 +139,17 @@ export function angle(deg: number, decimalsMax = 3): string {
   return `${text.includes('.') ? text.replace(/\.?0+$/, '') : text}°`;
 }
 
+/** Local date and time to the second with the offset from UTC: `2026-01-02 17:34:05 +01:00`. */
+export function moment(iso: string | null | undefined): string {
+  if (!iso) return '';
+  const t = new Date(iso);
+  if (Number.isNaN(t.getTime())) return iso;
+  const two = (n: number): string => String(Math.floor(n)).padStart(2, '0');
+  const offset = -t.getTimezoneOffset();
+  const zone = `${offset < 0 ? MINUS : '+'}${two(Math.abs(offset) / 60)}:${two(Math.abs(offset) % 60)}`;
+  return `${t.getFullYear()}-${two(t.getMonth() + 1)}-${two(t.getDate())} ${two(t.getHours())}:${two(t.getMinutes())}:${two(t.getSeconds())} ${zone}`;
+}
+
 /** Local date and time to the minute in ISO order, without the date if it is today. */
 export function when(iso: string | null | undefined, now = new Date()): string {
   if (!iso) return '';

@@ -5,8 +5,9 @@ export type ListOutcome = { readonly ok: true; readonly values: number[] } | { r
 /** More values than this are a typing error. */
 const VALUES_MAX = 2000;
 
-/** A single comma between two digits is ambiguous: a decimal mark or a separator. Several separate values. */
-const isAmbiguous = (part: string): boolean => /\d,\d/.test(part) && part.split(',').filter((word) => word !== '').length === 2;
+/** A single comma between two digits may be a decimal mark or a separator. Several separate values, and so does one between tens:
+ *  `20,60` would be a strange way to write 20.6. */
+const isAmbiguous = (part: string): boolean => /\d,\d/.test(part) && part.split(',').filter((word) => word !== '').length === 2 && !/^[-+]?(\d*0),[-+]?(\d+0)$/.test(part);
 
 /**
  * Numbers separated by blanks, semicolons or commas with a blank; `first:step:last` is a range with both ends.

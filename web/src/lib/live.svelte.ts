@@ -3,7 +3,7 @@
 
 import { api } from './api';
 import { Problem, spoken } from './problems';
-import type { Alarm, Certainty, Fit, FrameRow, OperatorStep, Progress, Rig, Sample, Scan, ScanState } from './types';
+import type { Alarm, Certainty, Fit, FrameRow, OperatorStep, Progress, Rig, Sample, Scan, ScanState, StoredRecipe, StoredSpecification } from './types';
 import { isActive } from './words';
 
 type Link = 'connecting' | 'live' | 'lost';
@@ -44,6 +44,11 @@ class Live {
   rig = $state.raw<Rig | null>(null);
   rigProblem = $state<string | null>(null);
   samples = $state.raw<readonly Sample[]>([]);
+  /** Recipes and specifications that are in use, by name. */
+  recipes = $state.raw<readonly StoredRecipe[]>([]);
+  specifications = $state.raw<readonly StoredSpecification[]>([]);
+  /** Increases when this page changes the queue. */
+  queueChanged = $state(0);
   scans = $state.raw<readonly Scan[]>([]);
   fits = $state.raw<readonly Fit[]>([]);
   /** Whether the store has fits older than those that were read. */
@@ -140,10 +145,13 @@ class Live {
     this.alarms = this.alarms.filter((a) => a.id !== id);
   }
 
-  /** Does not wait for any other request. */
-  async stop(): Promise<void> {
+  /** Does not wait for any other request. A key can be pressed by mistake, so the page says what it did. */
+  async stop(byKey = false): Promise<void> {
+    const scan = this.activeScan;
+    const moving = scan?.state === 'running' || this.rig?.activity === 'moving' || this.rig?.activity === 'homing';
     try {
       await api.stop();
+      if (byKey && moving) this.notify(`The key Esc stopped both axes.${scan ? ' The scan is paused. Press Resume to continue it.' : ''}`);
     } catch (error) {
       this.notify(`The stop did not reach the stages. Use the rig’s emergency switch. ${spoken(error)}`, true);
     } finally {
@@ -153,7 +161,7 @@ class Live {
 
   async refresh(): Promise<void> {
     const before = new Map(this.#scanEvents);
-    const [samples, scans, fits] = await Promise.all([api.samples(), api.scans(), api.fits()]);
+    const [samples, scans, fits] = await Promise.all([api.samples(), api.scans(), api.fits(), this.reloadDefinitions()]);
     const asked = fits.next_cursor === null ? [] : await this.#fitsLookedAt();
     this.samples = samples;
     this.scans = scans;
@@ -225,6 +233,13 @@ class Live {
   #takeFits(some: readonly Fit[], others: readonly Fit[]): void {
     const all = new Map([...some, ...others].map((f) => [f.id, f]));
     this.fits = [...all.values()].sort((a, b) => b.id - a.id);
+  }
+
+  async reloadDefinitions(): Promise<void> {
+    const byName = (a: { name: string }, b: { name: string }): number => a.name.localeCompare(b.name);
+    const [recipes, specifications] = await Promise.all([api.recipes(), api.specifications()]);
+    this.recipes = recipes.sort(byName);
+    this.specifications = specifications.sort(byName);
   }
 
   async reloadSamples(): Promise<void> {

@@ -128,9 +128,13 @@ export interface ContrastResult extends ScanJob {
 
 export type LimitPair = { readonly lower?: number; readonly upper?: number };
 
+/** Limits by quantity and the accepted risks, 0 to 0.5. */
 export interface Specification {
   readonly name: string;
   readonly limits: Readonly<Record<string, LimitPair>>;
+  readonly decision?: { readonly max_false_accept_risk?: number; readonly max_false_reject_risk?: number };
+  /** Plane that limits of angles refer to; either one if it is omitted. */
+  readonly reference_plane?: 'turntable' | 'sample' | null;
 }
 
 export type VerdictWord = 'pass' | 'fail' | 'cannot-tell';
@@ -156,8 +160,18 @@ export interface VerdictResult extends ScanJob {
   readonly would_decide?: Readonly<Record<string, { readonly message: string }>>;
 }
 
-/** A recipe or specification that an order or a scan can name. */
-export type Definition = Pick<Sent<openapi.RecipeBody>, 'id' | 'name' | 'version'>;
+/** How parts are measured. */
+export type Recipe = openapi.Recipe;
+/** The newest or another version of a recipe. */
+export type StoredRecipe = openapi.RecipeBody;
+export type StoredSpecification = Omit<openapi.SpecificationBody, 'specification'> & { readonly specification: Specification };
+export type StoredDefinition = StoredRecipe | StoredSpecification;
+/** A row of the results. */
+export interface ResultRow {
+  readonly scan_id: number;
+  readonly region?: string | null;
+  readonly verdict: VerdictWord | null;
+}
 export type Queue = Sent<openapi.QueueBody>;
 export type QueueOrder = Sent<openapi.OrderBody>;
 /** An order to add. */

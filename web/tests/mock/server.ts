@@ -7,6 +7,7 @@ import type { AddressInfo } from 'node:net';
 import { extname, join, normalize } from 'node:path';
 
 import { radiance, random, type MockSurface } from './bench';
+import { judged, MockDefinitions } from './definitions';
 import { encodePng } from './png';
 import { traceFiles, traceResult } from './trace';
 
@@ -67,7 +68,10 @@ export class MockDaemon {
   };
   readonly surfaces = new Map<number, MockSurface>();
   readonly samples: Json[] = [];
-  readonly recipes: Json[] = [];
+  readonly recipes = new MockDefinitions('recipe');
+  readonly specifications = new MockDefinitions('specification');
+  /** Newest first. */
+  readonly verdicts: Json[] = [];
   orders: Json[] = [];
   queueState = 'stopped';
   readonly scans: MockScan[] = [];
@@ -283,6 +287,19 @@ export class MockDaemon {
       timing_s: { read: 0.21, reduce: 0.38, fit: 0.012 }, program: 'ridged 0.1.0',
     });
     this.event('fit', { fit_id: id, scan_id: scan.body.id, state: 'completed', variant: own, status: 'converged' });
+    const wanted = this.specifications.named((scan.body['specification'] as { name: string } | null)?.name);
+    if (wanted) this.#judge(scan.body.id, wanted.content);
+  }
+
+  #judge(scanId: number, specification: Json): Json {
+    const fit = this.fits.find((f) => f['scan_id'] === scanId && f['state'] === 'completed');
+    const verdict = {
+      id: this.verdicts.length + 1, scan_id: scanId, state: 'completed', created_at: new Date().toISOString(), request: { specification },
+      ...judged(specification, (fit?.['parameters'] ?? {}) as Record<string, { value: number; expanded: number }>),
+    };
+    this.verdicts.unshift(verdict);
+    this.event('calculation', {});
+    return verdict;
   }
 
   #curve(id: number): Json {
@@ -442,13 +459,28 @@ export class MockDaemon {
       if (sample) sample['material'] = body['material'] ?? { kind: 'conductor', eta: 3.12, k: 3.33, eta_std: 0.1, k_std: 0.1 };
       return send(201, sample);
     }
-    if (['/verdicts', '/maps', '/contrasts'].includes(path) && method === 'GET') return list([]);
+    const ofScan = (row: Json): boolean => row['scan_id'] === Number(url.searchParams.get('scan_id'));
+    if (path === '/verdicts' && method === 'GET') return list(this.verdicts.filter(ofScan));
+    if (path === '/verdicts') {
+      const named = typeof body['specification'] === 'string' ? this.specifications.named(body['specification'])?.content : (body['specification'] as Json);
+      if (!named) return problem(422, 'invalid-value', 'there is no such specification');
+      return send(202, { id: this.#judge(Number(body['scan_id']), named)['id'], state: 'completed' });
+    }
+    if (['/maps', '/contrasts'].includes(path) && method === 'GET') return list([]);
+    if (path === '/results') return list(this.scans.map((s) => ({ scan_id: s.body.id, verdict: this.verdicts.find((v) => v['scan_id'] === s.body.id)?.['verdict'] ?? null })));
+    const report = /^\/scans\/(\d+)\/report$/.exec(path);
+    if (report) return send(200, new TextEncoder().encode(`<!doctype html><title>Report</title><h1>Report of scan ${report[1]}</h1>`), 'text/html; charset=utf-8');
+    for (const [root, kind] of [['/recipes', this.recipes], ['/specifications', this.specifications]] as const) {
+      if (path !== root && !path.startsWith(`${root}/`)) continue;
+      const answer = kind.answer(method, path.slice(root.length), url.searchParams, body);
+      return send(answer.status, answer.body, answer.status < 400 ? 'application/json' : 'application/problem+json');
+    }
     if (path === '/samples') return list(this.samples);
-    if (path === '/recipes' || path === '/specifications') return list(path === '/recipes' ? this.recipes : []);
     if (path === '/queue/orders' && method === 'POST') {
       for (const order of body['orders'] as Json[]) {
         const id = this.orders.length + 1;
-        this.orders.push({ specification: null, lot: null, external_id: null, reason: null, scan_id: null, ...order, id, state: 'waiting', recipe: { id: 1, name: order['recipe'] } });
+        const name = (of: unknown): Json | null => (of === undefined ? null : { id: 1, name: of });
+        this.orders.push({ lot: null, external_id: null, reason: null, scan_id: null, part: this.#scanName(Number(order['sample_id'])), ...order, id, state: 'waiting', recipe: name(order['recipe']), specification: name(order['specification']) });
       }
       return send(201, { items: this.orders.slice(-1), next_cursor: null });
     }
@@ -476,7 +508,8 @@ export class MockDaemon {
       return send(200, sample);
     }
     if ((path === '/scans' && method === 'POST') || path === '/scans/estimate') {
-      const asked = body['plan'] as Json;
+      const recipe = this.recipes.named(body['recipe']);
+      const asked = (recipe?.content['plan'] ?? body['plan']) as Json;
       const plan = { exposures_s: [0.02, 0.06, 0.18], repeats: 1, ...PRESETS[String(asked['preset'])], ...asked } as MockScan['body']['plan'];
       const beyond = plan.theta_c_deg.findIndex((t) => Math.abs(t) > 60);
       if (beyond >= 0) {
@@ -487,6 +520,8 @@ export class MockDaemon {
         return send(200, { n_frames: n, n_shots: n, duration_s: 0.8 * n, disk_bytes: 25000 * n, disk_free_bytes: 61e9, operator_steps: Object.entries(MESSAGES).map(([action, message]) => ({ action, message })), plan, calibration_ids: asked['reuse_calibrations'] === false ? [] : this.calibrations.map((c) => c['id']) });
       }
       const scan = this.#newScan(Number(body['sample_id']), plan);
+      const { lot = null, external_id = null, operator_name = null } = body;
+      Object.assign(scan.body, { lot, external_id, operator_name, recipe: recipe?.ref ?? null, specification: this.specifications.named(body['specification'])?.ref ?? null, target_expanded_deg: recipe?.content['target_expanded_deg'] ?? null });
       scan.body.state = 'running';
       this.#tell(scan);
       this.#after(50, () => this.#run(scan));

@@ -247,7 +247,7 @@ describe('the form of a new scan', () => {
     await chooseSample();
     await page.getByText('53 frames').waitFor();
     await page.getByLabel('Repeats').fill('1,5');
-    await page.getByText('Repeats: give a whole number from 1 to 100.').waitFor();
+    await page.getByText('Give a whole number from 1 to 100.').waitFor();
     expect(await start().isDisabled()).toBe(true);
     await page.getByLabel('Repeats').fill('2');
     await page.getByLabel('Exposures, ms').fill('2,5');

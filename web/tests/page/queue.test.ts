@@ -1,33 +1,55 @@
-// The queue on the page with a mock daemon: orders are added, moved and removed, and the queue is started.
+// The queue on the page with a mock daemon: orders are added from the form of the next part, moved and removed, and the queue is started.
 
 import { describe, expect, it } from 'vitest';
 
-import { daemon, page, posts, url } from './stage';
+import { chooseSample, daemon, page, posts, url } from './stage';
 
 describe('the queue', () => {
   it('takes parts in sequence and starts', async () => {
-    daemon.recipes.push({ id: 1, name: 'PX-1204', version: 2, newest_version: 2, archived: false, who: 'local', saved_at: '2026-01-01T00:00:00.000Z', recipe: { name: 'PX-1204' } });
+    daemon.recipes.add({ name: 'PX-1204', plan: { preset: 'paper' } });
     await page.goto(url);
+    const form = page.getByTestId('next-part');
     const card = page.getByTestId('queue');
-    for (const [part, id] of [['B-17', 'A-1'], ['B-18', 'A-2']] as const) {
-      await card.getByLabel('Part').fill(part);
-      await card.getByLabel('External id').fill(id);
-      await card.getByRole('button', { name: 'Add to the queue' }).click();
+    await form.getByLabel('Lot').fill('4');
+    for (const [sample, part, number] of [['traced polymer (n 1.54)', 'traced polymer', 'A-1'], ['model 15° (n 1.54)', 'model 15°', 'A-2']] as const) {
+      await chooseSample(sample);
+      await form.getByLabel('External number').fill(number);
+      await form.getByRole('button', { name: 'Add to queue' }).click();
       await card.getByText(part, { exact: true }).waitFor();
+      // The next part is chosen by a person; it is often of the same lot.
+      await form.getByText('Choose the sample first.').waitFor();
+      expect(await form.getByLabel('External number').inputValue()).toBe('');
     }
     // The only recipe is chosen without a click.
-    expect(daemon.orders.map((o) => [o['part'], (o['recipe'] as { name: string }).name, o['external_id']])).toEqual([['B-17', 'PX-1204', 'A-1'], ['B-18', 'PX-1204', 'A-2']]);
-    await card.getByRole('button', { name: 'Move B-18 up' }).click();
-    await expect.poll(() => card.locator('li b').allTextContents()).toEqual(['B-18', 'B-17']);
-    await card.getByRole('button', { name: 'Remove B-17' }).click();
-    await expect.poll(() => card.locator('li b').allTextContents()).toEqual(['B-18']);
+    expect(daemon.orders.map((o) => [o['sample_id'], (o['recipe'] as { name: string }).name, o['lot'], o['external_id']])).toEqual([[1, 'PX-1204', '4', 'A-1'], [2, 'PX-1204', '4', 'A-2']]);
+    await card.getByRole('button', { name: 'Move model 15° up' }).click();
+    await expect.poll(() => card.locator('li b').allTextContents()).toEqual(['model 15°', 'traced polymer']);
+    await card.getByRole('button', { name: 'Remove traced polymer' }).click();
+    await expect.poll(() => card.locator('li b').allTextContents()).toEqual(['model 15°']);
     await card.getByRole('button', { name: 'Start the queue' }).click();
     await card.getByRole('button', { name: 'Stop after this one' }).waitFor();
     expect(posts().at(-1)).toBe('/queue/start');
   });
 
-  it('says how a recipe is made where there is none', async () => {
+  it('takes the next part while a scan runs', async () => {
+    daemon.recipes.add({ name: 'PX-1204', plan: { preset: 'paper' } });
     await page.goto(url);
-    await page.getByTestId('queue').getByText('ridged recipe save FILE.toml').waitFor();
+    await chooseSample();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    await page.getByRole('heading', { name: 'Cap the lens' }).waitFor();
+    await page.getByText('Add the next part').click();
+    await chooseSample('model 15° (n 1.54)');
+    await page.getByRole('button', { name: 'Add to queue' }).click();
+    await page.getByTestId('queue').locator('li b').getByText('model 15°').waitFor();
+    expect(await page.getByRole('button', { name: 'Start scan' }).count()).toBe(0);
+  });
+
+  it('needs a recipe, and says where one is made', async () => {
+    await page.goto(url);
+    await chooseSample();
+    await page.getByText('53 frames').waitFor();
+    expect(await page.getByRole('button', { name: 'Add to queue' }).isDisabled()).toBe(true);
+    await page.getByRole('link', { name: 'Make one in Set-up.' }).click();
+    await page.getByRole('button', { name: 'New recipe' }).waitFor();
   });
 });

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { angle, between, bytes, count, counted, decade, decimalsFor, decimalsOfStep, duration, exposure, fixed, foretold, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
+import { angle, between, bytes, count, counted, decade, decimalsFor, decimalsOfStep, duration, exposure, fixed, foretold, moment, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
 
 describe('withUncertainty', () => {
   it('rounds value and uncertainty to the same place, two digits of the uncertainty', () => {
@@ -109,5 +109,15 @@ describe('decimalsOfStep', () => {
     expect([0.025, 0.05, 0.5, 1, 20, 2.5, 0.1, 1e-4, 2.5e-4].map(decimalsOfStep)).toEqual([3, 2, 1, 0, 0, 1, 1, 4, 5]);
     expect(decimalsOfStep(-0.025)).toBe(3);
     expect(decimalsOfStep(0.075 - 0.05)).toBe(3);
+  });
+});
+
+describe('moment', () => {
+  it('has date, seconds and the offset of the local time from UTC', () => {
+    const text = moment('2026-01-02T17:34:05Z');
+    expect(text).toMatch(/^2026-01-0\d \d{2}:\d{2}:05 [+−]\d{2}:\d{2}$/);
+    // The offset leads back to the same time.
+    expect(new Date(text.replace(' ', 'T').replace(' ', '').replace('−', '-')).toISOString()).toBe('2026-01-02T17:34:05.000Z');
+    expect(moment(null)).toBe('');
   });
 });

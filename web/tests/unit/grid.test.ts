@@ -32,7 +32,7 @@ describe('parseList', () => {
   });
 
   it('refuses an ambiguous comma', () => {
-    for (const text of ['12,5', '20,60', '2,5, 6', '-20,5:5:20']) {
+    for (const text of ['12,5', '20,65', '5,10', '2,5, 6', '-20,5:5:20']) {
       const outcome = parseList(text);
       expect(outcome.ok ? outcome.values : outcome.reason).toMatch(/is ambiguous/);
     }
@@ -40,6 +40,9 @@ describe('parseList', () => {
     // Several commas separate values.
     expect(values('-20,-10,0,10,20')).toEqual([-20, -10, 0, 10, 20]);
     expect(values('0,90,180')).toEqual([0, 90, 180]);
+    // A decimal number does not end in 0.
+    expect(values('20,60')).toEqual([20, 60]);
+    expect(values('0,90')).toEqual([0, 90]);
   });
 
   it('refuses a range that misses its end, such as one in the order of numpy', () => {

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { emptyRows, rowProblem, rowsOf, specificationOf, typed } from '../../src/lib/limits';
+import { emptyRows, limitsWords, newRules, riskProblem, rowProblem, rowsOf, rulesOf, specificationOf, typed } from '../../src/lib/limits';
 
 describe('typed', () => {
   it('reads a decimal comma and a true minus sign, and empty text as null', () => {
@@ -35,5 +35,18 @@ describe('a specification', () => {
     const rows = rowsOf(specification);
     expect(rows.at(-1)).toEqual(row('scale', '', '2'));
     expect(specificationOf('x', rows)).toEqual(specification);
+  });
+
+  it('states risks and plane where they differ from the usual ones', () => {
+    const rows = [row('theta_r_deg', '9', '11'), row('rho_d', '0.25', '')];
+    const limits = { theta_r_deg: { lower: 9, upper: 11 }, rho_d: { lower: 0.25 } };
+    expect(specificationOf('x', rows, newRules())).toEqual({ name: 'x', limits });
+    const strict = { name: 'x', limits, decision: { max_false_accept_risk: 0.001, max_false_reject_risk: 0.025 }, reference_plane: 'sample' as const };
+    expect(specificationOf('x', rows, { accept: '0,1', reject: '2.5', plane: 'sample' })).toEqual(strict);
+    expect(rulesOf(strict)).toEqual({ accept: '0.1', reject: '2.5', plane: 'sample' });
+    for (const risk of ['0', '50', '', 'x']) expect(riskProblem(risk), risk).not.toBeNull();
+    expect(specificationOf('x', rows, { ...newRules(), accept: '50' })).toBeNull();
+    expect(limitsWords(strict)).toBe('θr 9 … 11° · ρd ≥ 0.25 · accepted risks 0.1 % (pass), 2.5 % (fail)');
+    expect(limitsWords({ name: 'x', limits })).toBe('θr 9 … 11° · ρd ≥ 0.25 · accepted risks 2.5 %');
   });
 });

@@ -1,0 +1,113 @@
+// The plan of a scan: read from what a person types, written back into the fields, and in words.
+
+import type { Recipe } from './openapi';
+import { angle, counted, exposure } from './format';
+import { parseList, printList, readWords, type ListOutcome } from './grid';
+import { typed } from './limits';
+
+/** A plan as a request states it. */
+export type PlanRequest = Recipe['plan'];
+
+export const REPEATS_MAX = 100;
+
+/** Grids by name, as the daemon knows them: numbers of tilts and azimuths. */
+export const PRESETS = { paper: { name: 'quick', tilts: 5, azimuths: 3 }, full: { name: 'full', tilts: 9, azimuths: 12 } } as const;
+
+/** Poses and exposures as typed. */
+export interface GridDraft {
+  grid: keyof typeof PRESETS | 'custom';
+  tilts: string;
+  azimuths: string;
+  /** Milliseconds; empty for the exposures of the rig. */
+  exposures: string;
+  repeats: string;
+}
+
+export const newGrid = (): GridDraft => ({ grid: 'paper', tilts: '-20:5:20', azimuths: '0:30:330', exposures: '', repeats: '1' });
+
+export type GridField = 'tilts' | 'azimuths' | 'exposures' | 'repeats';
+
+export interface GridReading {
+  /** What is wrong, by field. */
+  readonly faults: Partial<Record<GridField, string>>;
+  /** The values that were read, as text. */
+  readonly readings: readonly string[];
+  /** Null with a fault. */
+  readonly plan: PlanRequest | null;
+}
+
+export function readGrid(draft: GridDraft): GridReading {
+  const lists: Partial<Record<Exclude<GridField, 'repeats'>, ListOutcome>> = {
+    ...(draft.grid === 'custom' ? { tilts: parseList(draft.tilts), azimuths: parseList(draft.azimuths) } : {}),
+    ...(draft.exposures.trim() === '' ? {} : { exposures: parseList(draft.exposures, 'ms') }),
+  };
+  const faults: Partial<Record<GridField, string>> = {};
+  const valuesOf = (field: keyof typeof lists): readonly number[] => {
+    const outcome = lists[field];
+    if (outcome?.ok === false) faults[field] = outcome.reason;
+    return outcome?.ok ? outcome.values : [];
+  };
+  const [tilts, azimuths, exposures] = [valuesOf('tilts'), valuesOf('azimuths'), valuesOf('exposures')];
+  const repeats = typed(draft.repeats) ?? Number.NaN;
+  if (!(Number.isInteger(repeats) && repeats >= 1 && repeats <= REPEATS_MAX)) faults.repeats = `Give a whole number from 1 to ${REPEATS_MAX}.`;
+  const readings = [
+    ...(tilts.length > 0 ? [readWords(tilts, 'tilt', (x) => angle(x))] : []),
+    ...(azimuths.length > 0 ? [readWords(azimuths, 'azimuth', (x) => angle(x))] : []),
+    ...(exposures.length > 0 ? [readWords(exposures, 'exposure', (ms) => exposure(ms / 1000))] : []),
+  ];
+  if (Object.keys(faults).length > 0) return { faults, readings, plan: null };
+  return {
+    faults,
+    readings,
+    plan: {
+      repeats,
+      ...(draft.grid === 'custom' ? { theta_c_deg: tilts, phi_s_deg: azimuths } : { preset: draft.grid }),
+      ...(exposures.length > 0 ? { exposures_s: exposures.map((ms) => ms / 1000) } : {}),
+    },
+  };
+}
+
+type Values = NonNullable<PlanRequest['theta_c_deg']>;
+
+/** A list or a range of a request, value by value. */
+export function valuesOf(values: Values | null | undefined): readonly number[] {
+  if (values == null) return [];
+  if (Array.isArray(values)) return values as readonly number[];
+  const { from, to, step } = values as { from: number; to: number; step: number };
+  return Array.from({ length: Math.floor((to - from) / step + 1e-9) + 1 }, (_, i) => Number((from + i * step).toPrecision(12)));
+}
+
+/** Seconds as milliseconds in the form of the fields. */
+export const exposuresText = (seconds: readonly number[] | null | undefined): string => (seconds ?? []).map((s) => Number((1000 * s).toPrecision(6))).join(', ');
+
+/** The fields that make a plan. */
+export function gridOf(plan: PlanRequest): GridDraft {
+  const { preset } = plan;
+  const named = preset != null && plan.theta_c_deg == null && plan.phi_s_deg == null;
+  const fresh = newGrid();
+  // A plan may take the tilts of a preset and state its own azimuths.
+  const listed = (own: Values | null | undefined, full: string, quick: string): string => (own != null ? printList(valuesOf(own)) : preset === 'paper' ? quick : full);
+  return {
+    grid: named ? preset : 'custom',
+    tilts: named ? fresh.tilts : listed(plan.theta_c_deg, '-20:5:20', '-20:10:20'),
+    azimuths: named ? fresh.azimuths : listed(plan.phi_s_deg, '0:30:330', '0:90:180'),
+    exposures: exposuresText(plan.exposures_s),
+    repeats: String(plan.repeats ?? 1),
+  };
+}
+
+/** Poses and exposures in one line: `5 tilts × 3 azimuths × 3 exposures, 2 frames of each`. */
+export function planWords(plan: PlanRequest, rigExposures: number): string {
+  const preset = plan.preset == null ? null : PRESETS[plan.preset];
+  const tilts = plan.theta_c_deg == null ? (preset?.tilts ?? 0) : valuesOf(plan.theta_c_deg).length;
+  const azimuths = plan.phi_s_deg == null ? (preset?.azimuths ?? 0) : valuesOf(plan.phi_s_deg).length;
+  const exposures = plan.exposures_s?.length ?? rigExposures;
+  const repeats = plan.repeats ?? 1;
+  return `${counted(tilts, 'tilt')} × ${counted(azimuths, 'azimuth')}${exposures > 0 ? ` × ${counted(exposures, 'exposure')}` : ''}${repeats > 1 ? `, ${repeats} frames of each` : ''}`;
+}
+
+/** What a recipe does, in one line. */
+export function recipeWords(recipe: Recipe, rigExposures: number): string {
+  const target = recipe.target_expanded_deg;
+  return [planWords(recipe.plan, rigExposures), ...(target == null ? [] : [`target U(θr) ≤ ${angle(target, 6)}`])].join(' · ');
+}

@@ -1,0 +1,48 @@
+import { describe, expect, it } from 'vitest';
+
+import { gridOf, newGrid, planWords, readGrid, recipeWords, valuesOf, type GridDraft, type PlanRequest } from '../../src/lib/plan';
+
+const draft = (change: Partial<GridDraft>): GridDraft => ({ ...newGrid(), ...change });
+
+describe('a typed grid', () => {
+  it('makes the plan of a preset or of lists, exposures in seconds', () => {
+    expect(readGrid(newGrid()).plan).toEqual({ preset: 'paper', repeats: 1 });
+    const own = readGrid(draft({ grid: 'custom', tilts: '-20,-10,0,10,20', azimuths: '0°, 90°', exposures: '20,60', repeats: '2' }));
+    expect(own.plan).toEqual({ theta_c_deg: [-20, -10, 0, 10, 20], phi_s_deg: [0, 90], exposures_s: [0.02, 0.06], repeats: 2 });
+    expect(own.readings).toEqual(['5 tilts: −20°, −10°, 0°, 10°, 20°', '2 azimuths: 0°, 90°', '2 exposures: 20 ms, 60 ms']);
+  });
+
+  it('has no plan with a fault, which is at its field', () => {
+    const wrong = readGrid(draft({ grid: 'custom', tilts: '2,5', azimuths: '', repeats: '1,5' }));
+    expect(wrong.plan).toBeNull();
+    expect(Object.keys(wrong.faults).sort()).toEqual(['azimuths', 'repeats', 'tilts']);
+    // Lists of a preset are not read.
+    expect(readGrid(draft({ tilts: 'x' })).faults).toEqual({});
+    for (const repeats of ['0', '101', '', 'two']) expect(readGrid(draft({ repeats })).faults.repeats, repeats).toBe('Give a whole number from 1 to 100.');
+  });
+});
+
+describe('a plan', () => {
+  it('is written into the fields that make it again', () => {
+    const plans: PlanRequest[] = [
+      { preset: 'full', repeats: 3, exposures_s: [0.0025] },
+      { theta_c_deg: [-20, 0, 5], phi_s_deg: [0, 90, 180], repeats: 1 },
+    ];
+    for (const plan of plans) expect(readGrid(gridOf(plan)).plan).toEqual(plan);
+    // A range, and a preset whose azimuths are stated, become lists.
+    const mixed = readGrid(gridOf({ preset: 'paper', phi_s_deg: { from: 0, to: 90, step: 45 } })).plan;
+    expect(mixed).toEqual({ theta_c_deg: [-20, -10, 0, 10, 20], phi_s_deg: [0, 45, 90], repeats: 1 });
+  });
+
+  it('is one line', () => {
+    expect(planWords({ preset: 'full' }, 3)).toBe('9 tilts × 12 azimuths × 3 exposures');
+    expect(planWords({ theta_c_deg: { from: -20, to: 21, step: 10 }, phi_s_deg: [0], exposures_s: [0.1], repeats: 2 }, 3)).toBe('5 tilts × 1 azimuth × 1 exposure, 2 frames of each');
+    expect(recipeWords({ name: 'x', plan: { preset: 'paper' }, target_expanded_deg: 0.05 }, 0)).toBe('5 tilts × 3 azimuths · target U(θr) ≤ 0.05°');
+  });
+
+  it('has the values of a range without the errors of a running sum', () => {
+    expect(valuesOf({ from: 0, to: 1, step: 0.1 })).toHaveLength(11);
+    expect(valuesOf({ from: 0, to: 1, step: 0.1 }).at(-1)).toBe(1);
+    expect(valuesOf(null)).toEqual([]);
+  });
+});
