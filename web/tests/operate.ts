@@ -10,7 +10,7 @@ export interface GridChoice {
 }
 
 /** Opens a view by its link in the bar. */
-export async function openView(page: Page, name: 'Measure' | 'Result' | 'Records' | 'Rig' | 'Lab'): Promise<void> {
+export async function openView(page: Page, name: 'Measure' | 'Result' | 'Records' | 'Rig' | 'Lab' | 'Set-up'): Promise<void> {
   await page.getByRole('navigation', { name: 'Views' }).getByRole('link', { name }).click();
 }
 
@@ -19,13 +19,34 @@ export async function openPart(page: Page, name: string): Promise<void> {
   await page.getByRole('navigation', { name: 'Parts of the result' }).getByRole('link', { name, exact: true }).click();
 }
 
-/** Fills in the form of a new scan. */
-export async function fillScan(page: Page, choice: GridChoice): Promise<void> {
+export interface PartChoice {
+  readonly sample: string;
+  readonly recipe: string;
+  readonly specification: string;
+  readonly lot: string;
+}
+
+async function chooseSample(page: Page, name: string): Promise<void> {
   const samples = page.getByRole('combobox', { name: /^Sample/ });
   // The index follows the name.
-  const option = samples.locator('option', { hasText: `${choice.sample} (` }).first();
+  const option = samples.locator('option', { hasText: `${name} (` }).first();
   await option.waitFor({ state: 'attached' });
   await samples.selectOption({ label: await option.innerText() });
+}
+
+/** Fills in the form of the next part with a recipe and a specification. */
+export async function fillPart(page: Page, choice: PartChoice): Promise<void> {
+  await chooseSample(page, choice.sample);
+  await page.getByRole('combobox', { name: 'Recipe' }).selectOption(choice.recipe);
+  await page.getByRole('combobox', { name: 'Specification' }).selectOption(choice.specification);
+  await page.getByLabel('Lot').fill(choice.lot);
+}
+
+/** Fills in the form of the next part with a grid of its own. */
+export async function fillScan(page: Page, choice: GridChoice): Promise<void> {
+  await chooseSample(page, choice.sample);
+  const recipes = page.getByRole('combobox', { name: 'Recipe' });
+  if ((await recipes.count()) > 0) await recipes.selectOption('own grid …');
   await page.locator('.grids').getByText(choice.grid === 'paper' ? 'quick' : choice.grid, { exact: true }).click();
   if (choice.tilts !== undefined) await page.getByLabel(/Camera tilts/).fill(choice.tilts);
   if (choice.azimuths !== undefined) await page.getByLabel(/Sample azimuths/).fill(choice.azimuths);

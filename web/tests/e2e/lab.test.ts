@@ -5,7 +5,7 @@ import { afterAll, afterEach, beforeAll, beforeEach, describe, expect, it } from
 
 import { openBrowser, type OpenBrowser } from '../browser';
 import { startDaemon, type RunningDaemon } from '../daemon';
-import { completed, doSteps, fillScan, fitted, openPart, openView } from '../operate';
+import { completed, doSteps, fillPart, fillScan, fitted, openPart, openView } from '../operate';
 
 const TIME_SCALE = 50;
 /** Enough poses that a test that is delayed by seconds still finds its scan running. */
@@ -298,4 +298,48 @@ describe('a lab’s day', () => {
     expect(await fault.innerText()).toMatch(/88.*\.$/);
     expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
   });
+
+  // The last one: with a recipe the form of the next part begins with it.
+  it('goes from a recipe and a specification to the verdict and the report', async () => {
+    await openView(page, 'Set-up');
+    await page.getByRole('button', { name: 'New recipe' }).click();
+    const recipe = page.getByTestId('recipe-form');
+    await recipe.getByLabel(/^Name/).fill('PX-1204 rev C');
+    await recipe.getByText('custom', { exact: true }).click();
+    await recipe.getByLabel(/^Camera tilts/).fill('-20,-10,0,10,88');
+    await recipe.getByLabel(/^Sample azimuths/).fill('0,90,180');
+    await recipe.getByRole('combobox', { name: 'Model' }).selectOption('sawtooth');
+    await recipe.getByRole('button', { name: 'Save the recipe' }).click();
+    // The daemon's refusal is at its field.
+    await recipe.getByText(/^Camera tilt: 88° is outside/).waitFor();
+    await recipe.getByLabel(/^Camera tilts/).fill('-20,-10,0,10,20');
+    await recipe.getByRole('button', { name: 'Save the recipe' }).click();
+    await page.getByRole('button', { name: 'Change PX-1204 rev C' }).waitFor();
+    await page.getByRole('button', { name: 'New specification' }).click();
+    const specification = page.getByTestId('specification-form');
+    await specification.getByLabel(/^Name/).fill('drawing 4711 B');
+    await specification.getByLabel('ridge angle: lower limit').fill('9');
+    await specification.getByLabel('ridge angle: upper limit').fill('11');
+    await specification.getByRole('button', { name: 'Save the specification' }).click();
+    await page.getByRole('button', { name: 'Change drawing 4711 B' }).waitFor();
+
+    await openView(page, 'Measure');
+    await fillPart(page, { sample: 'traced polymer', recipe: 'PX-1204 rev C', specification: 'drawing 4711 B', lot: '4' });
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    await page.getByTestId('purpose').getByText('PX-1204 rev C, version 1 · lot 4').waitFor();
+    await doSteps(page, completed(page), SCAN_MS_MAX);
+    const part = await fitted(page, CALCULATION_MS_MAX);
+    expect(Math.abs(part.theta_r_deg - 10)).toBeLessThan(0.5);
+    await page.getByTestId('verdict-banner').filter({ hasText: 'pass' }).waitFor({ timeout: CALCULATION_MS_MAX });
+    await page.getByTestId('last-results').locator('tbody tr').first().filter({ hasText: 'lot 4' }).filter({ hasText: 'pass' }).waitFor();
+    const opened = page.context().waitForEvent('page');
+    await page.getByRole('link', { name: 'Report', exact: true }).first().click();
+    const report = await opened;
+    const [value = ''] = part.text.split(' ');
+    await report.getByText(value).first().waitFor();
+    const words = await report.locator('body').innerText();
+    for (const text of ['PX-1204 rev C', 'drawing 4711 B', 'traced polymer']) expect(words).toContain(text);
+    expect(words.toLowerCase()).toContain('pass');
+    await report.close();
+  }, 3 * CALCULATION_MS_MAX);
 });

@@ -291,6 +291,15 @@ export class MockDaemon {
     if (wanted) this.#judge(scan.body.id, wanted.content);
   }
 
+  /** A scan of a recipe with a specification, fitted and judged. */
+  addPart(sampleId: number, recipe: string, specification: string): number {
+    const id = this.addScan(sampleId, 'paper');
+    const scan = this.scans.find((s) => s.body.id === id);
+    Object.assign(scan?.body ?? {}, { recipe: this.recipes.named(recipe)?.ref, specification: this.specifications.named(specification)?.ref, lot: '4', external_id: 'A-1001', operator_name: 'Ada' });
+    this.addFit(id);
+    return id;
+  }
+
   #judge(scanId: number, specification: Json): Json {
     const fit = this.fits.find((f) => f['scan_id'] === scanId && f['state'] === 'completed');
     const verdict = {

@@ -31,6 +31,14 @@ const VIEWS: readonly (readonly [string, string])[] = [
   ['setup', 'Look of the page'],
 ];
 
+/** A store as a lab has it: recipes, a specification, and two scans of which one cannot be decided. */
+function fill(): void {
+  for (const name of ['PX-1204', 'PX-1205']) daemon.recipes.add({ name, plan: { preset: 'paper' }, target_expanded_deg: 0.05 });
+  daemon.specifications.add({ name: 'drawing 7', limits: { theta_r_deg: { lower: 9, upper: 10.1 } } });
+  daemon.addPart(1, 'PX-1204', 'drawing 7');
+  daemon.addFit(daemon.addScan(1, 'full'));
+}
+
 async function open(view: string, words: string): Promise<void> {
   await page.goto(`${url}/#/${view}`);
   await page.locator('main').getByText(words, { exact: false }).first().waitFor();
@@ -84,12 +92,11 @@ describe('the address', () => {
 describe('every view', () => {
   it('has no violation of axe-core, in light and dark, and no console error', async () => {
     daemon.certainties.push(...[1, 2, 3].map((id) => ({ id, elapsed_s: 9 * id, n_observations: id, n_frames_used: id, variant: 'sawtooth', status: 'converged', parameters: { theta_r_deg: { value: 10, std: 0.3 / id } } })));
-    for (const grid of ['full', 'paper'] as const) daemon.addFit(daemon.addScan(1, grid));
+    fill();
     const errors: string[] = [];
     page.on('console', (message) => message.type() === 'error' && errors.push(message.text()));
     const found: string[] = [];
-    for (const [view, words] of VIEWS) {
-      await open(view, words);
+    const look = async (state: string): Promise<void> => {
       for (const dark of [false, true]) {
         await page.evaluate((on) => (document.documentElement.dataset['theme'] = on ? 'dark' : 'light'), dark);
         if ((await page.evaluate(() => 'axe' in window)) === false) await page.addScriptTag({ path: AXE });
@@ -98,15 +105,28 @@ describe('every view', () => {
           const { violations } = await axe.run({ resultTypes: ['violations'] });
           return violations.map((v) => `${v.id}: ${v.nodes.map((n) => `${n.html.slice(0, 160)} ${n.failureSummary}`).join('\n')}`);
         });
-        found.push(...violations.map((v) => `${view} ${dark ? 'dark' : 'light'} ${v}`));
+        found.push(...violations.map((v) => `${state} ${dark ? 'dark' : 'light'} ${v}`));
       }
+    };
+    for (const [view, words] of VIEWS) {
+      await open(view, words);
+      await look(view);
     }
+    // The forms of the set-up, with faults, and a history.
+    await page.getByRole('button', { name: 'New recipe' }).click();
+    await page.getByRole('button', { name: 'Save the recipe' }).click();
+    await page.getByRole('button', { name: 'New specification' }).click();
+    await page.getByRole('button', { name: 'Save the specification' }).click();
+    await page.getByRole('button', { name: 'History of PX-1204' }).click();
+    await page.getByTestId('history').getByText('first version').waitFor();
+    await look('setup, forms');
+    expect(await page.evaluate(() => document.documentElement.scrollWidth - innerWidth)).toBeLessThanOrEqual(0);
     expect(found).toEqual([]);
     expect(errors).toEqual([]);
   });
 
   it.each([320, 1440])('fits a window of %i pixels and does not jump while it is read', async (width) => {
-    for (const grid of ['full', 'paper'] as const) daemon.addFit(daemon.addScan(1, grid));
+    fill();
     await page.setViewportSize({ width, height: width === 320 ? 640 : 900 });
     await page.addInitScript(() => {
       const shifts = window as unknown as { shift: number; moved: string[] };

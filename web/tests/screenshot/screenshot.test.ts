@@ -8,7 +8,7 @@ import { afterAll, beforeAll, expect, it } from 'vitest';
 
 import { openBrowser, type OpenBrowser } from '../browser';
 import { startDaemon, type RunningDaemon } from '../daemon';
-import { completed, doSteps, fillScan, fitted, openPart, openView } from '../operate';
+import { completed, doSteps, fillPart, fitted, openPart, openView } from '../operate';
 
 const DOCS = join(import.meta.dirname, '../../../docs');
 const SCAN_MS_MAX = 300_000;
@@ -38,27 +38,41 @@ async function picture(page: Page, name: string): Promise<void> {
   await page.screenshot({ path: join(DOCS, `screenshot${name}.png`) });
 }
 
-async function scan(page: Page, sample: string, grid: 'paper' | 'full'): Promise<void> {
-  await fillScan(page, { sample, grid });
+const SPECIFICATION = 'drawing 4711 B';
+
+/** What a lab has before its first part. */
+async function save(path: string, body: object): Promise<void> {
+  const response = await fetch(`${daemon.url}/api/v1${path}`, { method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify(body) });
+  expect(response.status, await response.text()).toBe(201);
+}
+
+async function scan(page: Page, sample: string, recipe: string): Promise<void> {
+  await fillPart(page, { sample, recipe, specification: SPECIFICATION, lot: '4' });
   await page.getByRole('button', { name: 'Start scan' }).click();
   await page.getByRole('heading', { level: 1, name: sample }).waitFor();
   await doSteps(page, completed(page), SCAN_MS_MAX);
   await fitted(page, SCAN_MS_MAX);
+  await page.getByTestId('verdict-banner').getByRole('link').waitFor({ timeout: SCAN_MS_MAX });
 }
 
 it('makes the pictures of a day at the rig', async () => {
+  await save('/recipes', { name: 'PX-1204 rev C', plan: { preset: 'paper' }, target_expanded_deg: 0.05 });
+  await save('/recipes', { name: 'PX-1204 full', plan: { preset: 'full' }, target_expanded_deg: 0.05 });
+  await save('/specifications', { name: SPECIFICATION, limits: { theta_r_deg: { lower: 9, upper: 11 } } });
   const page = await openPage();
   await page.goto(daemon.url);
   await page.getByRole('button', { name: 'Start scan' }).waitFor();
-  for (const sample of ['model 15°', 'traced polymer']) await scan(page, sample, 'paper');
+  for (const sample of ['model 15°', 'traced polymer']) await scan(page, sample, 'PX-1204 rev C');
   // A scan that runs: what the operator sees.
-  await fillScan(page, { sample: 'traced polymer', grid: 'full' });
+  await fillPart(page, { sample: 'traced polymer', recipe: 'PX-1204 full', specification: SPECIFICATION, lot: '4' });
   await page.getByRole('button', { name: 'Start scan' }).click();
   await doSteps(page, async () => /^[3-9]\d %$/.test((await page.locator('.figures b').first().innerText().catch(() => '')).trim()), SCAN_MS_MAX);
   await page.evaluate(() => scrollTo(0, 0));
   await picture(page, '-measure');
   await doSteps(page, completed(page), SCAN_MS_MAX);
   await fitted(page, SCAN_MS_MAX);
+
+  await page.getByTestId('verdict-banner').getByRole('link').waitFor({ timeout: SCAN_MS_MAX });
 
   await openView(page, 'Result');
   await page.getByRole('button', { name: 'sawtooth', exact: true }).waitFor({ timeout: 60_000 });
