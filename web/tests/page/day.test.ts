@@ -42,7 +42,7 @@ describe('a technician’s day', () => {
     await recipe.getByLabel('Exposures, ms', { exact: true }).fill('20 ms, 60 ms');
     await recipe.getByLabel(/^Target/).fill('0,05');
     await recipe.getByRole('combobox', { name: 'Material' }).selectOption('dielectric');
-    await recipe.getByLabel(/^Index n/).fill('1.49');
+    await recipe.getByLabel(/^n, 1/).fill('1.49');
     await recipe.getByRole('button', { name: 'Save the recipe' }).click();
     await recipes.getByText('5 tilts × 3 azimuths × 2 exposures · target U(θr) ≤ 0.05°').waitFor();
     await page.getByRole('button', { name: 'New specification' }).click();
@@ -132,6 +132,29 @@ describe('a technician’s day', () => {
   });
 });
 
+describe('the first scan of a part', () => {
+  it('has no earlier one to compare with, so the other one is chosen in the records', async () => {
+    daemon.addFit(daemon.addScan(2, 'paper'));
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    await page.goto(`${url}/#/result/2`);
+    await page.getByRole('link', { name: 'Compare', exact: true }).click();
+    await page.getByText('Choose another scan.').waitFor();
+    expect(await page.getByLabel('Choose scan 2').isChecked()).toBe(true);
+    await page.getByLabel('Choose scan 1').check();
+    await page.getByRole('link', { name: 'Compare the two' }).waitFor();
+  });
+
+  it('is repeated with its own grid where it had no recipe', async () => {
+    daemon.addFit(daemon.addScan(1, 'full'));
+    await page.goto(`${url}/#/result/1`);
+    await page.getByRole('button', { name: 'Repeat', exact: true }).click();
+    await expect.poll(() => form().getByLabel(/^Camera tilts/).inputValue()).toBe('-20:5:20');
+    expect(await form().getByLabel(/^Sample azimuths/).inputValue()).toBe('0:30:330');
+    expect(await form().getByLabel('Exposures, ms').inputValue()).toBe('20, 60, 180');
+    expect(await form().getByRole('combobox', { name: 'Sample' }).locator('option:checked').innerText()).toBe('traced polymer (n 1.54)');
+  });
+});
+
 describe('a verdict that is open', () => {
   it('says what would decide, and another specification is chosen from the library', async () => {
     daemon.specifications.add({ name: 'drawing 7', limits: { theta_r_deg: { lower: 9, upper: 10.1 } } });
@@ -161,7 +184,8 @@ describe('a verdict that is open', () => {
     expect(daemon.requests.filter((r) => r.path === '/verdicts').map((r) => (r.body as { specification: unknown }).specification)).toEqual([
       'drawing 7',
       'drawing 8',
-      { name: 'drawing 8', limits: { theta_r_deg: { upper: 11 } }, decision: { max_false_accept_risk: 0.01, max_false_reject_risk: 0.05 } },
+      // Changed limits do not keep the name of the stored specification.
+      { name: 'limits of the page', limits: { theta_r_deg: { upper: 11 } }, decision: { max_false_accept_risk: 0.01, max_false_reject_risk: 0.05 } },
     ]);
   });
 });

@@ -21,6 +21,22 @@ describe('stop', () => {
     await page.getByRole('alert').filter({ hasText: 'Use the rig’s emergency switch. The controller does not answer.' }).waitFor();
   });
 
+  it('by the key says what it stopped, since a key is pressed by mistake', async () => {
+    daemon.frameMs = 100;
+    await page.goto(url);
+    await page.keyboard.press('Escape');
+    await expect.poll(posts).toEqual(['/rig/stop']);
+    await chooseSample();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
+    await page.locator('header').getByText('scanning').waitFor();
+    // The first one stopped nothing.
+    expect(await page.getByText('The key Esc stopped').count()).toBe(0);
+    await page.keyboard.press('Escape');
+    await page.getByRole('alert').getByText('The key Esc stopped both axes. The scan is paused. Press Resume to continue it.').waitFor();
+    await page.getByRole('button', { name: 'Resume' }).waitFor();
+  });
+
   it('stays visible on a narrow screen while scrolling', async () => {
     daemon.addFit(daemon.addScan(1, 'full'));
     await page.setViewportSize({ width: 390, height: 700 });
@@ -167,6 +183,19 @@ describe('a scan', () => {
     // Each confirmation names its step, since the scan may already wait for another one.
     const said = daemon.requests.filter((r) => r.path === '/scans/1/continue').map((r) => r.body);
     expect(said).toEqual([{ action: 'cap-lens' }, { action: 'place-white-reference' }, { action: 'place-sample' }]);
+  });
+
+  it('takes no command while the daemon is lost', async () => {
+    await page.goto(url);
+    await chooseSample();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    await page.getByRole('heading', { name: 'Cap the lens' }).waitFor();
+    const abort = page.getByRole('button', { name: 'Abort …' });
+    expect(await abort.isEnabled()).toBe(true);
+    await daemon.stop();
+    await expect.poll(() => abort.isDisabled()).toBe(true);
+    expect(await page.getByRole('button', { name: /STOP/ }).isEnabled()).toBe(true);
+    expect(await page.locator('header .readout .value').allInnerTexts()).toEqual(['–', '–']);
   });
 
   it('shows frames of a fast rig in groups, a few times a second, and misses none', async () => {
