@@ -130,6 +130,8 @@ export type LimitPair = { readonly lower?: number; readonly upper?: number };
 
 export interface Specification {
   readonly name: string;
+  /** Allowed risks; 0.025 each where they are omitted. */
+  readonly decision?: { readonly max_false_accept_risk?: number; readonly max_false_reject_risk?: number };
   readonly limits: Readonly<Record<string, LimitPair>>;
 }
 
@@ -155,6 +157,11 @@ export interface VerdictResult extends ScanJob {
   /** What would decide the quantities that are not decided; verdicts of older versions lack it. */
   readonly would_decide?: Readonly<Record<string, { readonly message: string }>>;
 }
+
+/** A specification in its newest version. */
+export type StoredSpecification = Pick<Sent<openapi.SpecificationBody>, 'id' | 'name' | 'version'> & { readonly specification: Specification };
+/** A row of the results with the fields that were asked for, null without a value; the region only where there is one. */
+export type ResultRow = { readonly [K in keyof openapi.Result]: openapi.Result[K] | null } & { readonly scan_id: number };
 
 /** A recipe or specification that an order or a scan can name. */
 export type Definition = Pick<Sent<openapi.RecipeBody>, 'id' | 'name' | 'version'>;

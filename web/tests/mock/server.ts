@@ -8,6 +8,7 @@ import { extname, join, normalize } from 'node:path';
 
 import { radiance, random, type MockSurface } from './bench';
 import { encodePng } from './png';
+import { resultRows, resultsPage } from './results';
 import { traceFiles, traceResult } from './trace';
 
 type Json = Record<string, unknown>;
@@ -68,6 +69,7 @@ export class MockDaemon {
   readonly surfaces = new Map<number, MockSurface>();
   readonly samples: Json[] = [];
   readonly recipes: Json[] = [];
+  readonly specifications: Json[] = [];
   orders: Json[] = [];
   queueState = 'stopped';
   readonly scans: MockScan[] = [];
@@ -444,7 +446,7 @@ export class MockDaemon {
     }
     if (['/verdicts', '/maps', '/contrasts'].includes(path) && method === 'GET') return list([]);
     if (path === '/samples') return list(this.samples);
-    if (path === '/recipes' || path === '/specifications') return list(path === '/recipes' ? this.recipes : []);
+    if (path === '/recipes' || path === '/specifications') return list(path === '/recipes' ? this.recipes : this.specifications);
     if (path === '/queue/orders' && method === 'POST') {
       for (const order of body['orders'] as Json[]) {
         const id = this.orders.length + 1;
@@ -492,6 +494,7 @@ export class MockDaemon {
       this.#after(50, () => this.#run(scan));
       return send(202, { id: scan.body.id, state: 'planned' });
     }
+    if (path === '/results') return send(200, resultsPage(resultRows(this), url.searchParams));
     if (path === '/scans') return list(this.scans.map((s) => s.body));
     const scanMatch = /^\/scans\/(\d+)(?:\/(\w+))?$/.exec(path);
     if (scanMatch) {
