@@ -105,6 +105,9 @@ export interface MapResult extends ScanJob {
     readonly worst: string;
     readonly deviations: readonly { readonly parameter: string; readonly value: number; readonly usual: number; readonly sigmas: number }[];
   }[];
+  /** Pixels per flag, and the bit of each flag in `flags.tif`. */
+  readonly flags?: Readonly<Record<string, number>>;
+  readonly flag_bits?: Readonly<Record<string, number>>;
   readonly files: readonly string[];
   readonly warnings: readonly string[];
 }

@@ -7,6 +7,7 @@ import type { AddressInfo } from 'node:net';
 import { extname, join, normalize } from 'node:path';
 
 import { radiance, random, type MockSurface } from './bench';
+import { finishedMap, mapFiles } from './maps';
 import { encodePng } from './png';
 import { resultRows, resultsPage } from './results';
 import { traceFiles, traceResult } from './trace';
@@ -70,6 +71,10 @@ export class MockDaemon {
   readonly samples: Json[] = [];
   readonly recipes: Json[] = [];
   readonly specifications: Json[] = [];
+  /** Verdicts that are read by their numbers. */
+  readonly verdicts: Json[] = [];
+  /** Scans that have a map. */
+  readonly mapped: number[] = [];
   orders: Json[] = [];
   queueState = 'stopped';
   readonly scans: MockScan[] = [];
@@ -444,7 +449,14 @@ export class MockDaemon {
       if (sample) sample['material'] = body['material'] ?? { kind: 'conductor', eta: 3.12, k: 3.33, eta_std: 0.1, k_std: 0.1 };
       return send(201, sample);
     }
-    if (['/verdicts', '/maps', '/contrasts'].includes(path) && method === 'GET') return list([]);
+    if (['/verdicts', '/maps', '/contrasts'].includes(path) && method === 'GET') return list(path === '/maps' && this.mapped.includes(Number(url.searchParams.get('scan_id'))) ? [finishedMap(Number(url.searchParams.get('scan_id')))] : []);
+    const mapFile = /^\/maps\/1\/files\/(.+)$/.exec(path);
+    if (mapFile) {
+      const file = mapFiles().get(mapFile[1] ?? '');
+      return file ? send(200, file, 'application/octet-stream') : problem(404, 'not-found', 'no such file');
+    }
+    const verdictMatch = /^\/verdicts\/(\d+)$/.exec(path);
+    if (verdictMatch) return send(200, this.verdicts.find((v) => v['id'] === Number(verdictMatch[1])) ?? {});
     if (path === '/samples') return list(this.samples);
     if (path === '/recipes' || path === '/specifications') return list(path === '/recipes' ? this.recipes : this.specifications);
     if (path === '/queue/orders' && method === 'POST') {

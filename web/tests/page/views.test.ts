@@ -1,16 +1,14 @@
 // The page with a mock daemon: its views, their addresses, their size, and rules that hold in every view.
 
-import { createRequire } from 'node:module';
 import { readFile } from 'node:fs/promises';
 import { join } from 'node:path';
 import { gzipSync } from 'node:zlib';
 
 import { describe, expect, it } from 'vitest';
 
-import { chooseSample, daemon, page, text, url } from './stage';
+import { axeViolations, chooseSample, daemon, page, text, url } from './stage';
 
 const DIST = join(import.meta.dirname, '../../dist');
-const AXE = createRequire(import.meta.url).resolve('axe-core/axe.min.js');
 
 /** Views and a text of each that shows that it is there. */
 const VIEWS: readonly (readonly [string, string])[] = [
@@ -92,12 +90,7 @@ describe('every view', () => {
       await open(view, words);
       for (const dark of [false, true]) {
         await page.evaluate((on) => (document.documentElement.dataset['theme'] = on ? 'dark' : 'light'), dark);
-        if ((await page.evaluate(() => 'axe' in window)) === false) await page.addScriptTag({ path: AXE });
-        const violations = await page.evaluate(async () => {
-          const { axe } = window as unknown as { axe: { run(options: object): Promise<{ violations: { id: string; nodes: { html: string; failureSummary: string }[] }[] }> } };
-          const { violations } = await axe.run({ resultTypes: ['violations'] });
-          return violations.map((v) => `${v.id}: ${v.nodes.map((n) => `${n.html.slice(0, 160)} ${n.failureSummary}`).join('\n')}`);
-        });
+        const violations = await axeViolations();
         found.push(...violations.map((v) => `${view} ${dark ? 'dark' : 'light'} ${v}`));
       }
     }
