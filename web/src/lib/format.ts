@@ -34,7 +34,7 @@ export function withUncertainty(value: number, uncertainty: number): { value: st
   return { value: fixed(value, decimals), uncertainty: fixed(uncertainty, decimals) };
 }
 
-/** What a number lacks at its right end to have its decimal point below that of a number with so many decimals: `00`, `.00`. Shown invisibly, it aligns a column. */
+/** The decimals that a written number lacks: `00`, `.00`. Shown invisibly at its end, they align the decimal points of a column. */
 export function decimalsMissing(text: string, decimals: number): string {
   const [, own] = text.split('.');
   return own === undefined ? (decimals > 0 ? `.${'0'.repeat(decimals)}` : '') : '0'.repeat(Math.max(0, decimals - own.length));

@@ -1,11 +1,17 @@
 // Rows of `GET /results`, page by page. They are read again, as many as are shown, when the daemon reports a change.
 
 import { api } from './api';
+import { live } from './live.svelte';
 import { spoken } from './problems';
 import type { ResultRow } from './types';
 
 export const ROWS_PER_PAGE = 100;
 const ROWS_MAX = 1000;
+
+/** Changes with scans, fits, verdicts and names, but not with each frame: results are read again then. */
+export function resultsMark(): string {
+  return [live.scans.length, live.activeScan?.id, live.fits.filter((f) => f.state === 'completed').length, live.jobsChanged, live.samples.map((s) => s.name).join()].join(' ');
+}
 
 export class ResultList {
   rows = $state.raw<readonly ResultRow[]>([]);

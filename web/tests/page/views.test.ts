@@ -24,6 +24,7 @@ const VIEWS: readonly (readonly [string, string])[] = [
   ['records', 'Search'],
   ['compare/1,2', 'open dots'],
   ['repeat/1,2', 'Scatter s'],
+  ['chart', 'Values, newest first'],
   ['rig', 'Axes by hand'],
   ['lab', 'Virtual ellipsometer'],
   ['setup', 'Look of the page'],
