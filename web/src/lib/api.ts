@@ -16,8 +16,9 @@ import type {
   Fit,
   FrameRow,
   Incident,
-  Jog,
+  Job,
   JobKind,
+  Jog,
   LeaseState,
   LeaseTaken,
   NewOrder,
@@ -173,7 +174,7 @@ export const api = {
   stop: (): Promise<unknown> => post('/rig/stop'),
 
   recipes: (): Promise<StoredRecipe[]> => getAll('/recipes'),
-  specifications: (): Promise<StoredSpecification[]> => getAll('/specifications'),
+  specifications: (signal?: AbortSignal): Promise<StoredSpecification[]> => getAll('/specifications', signal),
   archived: (kind: DefinitionKind): Promise<StoredDefinition[]> => getAll(`/${kind}?archived=true`),
   /** All versions, newest first. */
   versions: (kind: DefinitionKind, id: number, signal?: AbortSignal): Promise<StoredDefinition[]> => getAll(`/${kind}/${id}/versions`, signal),
@@ -224,6 +225,17 @@ export const api = {
   incidents: (id: number, signal?: AbortSignal): Promise<Incident[]> => getAll(`/scans/${id}/incidents`, signal),
   observationsCsvUrl: (id: number, region: string | null): string => `${PREFIX}/scans/${id}/observations?format=csv${region === null ? '' : `&region=${encodeURIComponent(region)}`}`,
 
+  /** A page of results; `query` has filters, order and fields. */
+  results: (query: string, { limit, cursor = null }: { readonly limit: number; readonly cursor?: string | null }, signal?: AbortSignal): Promise<Page<ResultRow> & { readonly count?: number }> => {
+    const params = new URLSearchParams(query);
+    params.set('limit', String(limit));
+    if (cursor === null) params.set('count', 'true');
+    else params.set('cursor', cursor);
+    return get(`/results?${params.toString()}`, signal);
+  },
+  /** All results that the filters select, as CSV. */
+  resultsCsvUrl: (query: string): string => `${PREFIX}/results?format=csv${query === '' ? '' : `&${query}`}`,
+
   reportUrl: (scan: number, fit: number, format: 'html' | 'json'): string => `${PREFIX}/scans/${scan}/report?fit_id=${fit}&format=${format}`,
 
   /** Imports a recorded series from a folder of the daemon's machine. */
@@ -242,7 +254,10 @@ export const api = {
   startJob: (kind: JobKind, request: Record<string, unknown>): Promise<{ id: number }> => post(`/${kind}`, request),
   cancelJob: (kind: JobKind, id: number): Promise<unknown> => post(`/${kind}/${id}/cancel`),
   jobUrl: (kind: JobKind, id: number): string => `${PREFIX}/${kind}/${id}`,
+  job: <T extends Job>(kind: JobKind, id: number, signal?: AbortSignal): Promise<T> => get(`/${kind}/${id}`, signal),
   mapFileUrl: (id: number, name: string): string => `${PREFIX}/maps/${id}/files/${name}`,
+  mapBytes: async (id: number, name: string, signal?: AbortSignal): Promise<ArrayBuffer> =>
+    (await ask(`${PREFIX}/maps/${id}/files/${name}`, signal ? { signal } : undefined)).arrayBuffer(),
 
   /** The newest 50 traces, newest first. */
   traces: async (signal?: AbortSignal): Promise<readonly Trace[]> => (await get<Page<Trace>>('/traces?limit=50', signal)).items,

@@ -34,6 +34,15 @@ export function withUncertainty(value: number, uncertainty: number): { value: st
   return { value: fixed(value, decimals), uncertainty: fixed(uncertainty, decimals) };
 }
 
+/** The decimals that a written number lacks: `00`, `.00`. Shown invisibly at its end, they align the decimal points of a column. */
+export function decimalsMissing(text: string, decimals: number): string {
+  const [, own] = text.split('.');
+  return own === undefined ? (decimals > 0 ? `.${'0'.repeat(decimals)}` : '') : '0'.repeat(Math.max(0, decimals - own.length));
+}
+
+/** Decimals of a number that is written out. */
+export const decimalsOf = (text: string): number => text.split('.')[1]?.length ?? 0;
+
 /** Few significant digits, exponents as powers of ten: `3.2 × 10⁻⁵`. */
 export function significant(x: number, digits = 2): string {
   if (x === 0) return '0';

@@ -1,42 +1,123 @@
-// Filters of the records, as the address keeps them.
+// Filters of the records and of the control chart: as the address of the page keeps them, and as `GET /results` takes them.
 
-import { isCalibration } from './calibrations';
-import type { Scan } from './types';
+import { typed } from './limits';
 
 export interface Filters {
-  /** Words that must all appear in the sample's name, the number of the scan or who started it. */
+  /** Part of the name of sample, lot, recipe, operator or specification, or of the external id. */
   readonly search: string;
+  /** Number of the sample. */
   readonly sample: string;
+  readonly lot: string;
+  readonly recipe: string;
+  readonly specification: string;
+  /** Words of the verdict, separated by commas; `none` for scans that were not judged. */
+  readonly verdict: string;
   readonly state: string;
   /** Days, YYYY-MM-DD in the time zone of the page; both included. */
   readonly from: string;
   readonly to: string;
+  /** Range of θr in degrees, as typed. */
+  readonly theta_min: string;
+  readonly theta_max: string;
+  /** `true`: only the newest fitted scan of each part. */
+  readonly latest: string;
 }
 
-export const NO_FILTERS: Filters = { search: '', sample: '', state: '', from: '', to: '' };
+export const NO_FILTERS: Filters = { search: '', sample: '', lot: '', recipe: '', specification: '', verdict: '', state: '', from: '', to: '', theta_min: '', theta_max: '', latest: '' };
 
+/** Order of the rows if the address names none: the newest scan first. */
+export const NEWEST_FIRST = '-scan_id';
+
+/** Columns of a row of the list; without the others it is shorter. */
+export const ROW_FIELDS = 'scan_id,region,fit_id,part,lot,recipe,recipe_version,external_id,operator_name,origin,state,status,theta_r_deg,theta_r_deg_expanded,coverage_factor,verdict,specification,created_at';
+
+export const VERDICT_CHOICES: readonly (readonly [string, string])[] = [
+  ['', 'any or none'],
+  ['pass', 'pass'],
+  ['fail', 'fail'],
+  ['cannot-tell', 'cannot tell'],
+  ['fail,cannot-tell', 'does not pass'],
+  ['none', 'not judged'],
+];
+
+const isDay = (text: string): boolean => /^\d{4}-\d{2}-\d{2}$/.test(text) && !Number.isNaN(Date.parse(text));
+
+/** The filters of an address; what is not valid is left out. */
 export function filtersOf(query: string): Filters {
   const params = new URLSearchParams(query);
-  const day = (name: string): string => (/^\d{4}-\d{2}-\d{2}$/.test(params.get(name) ?? '') ? (params.get(name) ?? '') : '');
-  return { search: params.get('search') ?? '', sample: params.get('sample') ?? '', state: params.get('state') ?? '', from: day('from'), to: day('to') };
+  const read = (name: keyof Filters, valid: (text: string) => boolean = () => true): string => {
+    const text = params.get(name) ?? '';
+    return valid(text) ? text : '';
+  };
+  const plainText = ['search', 'lot', 'recipe', 'specification', 'state', 'theta_min', 'theta_max'] as const;
+  return {
+    ...NO_FILTERS,
+    ...Object.fromEntries(plainText.map((name) => [name, read(name)])),
+    sample: read('sample', (text) => /^\d{1,15}$/.test(text)),
+    verdict: read('verdict', (text) => VERDICT_CHOICES.some(([value]) => value === text)),
+    from: read('from', isDay),
+    to: read('to', isDay),
+    latest: read('latest', (text) => text === 'true'),
+  };
+}
+
+/** The order that an address asks for. */
+export function sortOf(query: string): string {
+  const text = new URLSearchParams(query).get('sort') ?? '';
+  return /^-?[a-z_]+$/.test(text) ? text : NEWEST_FIRST;
 }
 
 /** The query of an address; empty without a filter. */
-export function queryOf(filters: Filters): string {
-  return new URLSearchParams(Object.entries(filters).filter(([, value]) => value !== '')).toString();
+export function queryOf(filters: Filters, sort = NEWEST_FIRST): string {
+  const entries = Object.entries(filters).filter(([, value]) => value !== '');
+  if (sort !== NEWEST_FIRST) entries.push(['sort', sort]);
+  return new URLSearchParams(entries).toString();
 }
 
-function dayOf(iso: string): string {
-  const t = new Date(iso);
-  const two = (n: number): string => String(n).padStart(2, '0');
-  return `${t.getFullYear()}-${two(t.getMonth() + 1)}-${two(t.getDate())}`;
+/** Midnight of the page's time zone at the start of a day, or of the day after it, in UTC. */
+function midnight(day: string, after = 0): string {
+  const [year = 0, month = 1, date = 1] = day.split('-').map(Number);
+  return new Date(year, month - 1, date + after).toISOString().replace('.000Z', 'Z');
 }
 
-export function matches(scan: Scan, filters: Filters): boolean {
-  const text = `${scan.id} ${isCalibration(scan) ? 'calibration' : scan.sample_name} ${scan.who ?? ''} ${scan.reason ?? ''}`.toLowerCase();
-  if (!filters.search.toLowerCase().split(/\s+/).every((word) => text.includes(word))) return false;
-  if (filters.sample !== '' && String(scan.sample_id) !== filters.sample) return false;
-  if (filters.state !== '' && scan.state !== filters.state) return false;
-  const day = dayOf(scan.started_at ?? scan.created_at);
-  return (filters.from === '' || day >= filters.from) && (filters.to === '' || day <= filters.to);
+/** The filters as parameters of `GET /results`. A number that is being typed does not count yet. */
+export function resultsQuery(filters: Filters): URLSearchParams {
+  const params = new URLSearchParams();
+  const set = (name: string, value: string): void => void (value !== '' && params.set(name, value));
+  set('search', filters.search.trim());
+  set('sample_id', filters.sample);
+  set('lot', filters.lot.trim());
+  set('recipe', filters.recipe.trim());
+  set('specification', filters.specification.trim());
+  if (filters.verdict === 'none') params.set('verdict', '');
+  else set('verdict', filters.verdict);
+  set('state', filters.state);
+  set('since', filters.from === '' ? '' : midnight(filters.from));
+  set('until', filters.to === '' ? '' : midnight(filters.to, 1));
+  for (const [name, text] of [['theta_r_deg_min', filters.theta_min], ['theta_r_deg_max', filters.theta_max]] as const) {
+    const value = typed(text);
+    if (value !== null && Number.isFinite(value)) params.set(name, String(value));
+  }
+  set('latest', filters.latest);
+  return params;
+}
+
+/** The filters in words: `part A-1, lot 7`; `all scans` without one. */
+export function filterWords(filters: Filters, sampleName: string | undefined): string {
+  const verdict = VERDICT_CHOICES.find(([value]) => value === filters.verdict)?.[1] ?? filters.verdict;
+  const words = [
+    filters.sample && `part ${sampleName ?? `of sample ${filters.sample}`}`,
+    filters.recipe && `recipe ${filters.recipe}`,
+    filters.specification && `specification ${filters.specification}`,
+    filters.lot && `lot ${filters.lot}`,
+    filters.search && `“${filters.search}”`,
+    filters.verdict && `verdict: ${verdict}`,
+    filters.state && `state: ${filters.state}`,
+    filters.from && `from ${filters.from}`,
+    filters.to && `to ${filters.to}`,
+    filters.theta_min && `θr ≥ ${filters.theta_min}°`,
+    filters.theta_max && `θr ≤ ${filters.theta_max}°`,
+    filters.latest && 'newest scan of each part',
+  ].filter((word) => word !== '');
+  return words.length === 0 ? 'all scans' : words.join(', ');
 }

@@ -15,6 +15,9 @@ export function erfc(z: number): number {
   return Math.exp(-z * z) / (Math.sqrt(Math.PI) * fraction);
 }
 
+/** Probability that a standard normal variable is below z. */
+export const normalBelow = (z: number): number => (z > 0 ? 1 - 0.5 * erfc(z / Math.SQRT2) : 0.5 * erfc(-z / Math.SQRT2));
+
 /** Probability that chi-square with whole degrees of freedom is at least this large. */
 export function chiSquareTail(chiSquare: number, degreesOfFreedom: number): number {
   const x = Math.max(0, chiSquare) / 2;

@@ -105,6 +105,9 @@ export interface MapResult extends ScanJob {
     readonly worst: string;
     readonly deviations: readonly { readonly parameter: string; readonly value: number; readonly usual: number; readonly sigmas: number }[];
   }[];
+  /** Pixels per flag, and the bit of each flag in `flags.tif`. */
+  readonly flags?: Readonly<Record<string, number>>;
+  readonly flag_bits?: Readonly<Record<string, number>>;
   readonly files: readonly string[];
   readonly warnings: readonly string[];
 }
@@ -131,8 +134,9 @@ export type LimitPair = { readonly lower?: number; readonly upper?: number };
 /** Limits by quantity and the accepted risks, 0 to 0.5. */
 export interface Specification {
   readonly name: string;
-  readonly limits: Readonly<Record<string, LimitPair>>;
+  /** Allowed risks; 0.025 each where they are omitted. */
   readonly decision?: { readonly max_false_accept_risk?: number; readonly max_false_reject_risk?: number };
+  readonly limits: Readonly<Record<string, LimitPair>>;
   /** Plane that limits of angles refer to; either one if it is omitted. */
   readonly reference_plane?: 'turntable' | 'sample' | null;
 }
@@ -166,12 +170,9 @@ export type Recipe = openapi.Recipe;
 export type StoredRecipe = openapi.RecipeBody;
 export type StoredSpecification = Omit<openapi.SpecificationBody, 'specification'> & { readonly specification: Specification };
 export type StoredDefinition = StoredRecipe | StoredSpecification;
-/** A row of the results. */
-export interface ResultRow {
-  readonly scan_id: number;
-  readonly region?: string | null;
-  readonly verdict: VerdictWord | null;
-}
+/** A row of the results with the fields that were asked for, null without a value; the region only where there is one. */
+export type ResultRow = { readonly [K in keyof openapi.Result]: openapi.Result[K] | null } & { readonly scan_id: number };
+
 export type Queue = Sent<openapi.QueueBody>;
 export type QueueOrder = Sent<openapi.OrderBody>;
 /** An order to add. */

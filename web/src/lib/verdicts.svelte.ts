@@ -21,7 +21,7 @@ class Verdicts {
     const words = new Map<number, VerdictWord>();
     for (const { scan_id, verdict } of rows) {
       const known = words.get(scan_id);
-      if (verdict !== null && (known === undefined || WORST.indexOf(verdict) < WORST.indexOf(known))) words.set(scan_id, verdict);
+      if (verdict != null && (known === undefined || WORST.indexOf(verdict) < WORST.indexOf(known))) words.set(scan_id, verdict);
     }
     this.#words = words;
   }

@@ -185,7 +185,10 @@ describe('a lab’s day', () => {
     await card.getByRole('progressbar').waitFor();
     const picture = card.getByTestId('map-picture');
     await picture.waitFor({ timeout: CALCULATION_MS_MAX });
-    await expect.poll(() => picture.evaluate((img: HTMLImageElement) => img.naturalWidth)).toBeGreaterThan(100);
+    const { camera } = (await get('/rig')) as { camera: { width_px: number } };
+    expect(await picture.evaluate((canvas: HTMLCanvasElement) => canvas.width)).toBe(camera.width_px);
+    await card.getByRole('img', { name: /arrow keys move a cross/ }).press('ArrowRight');
+    expect(await card.getByTestId('map-pixel').innerText()).toMatch(/column \d+, row \d+:\s+(\d+\.\d+ ± \d+\.\d+°|no value)/);
     const [map] = (await get('/maps'))['items'] as { parameters: Record<string, { median: number; std_shared: number }> }[];
     const median = Number.parseFloat(await card.getByTestId('map-parameters').locator('td').first().innerText());
     expect(median).toBeCloseTo(map?.parameters['theta_r_deg']?.median ?? Number.NaN, 1);

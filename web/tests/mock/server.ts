@@ -8,7 +8,9 @@ import { extname, join, normalize } from 'node:path';
 
 import { radiance, random, type MockSurface } from './bench';
 import { judged, MockDefinitions } from './definitions';
+import { finishedMap, mapFiles } from './maps';
 import { encodePng } from './png';
+import { resultRows, resultsPage } from './results';
 import { traceFiles, traceResult } from './trace';
 
 type Json = Record<string, unknown>;
@@ -72,6 +74,8 @@ export class MockDaemon {
   readonly specifications = new MockDefinitions('specification');
   /** Newest first. */
   readonly verdicts: Json[] = [];
+  /** Scans that have a map. */
+  readonly mapped: number[] = [];
   orders: Json[] = [];
   queueState = 'stopped';
   readonly scans: MockScan[] = [];
@@ -475,8 +479,14 @@ export class MockDaemon {
       if (!named) return problem(422, 'invalid-value', 'there is no such specification');
       return send(202, { id: this.#judge(Number(body['scan_id']), named)['id'], state: 'completed' });
     }
-    if (['/maps', '/contrasts'].includes(path) && method === 'GET') return list([]);
-    if (path === '/results') return list(this.scans.map((s) => ({ scan_id: s.body.id, verdict: this.verdicts.find((v) => v['scan_id'] === s.body.id)?.['verdict'] ?? null })));
+    if (['/maps', '/contrasts'].includes(path) && method === 'GET') return list(path === '/maps' && this.mapped.includes(Number(url.searchParams.get('scan_id'))) ? [finishedMap(Number(url.searchParams.get('scan_id')))] : []);
+    const mapFile = /^\/maps\/1\/files\/(.+)$/.exec(path);
+    if (mapFile) {
+      const file = mapFiles().get(mapFile[1] ?? '');
+      return file ? send(200, file, 'application/octet-stream') : problem(404, 'not-found', 'no such file');
+    }
+    const verdictMatch = /^\/verdicts\/(\d+)$/.exec(path);
+    if (verdictMatch) return send(200, this.verdicts.find((v) => v['id'] === Number(verdictMatch[1])) ?? {});
     const report = /^\/scans\/(\d+)\/report$/.exec(path);
     if (report) return send(200, new TextEncoder().encode(`<!doctype html><title>Report</title><h1>Report of scan ${report[1]}</h1>`), 'text/html; charset=utf-8');
     for (const [root, kind] of [['/recipes', this.recipes], ['/specifications', this.specifications]] as const) {
@@ -536,6 +546,7 @@ export class MockDaemon {
       this.#after(50, () => this.#run(scan));
       return send(202, { id: scan.body.id, state: 'planned' });
     }
+    if (path === '/results') return send(200, resultsPage(resultRows(this), url.searchParams));
     if (path === '/scans') return list(this.scans.map((s) => s.body));
     const scanMatch = /^\/scans\/(\d+)(?:\/(\w+))?$/.exec(path);
     if (scanMatch) {

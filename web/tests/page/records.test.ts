@@ -15,18 +15,30 @@ function measured(sample: number, moved: number): number {
   return scan;
 }
 
+/** Sets columns of the result of a scan. */
+function result(scan: number, columns: Record<string, unknown>): void {
+  const body = daemon.scans.find((s) => s.body.id === scan)?.body;
+  if (!body) throw new Error(`there is no scan ${scan}`);
+  body['result'] = { ...(body['result'] as object | undefined), ...columns };
+}
+const resultReads = (): string[] => daemon.reads.filter((path) => path.startsWith('/results'));
+const cells = async (): Promise<string[]> => (await rows().allInnerTexts()).map((row) => row.replace(/\s+/g, ' ').trim());
+
 describe('the records', () => {
-  it('are searched and filtered, and keep the filters in the address', async () => {
+  it('are searched and filtered by the daemon, and the address reproduces the list', async () => {
     for (const sample of [1, 2, 1]) daemon.addFit(daemon.addScan(sample, 'paper'));
-    Object.assign(daemon.scans.find((s) => s.body.id === 2)?.body ?? {}, { state: 'aborted', reason: 'aborted by anna', started_at: new Date(2026, 0, 5, 9).toISOString() });
+    const early = new Date(2026, 0, 5, 23, 30).toISOString();
+    Object.assign(daemon.scans.find((s) => s.body.id === 2)?.body ?? {}, { state: 'aborted', created_at: early });
     await page.goto(`${url}/#/records`);
     await expect.poll(() => rows().count()).toBe(3);
+    expect(await text('[data-testid=records-count]')).toBe('3 results');
     await page.getByLabel('Search').fill('polymer');
     await expect.poll(() => rows().count()).toBe(2);
-    expect(await text('[data-testid=records-count]')).toBe('2 of 3 scans');
+    expect(await text('[data-testid=records-count]')).toBe('2 matching results');
     await page.getByLabel('Search').fill('');
     await page.getByRole('combobox', { name: 'State' }).selectOption('aborted');
-    await page.getByLabel('To').fill('2026-01-05');
+    // The day ends at midnight of the page's time zone.
+    await page.getByLabel('To', { exact: true }).fill('2026-01-05');
     await expect.poll(() => rows().count()).toBe(1);
     await page.reload();
     await expect.poll(() => rows().count()).toBe(1);
@@ -34,10 +46,72 @@ describe('the records', () => {
     await expect.poll(() => text('#answer-title')).toBe('model 15°');
     await page.goBack();
     await expect.poll(() => rows().count()).toBe(1);
-    await page.getByLabel('To').fill('2026-01-04');
+    await page.getByLabel('To', { exact: true }).fill('2026-01-04');
     await page.getByText('No scan matches these filters.').waitFor();
     await page.getByRole('button', { name: 'Clear', exact: true }).click();
     await expect.poll(() => rows().count()).toBe(3);
+  });
+
+  it('have the ridge angle of every scan, however old, page by page, without a list of fits', async () => {
+    for (let n = 0; n < 130; n++) result(measured(1, n / 1000), { created_at: new Date(2026, 0, 1, 0, n).toISOString() });
+    await page.goto(`${url}/#/records`);
+    await expect.poll(() => rows().count()).toBe(100);
+    const fitsBefore = daemon.reads.filter((path) => path.startsWith('/fits?')).length;
+    await page.getByRole('button', { name: 'Show 30 more' }).click();
+    await expect.poll(() => rows().count()).toBe(130);
+    expect((await cells()).at(-1)).toContain('1 traced polymer 10.031 ± 0.085 completed 2026-01-01 00:00');
+    expect(daemon.reads.filter((path) => path.startsWith('/fits?')).length).toBe(fitsBefore);
+  });
+
+  it('show verdict, lot, number, recipe and operator, and are ordered by a press on a head', async () => {
+    for (const [moved, columns] of [
+      [0.2, { lot: 'L7', external_id: 'A-1001', recipe: 'PX-1204', recipe_version: 3, operator_name: 'Anna', verdict: 'fail', specification: 'drawing 4711' }],
+      [-0.1, { lot: 'L8', external_id: 'A-1002', recipe: 'PX-1204', recipe_version: 3, operator_name: 'Ben', verdict: 'pass', specification: 'drawing 4711' }],
+      [0.1, {}],
+    ] as const) result(measured(1, moved), columns);
+    await page.goto(`${url}/#/records`);
+    await expect.poll(() => rows().count()).toBe(3);
+    expect((await cells())[2]).toContain('1 traced polymer 10.231 ± 0.085 fail A-1001 L7 PX-1204 v3 completed');
+    await page.getByRole('columnheader', { name: /θ/ }).getByRole('button').click();
+    await expect.poll(async () => (await cells()).map((row) => row.split(' ')[0])).toEqual(['1', '3', '2']);
+    expect(await page.getByRole('columnheader', { name: /θ/ }).getAttribute('aria-sort')).toBe('descending');
+    await page.reload();
+    await expect.poll(async () => (await cells()).map((row) => row.split(' ')[0])).toEqual(['1', '3', '2']);
+    await page.getByRole('combobox', { name: 'Verdict' }).selectOption({ label: 'does not pass' });
+    await expect.poll(() => rows().count()).toBe(1);
+    await page.getByRole('combobox', { name: 'Verdict' }).selectOption({ label: 'not judged' });
+    await expect.poll(async () => (await cells())[0]).toContain('10.131 ± 0.085');
+    await page.getByRole('combobox', { name: 'Verdict' }).selectOption({ label: 'any or none' });
+    await page.getByLabel('Ridge angle at least, degrees').fill('10,1');
+    await page.getByLabel('newest of each part').check();
+    await expect.poll(() => rows().count()).toBe(1);
+    const csv = new URL((await page.getByTestId('records-csv').getAttribute('href')) ?? '', url);
+    expect(Object.fromEntries(csv.searchParams)).toEqual({ format: 'csv', theta_r_deg_min: '10.1', latest: 'true', sort: '-theta_r_deg' });
+  });
+
+  it('follow scans that run, and their fits', async () => {
+    daemon.frameMs = 60;
+    daemon.fitsAtEnd = true;
+    measured(1, 0);
+    await page.goto(`${url}/#/records`);
+    await expect.poll(() => rows().count()).toBe(1);
+    const start = async (path: string, body: object): Promise<void> => void (await fetch(`${url}/api/v1${path}`, { method: 'POST', body: JSON.stringify(body) }));
+    await start('/scans', { sample_id: 2, plan: { preset: 'paper' } });
+    await expect.poll(async () => (await cells())[0]).toMatch(/^2 model 15° – (running|waiting for you)/);
+    for (const action of ['cap-lens', 'place-white-reference', 'place-sample']) {
+      await expect.poll(async () => (await cells())[0]).toContain('waiting for you');
+      await start('/scans/2/continue', { action });
+      await expect.poll(async () => (await cells())[0]).toContain('running');
+    }
+    await expect.poll(async () => (await cells())[0], { timeout: 20_000 }).toContain('2 model 15° 15.031 ± 0.085 completed');
+    // Frames alone do not read the list again.
+    expect(resultReads().length).toBeLessThan(15);
+  });
+
+  it('say why they cannot be read', async () => {
+    daemon.refusals.set('GET /results', { status: 503, body: { status: 503, code: 'store-unavailable', title: 'store', detail: 'the database cannot be read' } });
+    await page.goto(`${url}/#/records`);
+    await page.getByRole('alert').getByText('The records cannot be read.').waitFor();
   });
 });
 

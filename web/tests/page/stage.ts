@@ -2,6 +2,7 @@
 // that imports this one has its own browser, and each test its own page and daemon.
 
 import { existsSync } from 'node:fs';
+import { createRequire } from 'node:module';
 import { join } from 'node:path';
 
 import type { Page } from 'playwright-core';
@@ -10,6 +11,7 @@ import { afterAll, afterEach, beforeAll, beforeEach, expect } from 'vitest';
 import { openBrowser, type OpenBrowser } from '../browser';
 import { MockDaemon } from '../mock/server';
 
+const AXE = createRequire(import.meta.url).resolve('axe-core/axe.min.js');
 const DIST = join(import.meta.dirname, '../../dist');
 
 export let browser: OpenBrowser;
@@ -52,4 +54,14 @@ export async function chooseSample(label = 'traced polymer (n 1.54)'): Promise<v
 
 export async function text(selector: string): Promise<string> {
   return (await page.locator(selector).innerText()).replace(/\s+/g, ' ').trim();
+}
+
+/** What axe-core finds in the page as it is now. */
+export async function axeViolations(): Promise<string[]> {
+  if ((await page.evaluate(() => 'axe' in window)) === false) await page.addScriptTag({ path: AXE });
+  return page.evaluate(async () => {
+    const { axe } = window as unknown as { axe: { run(options: object): Promise<{ violations: { id: string; nodes: { html: string; failureSummary: string }[] }[] }> } };
+    const { violations } = await axe.run({ resultTypes: ['violations'] });
+    return violations.map((v) => `${v.id}: ${v.nodes.map((n) => `${n.html.slice(0, 160)} ${n.failureSummary}`).join('\n')}`);
+  });
 }

@@ -1,16 +1,14 @@
 // The page with a mock daemon: its views, their addresses, their size, and rules that hold in every view.
 
-import { createRequire } from 'node:module';
 import { readFile } from 'node:fs/promises';
 import { join } from 'node:path';
 import { gzipSync } from 'node:zlib';
 
 import { describe, expect, it } from 'vitest';
 
-import { chooseSample, daemon, page, text, url } from './stage';
+import { axeViolations, chooseSample, daemon, page, text, url } from './stage';
 
 const DIST = join(import.meta.dirname, '../../dist');
-const AXE = createRequire(import.meta.url).resolve('axe-core/axe.min.js');
 
 /** Views and a text of each that shows that it is there. */
 const VIEWS: readonly (readonly [string, string])[] = [
@@ -26,6 +24,7 @@ const VIEWS: readonly (readonly [string, string])[] = [
   ['records', 'Search'],
   ['compare/1,2', 'open dots'],
   ['repeat/1,2', 'Scatter s'],
+  ['chart', 'Values, newest first'],
   ['rig', 'Axes by hand'],
   ['lab', 'Virtual ellipsometer'],
   ['setup', 'Look of the page'],
@@ -99,12 +98,7 @@ describe('every view', () => {
     const look = async (state: string): Promise<void> => {
       for (const dark of [false, true]) {
         await page.evaluate((on) => (document.documentElement.dataset['theme'] = on ? 'dark' : 'light'), dark);
-        if ((await page.evaluate(() => 'axe' in window)) === false) await page.addScriptTag({ path: AXE });
-        const violations = await page.evaluate(async () => {
-          const { axe } = window as unknown as { axe: { run(options: object): Promise<{ violations: { id: string; nodes: { html: string; failureSummary: string }[] }[] }> } };
-          const { violations } = await axe.run({ resultTypes: ['violations'] });
-          return violations.map((v) => `${v.id}: ${v.nodes.map((n) => `${n.html.slice(0, 160)} ${n.failureSummary}`).join('\n')}`);
-        });
+        const violations = await axeViolations();
         found.push(...violations.map((v) => `${state} ${dark ? 'dark' : 'light'} ${v}`));
       }
     };

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { parseRoute, resultHash } from '../../src/lib/route';
+import { chartHash, parseRoute, resultHash } from '../../src/lib/route';
 
 describe('an address', () => {
   it('names a view, a scan, a fit and a part, in either order and in its earlier form', () => {
@@ -16,6 +16,8 @@ describe('an address', () => {
 
   it('is read back as it was written', () => {
     expect(parseRoute(resultHash(7, 2, 'map'))).toMatchObject({ view: 'result', scans: [7], fit: 2, tab: 'map' });
+    expect(parseRoute(chartHash('recipe=PX&lot=7', 'alpha_u'))).toMatchObject({ view: 'chart', tab: 'alpha_u', query: 'recipe=PX&lot=7' });
+    expect(parseRoute(chartHash(''))).toMatchObject({ view: 'chart', tab: null, query: '' });
     expect(parseRoute(resultHash(7, null, 'map'))).toMatchObject({ scans: [7], fit: null, tab: 'map' });
   });
 });

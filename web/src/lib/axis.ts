@@ -1,0 +1,19 @@
+// Marks of a linear axis at round numbers.
+
+export interface Marks {
+  readonly at: readonly number[];
+  /** Decimals that write each mark exactly. */
+  readonly decimals: number;
+}
+
+/** At most about `most` marks between the ends, at multiples of 1, 2 or 5 times a power of ten. */
+export function roundMarks(low: number, high: number, most: number): Marks {
+  const raw = (high - low) / Math.max(1, most);
+  if (!(raw > 0) || !Number.isFinite(raw)) return { at: [low], decimals: 4 };
+  const exponent = Math.floor(Math.log10(raw));
+  const factor = [1, 2, 5, 10].find((f) => f * 10 ** exponent >= raw * (1 - 1e-9)) ?? 10;
+  const step = factor * 10 ** exponent;
+  const first = Math.ceil(low / step - 1e-9);
+  const last = Math.floor(high / step + 1e-9);
+  return { at: Array.from({ length: Math.max(0, last - first + 1) }, (_, i) => (first + i) * step), decimals: Math.max(0, -(factor === 10 ? exponent + 1 : exponent)) };
+}
