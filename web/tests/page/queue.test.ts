@@ -38,6 +38,8 @@ describe('the queue', () => {
     await page.getByRole('button', { name: 'Start scan' }).click();
     await page.getByRole('heading', { name: 'Cap the lens' }).waitFor();
     await page.getByText('Add the next part').click();
+    // The part on the table is not the next one.
+    expect(await page.getByRole('combobox', { name: 'Sample' }).locator('option:checked').innerText()).toBe('Which sample is next?');
     await chooseSample('model 15° (n 1.54)');
     await page.getByRole('button', { name: 'Add to queue' }).click();
     await page.getByTestId('queue').locator('li b').getByText('model 15°').waitFor();
