@@ -31,15 +31,16 @@ describe('the control chart', () => {
     await page.getByRole('link', { name: 'Control chart' }).click();
     await expect.poll(() => text('#chart-title')).toBe('Control chart: θr of lot L7');
     await expect.poll(() => rows().count()).toBe(6);
-    expect(await text('[data-testid=chart-mean]')).toBe('10.0000°');
+    expect(await text('[data-testid=chart-mean]')).toBe('10.000°');
     // Moving ranges 0.02, 0.04, 0.02, 0.02, 0.04: their mean is 0.028, s = 0.0248°.
     expect(await text('[data-testid=chart-s]')).toBe('0.025°');
-    expect(await text('[data-testid=chart-limits]')).toBe('9.9255° to 10.0745°');
+    expect(await text('[data-testid=chart-limits]')).toBe('9.926° to 10.074°');
     expect(await text('[data-testid=chart-tolerance]')).toBe('9.7° to 10.4°');
-    await expect.poll(() => text('[data-testid=chart-accepted]')).toBe('9.7500° to 10.3500°');
+    await expect.poll(() => text('[data-testid=chart-accepted]')).toBe('9.750° to 10.350°');
     expect(await plot().getByTestId('tolerance-limit').count()).toBe(2);
+    expect(await page.getByText('Limits beyond the drawn range').count()).toBe(0);
     expect(await text('[data-testid=chart-signals]')).toContain('no signal');
-    expect((await rows().first().innerText()).replace(/\s+/g, ' ')).toBe('6 traced polymer 9.980 ± 0.040 0.0400 pass 2026-03-01 08:05');
+    expect((await rows().first().innerText()).replace(/\s+/g, ' ')).toBe('6 traced polymer 9.980 ± 0.040 0.040 pass 2026-03-01 08:05');
     await page.reload();
     await expect.poll(() => rows().count()).toBe(6);
     await page.getByRole('link', { name: 'Change the scans' }).click();
@@ -77,6 +78,15 @@ describe('the control chart', () => {
     series([10, 10.1]);
     await page.goto(`${url}/#/chart?specification=drawing+4711`);
     await expect.poll(() => text('[data-testid=chart-tolerance]')).toBe('9.7° to 10.4°');
+  });
+
+  it('says that limits are too far away to be drawn', async () => {
+    Object.assign(daemon.specifications[0] ?? {}, { specification: { name: 'drawing 4711', limits: { theta_r_deg: { lower: 9.7, upper: 90 } } } });
+    series([10, 10.1]);
+    await page.goto(`${url}/#/chart`);
+    await page.getByText('Limits beyond the drawn range').waitFor();
+    expect(await plot().getByTestId('tolerance-limit').count()).toBe(1);
+    expect(await text('[data-testid=chart-tolerance]')).toBe('9.7° to 90°');
   });
 
   it('says what is missing', async () => {

@@ -112,6 +112,13 @@ describe('a map', () => {
     expect(await colour(20, 10)).toEqual([238, 153, 51, 255]);
     expect(await colour(35, 10)).toEqual([204, 51, 17, 255]);
     expect((await colour(0, 0))[3]).toBe(0);
+    // Limits belong to one quantity.
+    const quantity = page.getByLabel('Quantity of the picture');
+    await quantity.selectOption({ label: 'azimuth of the lean' });
+    await expect.poll(() => text('[data-testid=map-bar]')).toContain('180');
+    expect(await colour(35, 10)).not.toEqual([204, 51, 17, 255]);
+    await quantity.selectOption({ label: 'ridge angle' });
+    await page.getByRole('combobox', { name: 'Limits' }).selectOption('drawing 4711');
     for (const [name, value] of [['first column', '4'], ['last column', '11']] as const) {
       await page.getByLabel(`Region: ${name}`).fill(value);
       await page.getByLabel(`Region: ${name}`).press('Tab');
@@ -120,8 +127,7 @@ describe('a map', () => {
     await page.getByLabel('Upper limit, °').fill('9');
     await page.getByText('Limits: the lower limit is not below the upper.').waitFor();
     expect(await page.getByTestId('map-shares').count()).toBe(0);
-    // Limits belong to one quantity.
-    await page.getByLabel('Quantity of the picture').selectOption({ label: 'roughness along the ridges' });
+    await quantity.selectOption({ label: 'roughness along the ridges' });
     await page.getByTestId('map-picture').waitFor();
     expect(await page.getByLabel('Upper limit', { exact: true }).inputValue()).toBe('');
   });
