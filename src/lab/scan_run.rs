@@ -9,6 +9,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 use super::error::store_code;
 use super::event_sink::{EventSink, FirstState};
 use super::hands::Hands;
+use super::preview_work::Previews;
 use super::recorder::LabRecorder;
 use super::stages::PinnedStages;
 use super::{LabError, Occupation, RigSettings, live_fit, publish};
@@ -54,6 +55,7 @@ pub(super) struct RigContext {
     pub occupation: Arc<watch::Sender<Occupation>>,
     pub hands: Hands,
     pub pinned: PinnedStages,
+    pub previews: Previews,
     pub sink: EventSink,
 }
 

@@ -4,6 +4,7 @@ mod calibrations;
 pub(crate) mod document;
 mod jobs;
 mod old_folder;
+mod previews;
 mod queue;
 pub(crate) mod recipes;
 mod refusals;
