@@ -16,6 +16,29 @@ export interface components {
          * @enum {string}
          */
         readonly Activity: "idle" | "moving" | "homing" | "scanning" | "paused" | "not-connected";
+        /** @description A rectangle of a frame. */
+        readonly AreaBody: {
+            /**
+             * Format: int32
+             * @description Rows.
+             */
+            readonly height_px: number;
+            /**
+             * Format: int32
+             * @description First column, from 0.
+             */
+            readonly left_px: number;
+            /**
+             * Format: int32
+             * @description First row, from 0.
+             */
+            readonly top_px: number;
+            /**
+             * Format: int32
+             * @description Columns.
+             */
+            readonly width_px: number;
+        };
         /** @description Another sample for a scan. */
         readonly AssignBody: {
             /**
@@ -289,6 +312,13 @@ export interface components {
              * @description The version that was used, from 1.
              */
             readonly version: number;
+        };
+        /** @description Something that was corrected. */
+        readonly Earlier: {
+            /** @description What it was. */
+            readonly name: string;
+            /** @description When it was corrected, RFC 3339 in UTC. */
+            readonly until: string;
         };
         /** @description A name that a sample had. */
         readonly EarlierName: {
@@ -657,6 +687,78 @@ export interface components {
          * @enum {string}
          */
         readonly FitReferencePlane: "turntable" | "sample";
+        /** @description The complete result. */
+        readonly FitReport: {
+            /**
+             * Format: double
+             * @description χ² per degree of freedom with the model error among the uncertainties.
+             */
+            readonly chi2_reduced?: number | null;
+            /**
+             * Format: double
+             * @description The same with counting noise only.
+             */
+            readonly chi2_reduced_without_model?: number | null;
+            readonly covariance?: components["schemas"]["FitCovariance"] | null;
+            /**
+             * @description What explains the residual that an ideal sawtooth, a steady lamp and a linear detector leave, largest share
+             *     first.
+             */
+            readonly findings?: readonly components["schemas"]["FitFinding"][];
+            /** @description Observations with their fitted values. */
+            readonly fitted?: readonly components["schemas"]["FittedPoint"][];
+            /** @description Degrees of freedom of the two parts of every budget that come from scatter. */
+            readonly freedom?: components["schemas"]["FitFreedom"];
+            /** @description One descent to the reported minimum, step by step, on request. */
+            readonly iterations?: readonly components["schemas"]["FitIteration"][];
+            /** @description What the fit leaves out, why, and its possible effect. */
+            readonly left_out: readonly components["schemas"]["WorkLeftOut"][];
+            /**
+             * Format: double
+             * @description Model error at the peak, as a share of the largest observation.
+             */
+            readonly model_discrepancy?: number | null;
+            /**
+             * Format: int32
+             * @description Frames used, including darks and flats.
+             */
+            readonly n_frames_used: number;
+            /** @description Number of observations fitted. */
+            readonly n_observations: number;
+            /** @description Sentences worth knowing that need no action. */
+            readonly notes?: readonly string[];
+            /** @description The parameters. */
+            readonly parameters: components["schemas"]["FitParameters"];
+            /** @description Program and version. */
+            readonly program: string;
+            /** @description The plane that θr and the azimuth refer to. */
+            readonly reference_plane?: components["schemas"]["FitReferencePlane"];
+            /** @description Region of interest, if the sample has several. */
+            readonly region?: string | null;
+            /** @description Rejected frames. */
+            readonly rejected_frames: readonly components["schemas"]["FrameRejected"][];
+            /**
+             * Format: double
+             * @description Root mean square residual, as a share of the largest observation. Like the next three, none if the fit has no
+             *     result.
+             */
+            readonly rms_residual?: number | null;
+            readonly slope_distribution?: components["schemas"]["FitSlopes"] | null;
+            /** @description Outcomes of the starts. */
+            readonly starts?: components["schemas"]["FitStarts"];
+            /** @description How the fit ended. */
+            readonly status: components["schemas"]["FitStatus"];
+            /** @description Durations in seconds. */
+            readonly timing_s: components["schemas"]["FitTiming"];
+            readonly tracer?: components["schemas"]["FitTracer"] | null;
+            /** @description Variant that the parameters belong to. */
+            readonly variant: components["schemas"]["FitVariantName"];
+            /** @description All variants fitted. */
+            readonly variants: readonly components["schemas"]["FitVariant"][];
+            /** @description Sentences on what the user has to check or change. */
+            readonly warnings: readonly string[];
+            readonly wedge_across?: components["schemas"]["FitAcross"] | null;
+        };
         /** @description A request for a fit. */
         readonly FitRequest: {
             /**
@@ -1040,6 +1142,24 @@ export interface components {
              */
             readonly width_px: number;
         };
+        /** @description A frame. */
+        readonly FrameHash: {
+            /** @description File name in the series or in an export. */
+            readonly file: string;
+            /** @description What it shows. */
+            readonly kind: components["schemas"]["FrameKind"];
+            /** @description SHA-256 of the file. */
+            readonly sha256: string;
+        };
+        /** @description Frames by their content. */
+        readonly FrameHashes: {
+            /** @description Number of frames. */
+            readonly count: number;
+            /** @description The frames, by name. */
+            readonly files: readonly components["schemas"]["FrameHash"][];
+            /** @description SHA-256 of the text that `sha256sum` prints of the files: a line `HASH  NAME` for each, in the order of `files`. */
+            readonly sha256: string;
+        };
         /**
          * @description Kind of a frame.
          * @enum {string}
@@ -1104,6 +1224,16 @@ export interface components {
              * @description Last value, reached if the step meets it.
              */
             readonly to: number;
+        };
+        /** @description A histogram of 64 bins of equal width. */
+        readonly HistogramBody: {
+            /**
+             * Format: int32
+             * @description Counts per bin, DN. The first bin begins at 0 DN.
+             */
+            readonly bin_dn: number;
+            /** @description Pixels of each bin. */
+            readonly pixels: readonly number[];
         };
         /** @description Who holds the rig. */
         readonly HolderBody: {
@@ -1904,6 +2034,110 @@ export interface components {
             /** @enum {string} */
             readonly kind: "conductor";
         };
+        /** @description What was measured. */
+        readonly MeasuredPart: {
+            /** @description Names that it had, oldest first. */
+            readonly earlier_names: readonly components["schemas"]["Earlier"][];
+            /** @description Nominal material with standard uncertainties. */
+            readonly material: Record<string, never>;
+            /** @description Its name. */
+            readonly name: string;
+            /** @description Its note. */
+            readonly note?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the sample in the store.
+             */
+            readonly sample_id?: number | null;
+        };
+        /** @description The scan. */
+        readonly MeasuredScan: {
+            /** @description When it was requested, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description Samples that it was assigned to before, oldest first. */
+            readonly earlier_samples: readonly components["schemas"]["Earlier"][];
+            /** @description When it ended. */
+            readonly ended_at?: string | null;
+            /** @description Number of the part or order in another system. */
+            readonly external_id?: string | null;
+            /**
+             * Format: int32
+             * @description Number of frames that were taken and rejected.
+             */
+            readonly frames_rejected: number;
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly id: number;
+            /** @description Lot of the part. */
+            readonly lot?: string | null;
+            /** @description The person at the rig. */
+            readonly operator_name?: string | null;
+            /**
+             * Format: int64
+             * @description The order of the queue that it measures.
+             */
+            readonly order_id?: number | null;
+            /** @description `rig` or `import`. */
+            readonly origin: string;
+            /** @description Program that ran it, with its commit. */
+            readonly program: string;
+            /** @description Reason for the state, if it is not the normal course. */
+            readonly reason?: string | null;
+            readonly recipe?: components["schemas"]["UsedDefinition"] | null;
+            readonly specification?: components["schemas"]["UsedDefinition"] | null;
+            /** @description When it started; null for an import. */
+            readonly started_at?: string | null;
+            /** @description Its state. */
+            readonly state: components["schemas"]["ScanState"];
+            /** @description Who started it. */
+            readonly who: string;
+        };
+        /** @description Everything that a report states. */
+        readonly MeasurementReport: {
+            /** @description Whether a white reference defines the scale of the observations; otherwise their unit is arbitrary. */
+            readonly absolute: boolean;
+            /** @description Dark and white-reference frames of the store that the scan used; empty for a series, which has its own. */
+            readonly calibrations: readonly components["schemas"]["UsedCalibration"][];
+            /** @description The fit. */
+            readonly fit: components["schemas"]["ReportedFit"];
+            /** @description [`FORM`]. */
+            readonly form: string;
+            /** @description The frames, by their content. */
+            readonly frames: components["schemas"]["FrameHashes"];
+            /** @description Faults during the scan and their ends, oldest first. */
+            readonly incidents: readonly components["schemas"]["ReportedIncident"][];
+            /** @description The observations that were fitted. */
+            readonly observations: readonly components["schemas"]["ReportedObservation"][];
+            /** @description What was measured. */
+            readonly part: components["schemas"]["MeasuredPart"];
+            /** @description Poses, exposures and repeats. */
+            readonly plan: components["schemas"]["Plan"];
+            /** @description Program that made the report, with its commit. */
+            readonly program: string;
+            /** @description Lamp, camera and stages. */
+            readonly rig: components["schemas"]["MeasuringRig"];
+            readonly scan?: components["schemas"]["MeasuredScan"] | null;
+            readonly verdict?: components["schemas"]["ReportedVerdict"] | null;
+            /** @description The white reference. */
+            readonly white_reference?: Record<string, never> | null;
+        };
+        /** @description The rig as the scan used it. */
+        readonly MeasuringRig: {
+            /** @description How the camera makes counts. */
+            readonly camera: Record<string, never>;
+            /** @description Serial number of the camera, where its program states one. */
+            readonly camera_serial?: string | null;
+            /** @description Where lamp and camera are, with the stated uncertainties. */
+            readonly geometry: Record<string, never>;
+            /** @description Lowest and highest temperature of the sensor, °C, where the camera's program states it. */
+            readonly sensor_temperature_c?: readonly number[] | null;
+            /** @description Whether it was simulated. */
+            readonly simulated: boolean;
+            /** @description Controllers of the stages during the scan, the last ones first. */
+            readonly stages: readonly components["schemas"]["StageController"][];
+        };
         /** @description A metal of the tables, by its name. */
         readonly MetalBody: {
             /** @description `Ag`, `Al`, `Au`, `Cr`, `Cu` or `W`. */
@@ -2130,6 +2364,31 @@ export interface components {
          * @enum {string}
          */
         readonly Phase: "dark" | "flat" | "sample" | "done";
+        /** @description A picture of a frame. */
+        readonly PictureBody: {
+            /**
+             * Format: int32
+             * @description Rows, px.
+             */
+            readonly height_px: number;
+            /**
+             * Format: double
+             * @description Count that is white, DN: 0.2 % of the pixels are brighter.
+             */
+            readonly high_dn: number;
+            /**
+             * Format: double
+             * @description Count that is black, DN: 0.2 % of the pixels are darker.
+             */
+            readonly low_dn: number;
+            /** @description Path of the PNG on this server. */
+            readonly path: string;
+            /**
+             * Format: int32
+             * @description Columns, px.
+             */
+            readonly width_px: number;
+        };
         /** @description One number for both axes, or one for each. */
         readonly Pitch: number | readonly number[];
         /** @description A whole plan, nothing left open. */
@@ -2222,6 +2481,124 @@ export interface components {
          * @enum {string}
          */
         readonly Preset: "paper" | "full";
+        /** @description A preview. */
+        readonly PreviewAnswer: {
+            /** @description The part of the frame that was measured. */
+            readonly area: components["schemas"]["AreaBody"];
+            /**
+             * @description Whether the newest dark frames of this rig name the defect pixels. Otherwise a full pixel without full neighbours
+             *     counts as a defect.
+             */
+            readonly defects_known: boolean;
+            /** @description One frame per exposure, in the order of the request. */
+            readonly frames: readonly components["schemas"]["PreviewFrameBody"][];
+            /** @description Whether the lamp was on. */
+            readonly lamp: boolean;
+            /**
+             * Format: double
+             * @description Sample azimuth φs read from the stage, degrees.
+             */
+            readonly phi_s_deg: number;
+            /** @description Whether both angles count from a reference position. False until the axes are homed. */
+            readonly referenced: boolean;
+            readonly suggestion?: components["schemas"]["SuggestionBody"] | null;
+            /**
+             * Format: double
+             * @description Camera tilt θc read from the stage, degrees.
+             */
+            readonly theta_c_deg: number;
+        };
+        /** @description A preview to take. */
+        readonly PreviewBody: {
+            readonly area?: components["schemas"]["AreaBody"] | null;
+            /**
+             * @description Exposures, s: 1 to 8 values, together at most 60 s. Those of the settings if omitted.
+             * @example [
+             *       0.02,
+             *       0.06
+             *     ]
+             */
+            readonly exposures_s?: readonly number[] | null;
+            /**
+             * @description Whether the lamp is on. `false` needs the setting `lamp.off`.
+             * @default true
+             */
+            readonly lamp: boolean;
+            /**
+             * Format: int32
+             * @description Number of exposures to suggest for a scan, 0 to 2; as many as are taken, at most 2, if omitted. The daemon may take
+             *     further frames of up to 10 s to find them.
+             * @example 2
+             */
+            readonly suggest?: number | null;
+        };
+        /** @description A frame of a preview. The figures are those of the area without its defect pixels. */
+        readonly PreviewFrameBody: {
+            /**
+             * Format: int32
+             * @description Defect pixels of the area; they take no part in the other figures.
+             */
+            readonly defect_px: number;
+            /**
+             * Format: double
+             * @description Exposure time, s.
+             */
+            readonly exposure_s: number;
+            /**
+             * Format: double
+             * @description Figure of focus: the change of brightness from pixel to pixel, root mean square, over the mean brightness, without the
+             *     part of the noise. The sharpest picture of one pose and one area has the greatest; null without light.
+             */
+            readonly focus?: number | null;
+            /**
+             * Format: int32
+             * @description Rows of the frame, px.
+             */
+            readonly height_px: number;
+            /** @description Pixels per bin, from 0 DN. */
+            readonly histogram: components["schemas"]["HistogramBody"];
+            /**
+             * Format: int64
+             * @description Number of the frame. Only the newest frames are kept, in memory.
+             */
+            readonly id: number;
+            /** @description Picture of 8 bits and at most 512 px on this server. */
+            readonly image: components["schemas"]["PictureBody"];
+            /**
+             * Format: int32
+             * @description Greatest count, DN.
+             */
+            readonly max_dn: number;
+            /**
+             * Format: double
+             * @description Mean count, DN.
+             */
+            readonly mean_dn: number;
+            /**
+             * Format: int32
+             * @description Median count, DN.
+             */
+            readonly median_dn: number;
+            /**
+             * Format: int32
+             * @description Least count, DN.
+             */
+            readonly min_dn: number;
+            /** @description Path of the 16-bit counts on this server. */
+            readonly pixels: string;
+            /**
+             * Format: int32
+             * @description Pixels at or above the count of a full pixel.
+             */
+            readonly saturated_px: number;
+            /** @description Start of the exposure, RFC 3339 in UTC. */
+            readonly taken_at: string;
+            /**
+             * Format: int32
+             * @description Columns of the frame, px.
+             */
+            readonly width_px: number;
+        };
         /** @description Prior knowledge of a parameter: a value and its standard uncertainty. */
         readonly Prior: {
             /**
@@ -2508,6 +2885,93 @@ export interface components {
         readonly RenameBody: {
             /** @description Name, 1 to 200 characters. */
             readonly name: string;
+        };
+        /** @description The fit. */
+        readonly ReportedFit: components["schemas"]["FitReport"] & {
+            /** @description Program that computed it, with its commit. */
+            readonly computed_by: string;
+            /** @description When it was requested, RFC 3339 in UTC. */
+            readonly created_at?: string | null;
+            /** @description When it ended. */
+            readonly ended_at?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the fit in the store.
+             */
+            readonly id?: number | null;
+            /** @description The request, as it was accepted. */
+            readonly request: Record<string, never>;
+            /** @description Who started it. */
+            readonly who?: string | null;
+        };
+        /** @description A fault or its end. */
+        readonly ReportedIncident: {
+            /** @description When it was recorded, RFC 3339 in UTC. */
+            readonly at: string;
+            /** @description Whether a person resumed the scan in between; null for an alarm. */
+            readonly attended?: boolean | null;
+            /** @description Stable word of the fault. */
+            readonly code: string;
+            /**
+             * Format: int64
+             * @description Number of the event.
+             */
+            readonly id: number;
+            /** @description `alarm` or `recovered`. */
+            readonly kind: string;
+            /** @description What happened. */
+            readonly message: string;
+            /** @description Points of the plan that were taken again. */
+            readonly points: readonly number[];
+            /**
+             * Format: double
+             * @description Time from the fault to the first point that counted again, s; null for an alarm.
+             */
+            readonly took_s?: number | null;
+        };
+        /** @description An observation. */
+        readonly ReportedObservation: {
+            /**
+             * Format: int32
+             * @description Frames of this observation.
+             */
+            readonly n_frames: number;
+            /**
+             * Format: double
+             * @description Sample azimuth φs read back, degrees.
+             */
+            readonly phi_s_deg: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty by independent errors.
+             */
+            readonly sigma: number;
+            /**
+             * Format: double
+             * @description Radiance for a lamp irradiance of 1 on a surface that faces the lamp; in an arbitrary unit if not `absolute`.
+             */
+            readonly signal: number;
+            /**
+             * Format: double
+             * @description Camera tilt θc read back, degrees.
+             */
+            readonly theta_c_deg: number;
+        };
+        /** @description The verdict. */
+        readonly ReportedVerdict: Record<string, never> & {
+            /** @description When it was requested, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description When it ended. */
+            readonly ended_at?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the verdict in the store.
+             */
+            readonly id: number;
+            /** @description The request with the whole specification. */
+            readonly request: Record<string, never>;
+            /** @description Who asked for it. */
+            readonly who: string;
         };
         /** @description A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and at most 600 bytes where its texts have 80 together. Uncertainties have three significant digits, values end at the same decimal; /fits/{id} has all digits */
         readonly Result: {
@@ -3258,12 +3722,39 @@ export interface components {
             /** @description The whole specification. Its name stays. */
             readonly specification: components["schemas"]["Specification"];
         };
+        /** @description A controller of a stage. */
+        readonly StageController: {
+            /** @description Axis. */
+            readonly axis: string;
+            /**
+             * Format: int32
+             * @description The manufacturer's product number.
+             */
+            readonly device_id: number;
+            /** @description Firmware version. */
+            readonly firmware: string;
+            /**
+             * Format: int32
+             * @description Serial number.
+             */
+            readonly serial: number;
+        };
         /** @description Two controllers. */
         readonly StagesBody: {
             /** @description The controller of the sample azimuth. */
             readonly phi_s: components["schemas"]["ControllerBody"];
             /** @description The controller of the camera tilt. */
             readonly theta_c: components["schemas"]["ControllerBody"];
+        };
+        /** @description Exposures for a scan. */
+        readonly SuggestionBody: {
+            /**
+             * @description Exposures, s, shortest first; empty if there is no suggestion. At the first one the brightest pixel of this pose reaches
+             *     about 70 % of full scale; the second one is three times as long.
+             */
+            readonly exposures_s: readonly number[];
+            /** @description Why there is none, or why the brightest pixel does not reach 70 %; null otherwise. */
+            readonly reason?: string | null;
         };
         /** @description What a camera's program states with a frame. */
         readonly TagBody: {
@@ -3354,6 +3845,52 @@ export interface components {
              */
             readonly value: number;
         };
+        /** @description Dark or white-reference frames of the store. */
+        readonly UsedCalibration: {
+            /**
+             * Format: double
+             * @description Age at the start of the scan, h; negative for frames that the scan took itself.
+             */
+            readonly age_h?: number | null;
+            /** @description When the frames were taken, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description Exposure times, s. */
+            readonly exposures_s: readonly number[];
+            /**
+             * Format: int64
+             * @description Number of the calibration.
+             */
+            readonly id: number;
+            /** @description Kind of its frames. */
+            readonly kind: components["schemas"]["FrameKind"];
+            /**
+             * Format: int32
+             * @description Number of frames.
+             */
+            readonly n_frames: number;
+            /**
+             * Format: int64
+             * @description Number of the scan that took the frames.
+             */
+            readonly scan_id: number;
+            /** @description Camera tilts θc, degrees; empty for dark frames. */
+            readonly theta_c_deg: readonly number[];
+        };
+        /** @description A version of a recipe or specification. */
+        readonly UsedDefinition: {
+            /**
+             * Format: int64
+             * @description Number of the recipe or specification in the store.
+             */
+            readonly id: number;
+            /** @description Its name. */
+            readonly name: string;
+            /**
+             * Format: int64
+             * @description Its version, from 1.
+             */
+            readonly version: number;
+        };
         /** @description A list of numbers, written out or as a grid. */
         readonly Values: readonly number[] | components["schemas"]["Grid"];
         /**
@@ -3439,6 +3976,7 @@ export interface components {
 }
 export type AcceptStagesBody = components['schemas']['AcceptStagesBody'];
 export type Activity = components['schemas']['Activity'];
+export type AreaBody = components['schemas']['AreaBody'];
 export type AssignBody = components['schemas']['AssignBody'];
 export type AxesBody = components['schemas']['AxesBody'];
 export type AxisBody = components['schemas']['AxisBody'];
@@ -3459,6 +3997,7 @@ export type DarkRequest = components['schemas']['DarkRequest'];
 export type DecisionRule = components['schemas']['DecisionRule'];
 export type DefinitionName = components['schemas']['DefinitionName'];
 export type DefinitionRef = components['schemas']['DefinitionRef'];
+export type Earlier = components['schemas']['Earlier'];
 export type EarlierName = components['schemas']['EarlierName'];
 export type EarlierSample = components['schemas']['EarlierSample'];
 export type EstimateBody = components['schemas']['EstimateBody'];
@@ -3475,6 +4014,7 @@ export type FitIteration = components['schemas']['FitIteration'];
 export type FitParameter = components['schemas']['FitParameter'];
 export type FitParameters = components['schemas']['FitParameters'];
 export type FitReferencePlane = components['schemas']['FitReferencePlane'];
+export type FitReport = components['schemas']['FitReport'];
 export type FitRequest = components['schemas']['FitRequest'];
 export type FitSlopes = components['schemas']['FitSlopes'];
 export type FitStarts = components['schemas']['FitStarts'];
@@ -3493,10 +4033,13 @@ export type ForecastAtLimit = components['schemas']['ForecastAtLimit'];
 export type ForecastError = components['schemas']['ForecastError'];
 export type ForecastPart = components['schemas']['ForecastPart'];
 export type FrameBody = components['schemas']['FrameBody'];
+export type FrameHash = components['schemas']['FrameHash'];
+export type FrameHashes = components['schemas']['FrameHashes'];
 export type FrameKind = components['schemas']['FrameKind'];
 export type FrameRejected = components['schemas']['FrameRejected'];
 export type GeometryBody = components['schemas']['GeometryBody'];
 export type Grid = components['schemas']['Grid'];
+export type HistogramBody = components['schemas']['HistogramBody'];
 export type HolderBody = components['schemas']['HolderBody'];
 export type ImportBody = components['schemas']['ImportBody'];
 export type ImportRequest = components['schemas']['ImportRequest'];
@@ -3523,6 +4066,10 @@ export type LoginRequest = components['schemas']['LoginRequest'];
 export type Loss = components['schemas']['Loss'];
 export type MapRequest = components['schemas']['MapRequest'];
 export type MaterialBody = components['schemas']['MaterialBody'];
+export type MeasuredPart = components['schemas']['MeasuredPart'];
+export type MeasuredScan = components['schemas']['MeasuredScan'];
+export type MeasurementReport = components['schemas']['MeasurementReport'];
+export type MeasuringRig = components['schemas']['MeasuringRig'];
 export type MetalBody = components['schemas']['MetalBody'];
 export type MoveBody = components['schemas']['MoveBody'];
 export type MoveRequest = components['schemas']['MoveRequest'];
@@ -3539,11 +4086,15 @@ export type OrderState = components['schemas']['OrderState'];
 export type OrdersRequest = components['schemas']['OrdersRequest'];
 export type OutOfRange = components['schemas']['OutOfRange'];
 export type Phase = components['schemas']['Phase'];
+export type PictureBody = components['schemas']['PictureBody'];
 export type Pitch = components['schemas']['Pitch'];
 export type Plan = components['schemas']['Plan'];
 export type PlanRequest = components['schemas']['PlanRequest'];
 export type PointBody = components['schemas']['PointBody'];
 export type Preset = components['schemas']['Preset'];
+export type PreviewAnswer = components['schemas']['PreviewAnswer'];
+export type PreviewBody = components['schemas']['PreviewBody'];
+export type PreviewFrameBody = components['schemas']['PreviewFrameBody'];
 export type Prior = components['schemas']['Prior'];
 export type Problem = components['schemas']['Problem'];
 export type ProgressBody = components['schemas']['ProgressBody'];
@@ -3557,6 +4108,10 @@ export type RecipeFit = components['schemas']['RecipeFit'];
 export type RecipeLayout = components['schemas']['RecipeLayout'];
 export type RecipeMaterial = components['schemas']['RecipeMaterial'];
 export type RenameBody = components['schemas']['RenameBody'];
+export type ReportedFit = components['schemas']['ReportedFit'];
+export type ReportedIncident = components['schemas']['ReportedIncident'];
+export type ReportedObservation = components['schemas']['ReportedObservation'];
+export type ReportedVerdict = components['schemas']['ReportedVerdict'];
 export type Result = components['schemas']['Result'];
 export type ResultsBodyResult = components['schemas']['ResultsBody_Result'];
 export type RidgeFacts = components['schemas']['RidgeFacts'];
@@ -3575,12 +4130,16 @@ export type ShapeFile = components['schemas']['ShapeFile'];
 export type Specification = components['schemas']['Specification'];
 export type SpecificationBody = components['schemas']['SpecificationBody'];
 export type SpecificationChange = components['schemas']['SpecificationChange'];
+export type StageController = components['schemas']['StageController'];
 export type StagesBody = components['schemas']['StagesBody'];
+export type SuggestionBody = components['schemas']['SuggestionBody'];
 export type TagBody = components['schemas']['TagBody'];
 export type TaskState = components['schemas']['TaskState'];
 export type ToleranceLimits = components['schemas']['ToleranceLimits'];
 export type TraceRequest = components['schemas']['TraceRequest'];
 export type UncertainBody = components['schemas']['UncertainBody'];
+export type UsedCalibration = components['schemas']['UsedCalibration'];
+export type UsedDefinition = components['schemas']['UsedDefinition'];
 export type Values = components['schemas']['Values'];
 export type VariantChoice = components['schemas']['VariantChoice'];
 export type VerdictRequest = components['schemas']['VerdictRequest'];
