@@ -1,5 +1,6 @@
 //! A camera frame of 16-bit grey counts, its lossless PNG, and the TIFF that camera programs write.
 
+pub mod picture;
 mod tag;
 mod tiff;
 pub mod tiff_stack;
@@ -9,6 +10,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+pub use picture::Picture;
 pub use tag::{FrameTag, TagError};
 
 /// Kind of a frame.

@@ -32,6 +32,7 @@ pub mod material;
 pub mod model;
 pub mod observation;
 pub mod plan;
+pub mod preview;
 pub mod program;
 pub mod reduction;
 pub mod report;

@@ -18,7 +18,7 @@ TARGET = ROOT / "python/src/ridged/_api.py"
 # Bodies and answers that the package names; their parts follow.
 NAMED = [
     "CalibrationBody", "CertaintyBody", "CurvesBody", "EstimateBody", "Fit", "FrameBody", "IncidentBody", "Job",
-    "LeaseBody", "LeaseStateBody", "ObservationsBody", "PlanRequest", "Problem", "RecipeBody", "RigBody", "SampleBody",
+    "LeaseBody", "LeaseStateBody", "ObservationsBody", "PlanRequest", "PreviewAnswer", "Problem", "RecipeBody", "RigBody", "SampleBody",
     "ScanBody", "SessionBody", "SpecificationBody",
 ]  # fmt: skip
 

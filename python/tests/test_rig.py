@@ -20,6 +20,23 @@ def test_the_rig_is_homed_moved_and_read(lab: ridged.Lab) -> None:
     assert str(status) == "idle: theta_c 10.000°, phi_s 90.000°"
 
 
+def test_a_preview_shows_a_frame_and_suggests_exposures(lab: ridged.Lab) -> None:
+    before = len(list(lab.scans()))
+    preview = lab.rig.preview([5.0], suggest=1)
+    [frame] = preview.frames
+    assert frame["saturated_px"] > 1000
+    [exposure_s] = preview.suggested_exposures_s
+    assert exposure_s < 5.0 and preview.reason is None
+    fine = lab.rig.preview([exposure_s], suggest=0)
+    assert fine.frames[0]["saturated_px"] == 0
+    assert fine.suggested_exposures_s == []
+    counts = fine.counts()
+    assert len(counts) == frame["width_px"] * frame["height_px"]
+    assert fine.frames[0]["max_dn"] in counts
+    assert fine.png().startswith(b"\x89PNG")
+    assert len(list(lab.scans())) == before
+
+
 def test_a_refusal_has_code_field_and_the_words_of_the_daemon(lab: ridged.Lab) -> None:
     with pytest.raises(ridged.Invalid, match="-60") as refused:
         lab.rig.move(theta_c_deg=900)

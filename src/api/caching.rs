@@ -36,6 +36,17 @@ impl Caching {
             .then(|| status::not_modified((self.headers.clone(), length)))
     }
 
+    /// Returns a 304 if the client has the file, whose size is not known: without `Content-Length`, which axum would take from
+    /// an empty body.
+    pub fn unchanged(&self) -> Option<Response> {
+        self.known.then(|| {
+            let mut answer = status::not_modified(self.headers.clone());
+            let nothing = futures::stream::empty::<Result<Vec<u8>, std::convert::Infallible>>();
+            *answer.body_mut() = axum::body::Body::from_stream(nothing);
+            answer
+        })
+    }
+
     /// Returns the headers of the file.
     pub fn headers(self) -> [(HeaderName, String); 2] {
         self.headers

@@ -12,7 +12,8 @@ use super::document::Binary;
 use super::extract::{Id, Params, page};
 use super::status::{ApiError, Problem};
 use super::{App, List};
-use crate::frame::{Frame, FrameKind, FrameTag};
+use crate::frame::picture::SIDE_PX_MAX;
+use crate::frame::{Frame, FrameKind, FrameTag, Picture};
 use crate::store::frames::FrameRecord;
 use crate::store::{StoreError, utc_text};
 
@@ -224,24 +225,74 @@ pub(super) async fn pixels(
     // Decoding blocks too, and the threads of the runtime must stay free for requests such as the stop.
     let read = tokio::task::spawn_blocking(move || {
         let png = store.read_png(&frame.sha256)?;
-        let counts = Frame::from_png(&png).map_err(StoreError::Frame)?;
-        let bytes = counts.pixels_dn().iter().flat_map(|dn| dn.to_le_bytes());
-        let bytes: Vec<u8> = bytes.collect();
-        Ok::<_, StoreError>((counts, bytes))
+        let frame = Frame::from_png(&png).map_err(StoreError::Frame)?;
+        Ok::<_, StoreError>(counts_of(&frame))
     });
-    let (counts, bytes) = read.await.expect("decoding a file does not panic")?;
+    let counts = read.await.expect("decoding a file does not panic")?;
+    Ok((caching.headers(), counts).into_response())
+}
+
+/// Returns the counts of a frame with its size.
+pub(super) fn counts_of(frame: &Frame) -> impl IntoResponse + use<> {
+    let bytes = frame.pixels_dn().iter().flat_map(|dn| dn.to_le_bytes());
+    let bytes: Vec<u8> = bytes.collect();
+    let name = HeaderName::from_static;
     let size = [
-        (
-            HeaderName::from_static("x-width-px"),
-            counts.width_px().to_string(),
-        ),
-        (
-            HeaderName::from_static("x-height-px"),
-            counts.height_px().to_string(),
-        ),
+        (name("x-width-px"), frame.width_px().to_string()),
+        (name("x-height-px"), frame.height_px().to_string()),
     ];
     let kind = [(header::CONTENT_TYPE, "application/octet-stream")];
-    Ok((caching.headers(), size, kind, bytes).into_response())
+    (size, kind, bytes)
+}
+
+/// Size of a picture.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct PreviewParams {
+    /// Greatest width and height, px, 16 to 512; 512 if omitted.
+    #[param(minimum = 16, maximum = 512)]
+    width: Option<u32>,
+}
+
+/// An 8-bit picture of a frame for the eye: averaged over squares of pixels until it fits the width, black at the count below
+/// which 0.2 % of the pixels lie, white at the count above which 0.2 % lie. It never changes.
+#[utoipa::path(get, path = "/api/v1/frames/{id}/preview.png", tag = "frames", params(("id" = i64, Path, description = "Number of the frame"), PreviewParams), responses(
+    (status = 200, description = "8-bit grey PNG; the counts of black and white are in x-low-dn and x-high-dn", content_type = "image/png", body = Binary),
+    (status = 304, description = "The client has the file"),
+    (status = 404, description = "There is no such frame", body = Problem),
+))]
+pub(super) async fn preview(
+    State(app): State<App>,
+    Id(id): Id,
+    Params(params): Params<PreviewParams>,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    let width = params.width.unwrap_or(SIDE_PX_MAX);
+    if !(16..=SIDE_PX_MAX).contains(&width) {
+        let problem = format!("is {width} px, expected 16 to {SIDE_PX_MAX} px");
+        return Err(ApiError::invalid("width", problem));
+    }
+    let frame = app.lab.store().frame(id).await?;
+    let tag = format!("{}-{width}", frame.sha256);
+    let caching = Caching::new(&headers, &tag, NEVER_CHANGES);
+    if let Some(answer) = caching.unchanged() {
+        return Ok(answer);
+    }
+    let store = app.lab.store().clone();
+    let made = tokio::task::spawn_blocking(move || {
+        let png = store.read_png(&frame.sha256)?;
+        let frame = Frame::from_png(&png).map_err(StoreError::Frame)?;
+        Picture::of(&frame, width, None).map_err(StoreError::Frame)
+    });
+    let picture = made.await.expect("making a picture does not panic")?;
+    let name = HeaderName::from_static;
+    let ends = [
+        (name("x-low-dn"), picture.low_dn.to_string()),
+        (name("x-high-dn"), picture.high_dn.to_string()),
+    ];
+    let kind = [(header::CONTENT_TYPE, "image/png")];
+    Ok((caching.headers(), ends, kind, picture.png).into_response())
 }
 
 /// Cache-Control of a file that is named by its content.

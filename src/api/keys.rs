@@ -14,7 +14,7 @@ use super::App;
 use super::caller::Principal;
 use super::extract::BODY_BYTES_MAX;
 use super::lease::LEASE;
-use super::rig::STOP;
+use super::rig::{PREVIEW, STOP};
 use super::session::SESSION;
 use super::status::{self, ApiError};
 use crate::access::LOCAL;
@@ -24,8 +24,8 @@ use crate::store::idempotency::KeyedRequest;
 
 /// Longest Idempotency-Key.
 pub(super) const KEY_LENGTH_MAX: usize = 200;
-/// Routes whose answers are not kept: each stop stops, and the answers of the others have a secret.
-pub(super) const UNKEYED: [&str; 3] = [STOP, SESSION, LEASE];
+/// Routes whose answers are not kept: each stop stops, each preview is new, and the answers of the others have a secret.
+pub(super) const UNKEYED: [&str; 4] = [STOP, SESSION, LEASE, PREVIEW];
 
 /// Executes a POST with an Idempotency-Key once. Sent again, it gets the first answer.
 pub(super) async fn once_per_key(State(app): State<App>, request: Request, next: Next) -> Response {

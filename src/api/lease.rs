@@ -87,7 +87,7 @@ fn expires_at(left: Duration) -> String {
 }
 
 /// Returns the caller whose scan or motion runs.
-fn user_of_rig(lab: &Lab) -> Option<HolderBody> {
+pub(super) fn user_of_rig(lab: &Lab) -> Option<HolderBody> {
     let user = lab.rig_user()?;
     Some(HolderBody {
         who: user.who,

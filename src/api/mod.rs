@@ -38,6 +38,7 @@ mod observations;
 mod origin;
 mod page;
 mod peers;
+mod previews;
 mod queue;
 mod recipes;
 mod reports;
@@ -175,7 +176,7 @@ pub struct Begun {
 #[openapi(
     info(
         title = "ridged",
-        description = "Drives a rig for surfaces of fine parallel ridges, keeps its frames, fits the ridge angle and states the uncertainty. Errors are RFC 9457 problems with a stable `code`. POSTs except stop, login and lease may carry an `Idempotency-Key`, which is known for a day. Loopback needs no token, unless the settings ask for one; any other address needs one. `docs/access.md` describes roles and the lease of the rig.",
+        description = "Drives a rig for surfaces of fine parallel ridges, keeps its frames, fits the ridge angle and states the uncertainty. Errors are RFC 9457 problems with a stable `code`. POSTs except stop, login, lease and preview may carry an `Idempotency-Key`, which is known for a day. Loopback needs no token, unless the settings ask for one; any other address needs one. `docs/access.md` describes roles and the lease of the rig.",
         license(name = "MIT OR Apache-2.0")
     ),
     tags(
@@ -211,6 +212,9 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(rig::home_both))
         .routes(routes!(rig::unpark_axis))
         .routes(routes!(rig::jog))
+        .routes(routes!(previews::take))
+        .routes(routes!(previews::image))
+        .routes(routes!(previews::pixels))
         .routes(routes!(rig::accept_stages))
         .routes(routes!(rig::stop))
         .routes(routes!(samples::list, samples::add))
@@ -249,6 +253,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(exports::stack))
         .routes(routes!(frames::get))
         .routes(routes!(frames::image))
+        .routes(routes!(frames::preview))
         .routes(routes!(frames::pixels))
         .routes(routes!(results::list))
         .routes(routes!(fits::list, fits::begin))

@@ -437,6 +437,8 @@ pub(super) async fn accept_stages(
     Ok(Json(app.lab.accept_stages(serials).await?.into()))
 }
 
+/// Path of the preview.
+pub(super) const PREVIEW: &str = "/api/v1/rig/preview";
 /// Path of the stop.
 pub(super) const STOP: &str = "/api/v1/rig/stop";
 

@@ -229,6 +229,12 @@ impl ApiError {
         ApiError::new(StatusCode::TOO_MANY_REQUESTS, code, title, detail)
     }
 
+    /// Names who uses the rig, where that is known.
+    pub(super) fn with_holder(mut self, holder: Option<HolderBody>) -> Self {
+        self.holder = holder.map(Box::new);
+        self
+    }
+
     fn with(mut self, errors: Vec<FieldProblem>) -> Self {
         self.errors = errors;
         self
@@ -375,6 +381,8 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
             StatusCode::SERVICE_UNAVAILABLE,
             "the stages could not be stopped",
         ),
+        LabError::NoLampSwitch => (StatusCode::CONFLICT, "the lamp has no switch"),
+        LabError::Lamp(_) => (StatusCode::SERVICE_UNAVAILABLE, "the lamp failed"),
         LabError::Camera(_) => (StatusCode::SERVICE_UNAVAILABLE, "the camera failed"),
         LabError::Series(_) | LabError::Frame { .. } | LabError::Invalid { .. } => {
             (StatusCode::UNPROCESSABLE_ENTITY, INVALID)

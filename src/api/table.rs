@@ -56,6 +56,9 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("POST", "/api/v1/rig/axes/{axis}/unpark", Need::Rig),
     ("POST", "/api/v1/rig/home", Need::Rig),
     ("POST", "/api/v1/rig/jog", Need::Rig),
+    ("POST", "/api/v1/rig/preview", Need::Rig),
+    ("GET", "/api/v1/rig/preview/{id}/image.png", READ),
+    ("GET", "/api/v1/rig/preview/{id}/pixels", READ),
     // Nothing moves; a scan of another caller may wait for it.
     ("POST", "/api/v1/rig/accept-stages", Need::Role(Role::Admin)),
     ("GET", "/api/v1/samples", READ),
@@ -108,6 +111,7 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/frames/{id}", READ),
     ("GET", "/api/v1/frames/{id}/image.png", READ),
     ("GET", "/api/v1/frames/{id}/pixels", READ),
+    ("GET", "/api/v1/frames/{id}/preview.png", READ),
     ("GET", "/api/v1/results", READ),
     ("GET", "/api/v1/fits", READ),
     ("POST", "/api/v1/fits", COMPUTE),

@@ -328,6 +328,21 @@ impl Client {
         read(self.signed(request).call().map_err(unreachable)?)
     }
 
+    /// Gets the bytes of a file at a path below `/api/v1`.
+    ///
+    /// # Errors
+    /// As [`Client::get`].
+    pub fn download(&self, path: &str) -> Result<Vec<u8>, CliError> {
+        let request = self.agent.get(format!("{}/api/v1{path}", self.url));
+        let mut answer = self.signed(request).call().map_err(unreachable)?;
+        match answer.status().is_success() {
+            true => answer.body_mut().read_to_vec().map_err(unreachable),
+            false => Err(read(answer)
+                .err()
+                .unwrap_or_else(|| CliError::no_result(anyhow!("the daemon sent no file")))),
+        }
+    }
+
     /// Adds token and lease.
     fn signed<B>(&self, mut request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
         if let Some(Secrecy(token)) = &self.token {

@@ -12,10 +12,12 @@ mod lease;
 use super::CliError;
 use super::client::{Client, CredentialArgs};
 use lease::LeaseAction;
+use preview::PreviewArgs;
 
+mod preview;
 mod stop;
 
-/// Shows, homes, moves, jogs, unparks or stops the rig of a running daemon.
+/// Shows, previews, homes, moves, jogs, unparks or stops the rig of a running daemon.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  ridged rig stop        stops both axes of every rig at once, whatever moves them"
@@ -53,6 +55,11 @@ pub enum Action {
     /// Move an axis slowly while the command runs; Ctrl-C ends it.
     #[command(after_help = "Example:\n  ridged rig jog phi_s --speed-deg-s -2 --for-s 3")]
     Jog(JogArgs),
+    /// Take a frame per exposure at the present pose and show its figures; nothing moves and nothing is stored.
+    #[command(
+        after_help = "Examples:\n  ridged rig preview\n  ridged rig preview --exposure-ms 20 -o look.png"
+    )]
+    Preview(PreviewArgs),
     /// Accept the controllers that answer instead of those of the rig.
     #[command(after_help = "Example:\n  ridged rig accept-stages")]
     AcceptStages,
@@ -136,6 +143,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             jog_for(&client, jog)?;
             client.get("/rig")?
         }
+        Action::Preview(args) => preview::run(&client()?, args)?,
         Action::AcceptStages => {
             let client = client()?;
             let refused = client.get("/rig")?["refused_stages"].take();
@@ -261,6 +269,7 @@ fn homed(rig: &Value, axis: &str) -> Option<Result<(), String>> {
 fn words(action: &Action, answer: &Value) -> String {
     match action {
         Action::Lease { action } => return lease::words(action, answer),
+        Action::Preview(args) => return preview::words(args, answer),
         Action::AcceptStages => {
             let serial = |axis: &str| answer[axis]["serial"].as_str().unwrap_or("?").to_owned();
             return format!(

@@ -3,7 +3,7 @@
 //! The owner does one piece of work at a time. The current work is a future that holds the rig and returns it, so two
 //! motions cannot overlap. While the rig reports an activity, the owner refuses further requests at once instead of
 //! queueing them. Otherwise it accepts a request, if necessary a moment later, once the stages are connected, a target is
-//! checked or the rig is returned.
+//! checked or the rig is returned. A preview ends for any other order, which then waits only until the rig is returned.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
@@ -11,10 +11,12 @@ use std::sync::{Arc, Mutex};
 use futures::future::BoxFuture;
 use serde_json::json;
 use tokio::sync::{mpsc, watch};
+use tokio_util::sync::CancellationToken;
 
 use super::event_sink::EventSink;
 use super::hands::Hands;
 use super::motions::Motions;
+use super::preview_work::Previews;
 use super::rig_work::{Request, Work};
 use super::scan_run::RigContext;
 use super::stages::{PinnedStages, record_notices};
@@ -46,6 +48,7 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
     let (occupation, occupied) = watch::channel(Occupation::default());
     let hands = Hands::default();
     let motions = Arc::new(Motions::default());
+    let previews = Previews::default();
     let side = RigSide {
         id,
         stage_settings: link.settings.clone(),
@@ -60,6 +63,7 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
         owner: Mutex::new(None),
         settings: settings.clone(),
         hands: hands.clone(),
+        previews: previews.clone(),
         sink: sink.clone(),
     };
     let now = side.occupation.clone();
@@ -74,6 +78,7 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
             hands,
             pinned,
             motions,
+            previews,
             sink,
         },
     };
@@ -107,6 +112,7 @@ impl Owner {
         let mut free = Some(rig);
         let mut current: Option<BoxFuture<'static, Done>> = None;
         let mut motion: Option<Motion> = None;
+        let mut preview: Option<CancellationToken> = None;
         let mut waiting: VecDeque<Request> = VecDeque::new();
         let mut occupied = self.context.occupation.subscribe();
         loop {
@@ -149,6 +155,11 @@ impl Owner {
             if request.reply.is_closed() {
                 continue;
             }
+            if let Some(preview) = &preview
+                && request.work.comes_before_a_preview()
+            {
+                preview.cancel();
+            }
             if matches!(request.work, Work::End) {
                 if let Some(work) = current.take() {
                     work.await;
@@ -161,12 +172,23 @@ impl Owner {
                     let asked_after = request.stops;
                     let is_a_motion = request.work.is_a_motion();
                     motion = is_a_motion.then_some(Motion { asked_after });
+                    preview = match &request.work {
+                        Work::Preview(work) => Some(work.give_way.clone()),
+                        _ => None,
+                    };
                     current = Some(Box::pin(self.clone().work(rig, request)));
                 }
                 None if self.is_taken(&self.context.occupation.borrow(), motion) => {
                     self.refuse(request)
                 }
-                None => waiting.push_back(request),
+                None => {
+                    let is_preview = |other: &Request| matches!(other.work, Work::Preview(_));
+                    let first_preview = waiting.iter().position(is_preview);
+                    match first_preview.filter(|_| request.work.comes_before_a_preview()) {
+                        Some(at) => waiting.insert(at, request),
+                        None => waiting.push_back(request),
+                    }
+                }
             }
         }
     }
@@ -323,6 +345,10 @@ impl Owner {
                 let jogged = stage.jog(axis, order, stops_of_stage, at_end).await;
                 self.settled(&mut rig, &stage, &who, motion, jogged.map(|_| ()))
                     .await;
+            }
+            Work::Preview(work) => {
+                reply.send(Ok(())).ok();
+                self.context.preview(&mut rig, &stage, *work).await;
             }
             Work::Scan(work) => {
                 self.context.run_scan(&mut rig, *work, &who, reply).await;

@@ -7,6 +7,7 @@ use crate::analysis::AnalysisError;
 use crate::bench::CameraError;
 use crate::bench::stage::StageError;
 use crate::job::{JobId, JobState};
+use crate::program::ProgramError;
 use crate::scan::visit::stage_code;
 use crate::scan::{OperatorAction, PlanError, ScanState};
 use crate::series::{FrameReadError, SeriesError};
@@ -31,6 +32,8 @@ pub enum Holder {
     Connecting,
     /// A scan that is about to begin.
     Beginning,
+    /// An order that came while a preview was taken.
+    OtherOrder,
 }
 
 impl fmt::Display for Holder {
@@ -44,6 +47,11 @@ impl fmt::Display for Holder {
             }
             Holder::Beginning => {
                 return f.write_str("a scan is about to start; try again in a moment");
+            }
+            Holder::OtherOrder => {
+                return f.write_str(
+                    "another order to the rig came first; look again when the rig is at rest",
+                );
             }
             Holder::Scan { scan_id, state } => (scan_id, state),
         };
@@ -202,6 +210,15 @@ pub enum LabError {
         /// Why the stop did not reach them.
         source: StageError,
     },
+    /// A preview without light on a rig whose lamp has no command.
+    #[error(
+        "the lamp cannot be switched off: the settings have no command for it; set lamp.off, or cap the lens and leave the \
+         lamp on"
+    )]
+    NoLampSwitch,
+    /// The lamp's command failed.
+    #[error("the lamp could not be switched: {0}")]
+    Lamp(ProgramError),
     /// The camera.
     #[error(transparent)]
     Camera(#[from] CameraError),
@@ -279,6 +296,8 @@ impl LabError {
             LabError::StopUnconfirmed => "stop-unconfirmed",
             LabError::JogEnded => "jog-ended",
             LabError::OtherStagesAnswer { .. } => "other-stages",
+            LabError::NoLampSwitch => "no-lamp-switch",
+            LabError::Lamp(_) => "lamp-failed",
             LabError::Camera(_) => "camera-failed",
             LabError::Store(error) => store_code(error),
             LabError::NothingMeasured => "not-found",

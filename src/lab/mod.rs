@@ -35,6 +35,8 @@ mod orders;
 mod outcome;
 mod park;
 mod plans;
+mod preview_work;
+mod previews;
 mod queue;
 mod recipes;
 mod recorder;
@@ -103,6 +105,10 @@ pub use motions::{Motion, MotionState};
 pub use orders::OrderRequest;
 pub use outcome::Outcome;
 pub use plans::{Estimated, ScanRequest};
+pub use preview_work::{
+    PREVIEW_EXPOSURES_MAX, PREVIEW_TIME_S_MAX, PreviewFrame, PreviewRequest, PreviewView,
+    SUGGESTED_MAX,
+};
 pub use queue::{LeaseHolder, QUEUE_WAITS, QueueView};
 pub use recipes::{Recipe, RecipeFit, RecipeLayout, RecipeMaterial};
 pub use reports::{ReportChoice, report, report_on_series};
@@ -194,6 +200,7 @@ struct RigSide {
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
     access: StageAccess,
     hands: hands::Hands,
+    previews: preview_work::Previews,
     pinned: stages::PinnedStages,
     jogs: jog::Jogs,
     motions: Arc<motions::Motions>,

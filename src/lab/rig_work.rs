@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex};
 use tokio::sync::{oneshot, watch};
 
 use super::LabError;
+use super::preview_work::PreviewWork;
 use super::scan_run::ScanWork;
 use crate::bench::stage::{AxisName, JogOrder};
 use crate::geometry::Pose;
@@ -40,6 +41,8 @@ pub(super) enum Work {
     },
     /// Jog one axis.
     Jog(JogWork),
+    /// Take frames that are not stored.
+    Preview(Box<PreviewWork>),
     /// Run a scan.
     Scan(Box<ScanWork>),
     /// Park both axes; replied to when they are parked.
@@ -49,6 +52,11 @@ pub(super) enum Work {
 }
 
 impl Work {
+    /// Returns whether a preview in progress ends for this work.
+    pub fn comes_before_a_preview(&self) -> bool {
+        !matches!(self, Work::Connect | Work::Preview(_))
+    }
+
     /// Returns whether the work is a single motion; a stop ends such work.
     pub fn is_a_motion(&self) -> bool {
         matches!(

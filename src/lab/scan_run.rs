@@ -10,6 +10,7 @@ use super::error::store_code;
 use super::event_sink::{EventSink, FirstState};
 use super::hands::Hands;
 use super::motions::Motions;
+use super::preview_work::Previews;
 use super::recorder::LabRecorder;
 use super::stages::PinnedStages;
 use super::{LabError, Occupation, RigSettings, live_fit, publish};
@@ -56,6 +57,7 @@ pub(super) struct RigContext {
     pub hands: Hands,
     pub pinned: PinnedStages,
     pub motions: Arc<Motions>,
+    pub previews: Previews,
     pub sink: EventSink,
 }
 

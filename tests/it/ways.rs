@@ -58,8 +58,14 @@ fn every_request_is_in_the_table_and_every_request_of_the_table_exists() {
     let unlisted: Vec<&String> = operations.difference(&listed).collect();
     let unknown: Vec<&String> = listed.difference(&operations).collect();
     assert!(operations.len() > 60);
-    assert!(unlisted.is_empty(), "add these to docs/reference/ways.md: {unlisted:?}");
-    assert!(unknown.is_empty(), "the API has no such requests: {unknown:?}");
+    assert!(
+        unlisted.is_empty(),
+        "add these to docs/reference/ways.md: {unlisted:?}"
+    );
+    assert!(
+        unknown.is_empty(),
+        "the API has no such requests: {unknown:?}"
+    );
 }
 
 #[test]
@@ -74,11 +80,14 @@ fn every_row_has_a_request_and_a_command_that_exists() {
             let mut command = &program;
             for word in words {
                 if let Some(option) = word.strip_prefix("--") {
-                    let known = command.get_arguments().any(|arg| arg.get_long() == Some(option));
+                    let known = command
+                        .get_arguments()
+                        .any(|arg| arg.get_long() == Some(option));
                     assert!(known, "`{text}`: there is no --{option}");
                 } else {
                     let known = command.find_subcommand(word);
-                    command = known.unwrap_or_else(|| panic!("`{text}`: there is no command {word}"));
+                    command =
+                        known.unwrap_or_else(|| panic!("`{text}`: there is no command {word}"));
                 }
             }
         }

@@ -29,7 +29,7 @@ from .errors import (
 from .fits import Fit, Quantity
 from .jobs import Files, Map, Work
 from .lab import Lab, connect
-from .rig import Lease, Rig, RigStatus
+from .rig import Lease, Preview, Rig, RigStatus
 from .samples import Sample
 from .scans import Scan
 from .steps import OperatorStep, ask, confirm, show
@@ -51,6 +51,7 @@ __all__ = [
     "NoDaemon",
     "NotFound",
     "OperatorStep",
+    "Preview",
     "Progress",
     "Quantity",
     "Refused",

@@ -62,6 +62,15 @@ VariantChoice = Literal["paper", "sawtooth", "traced", "auto"]
 """Variant that the report is based on."""
 
 
+class AreaBody(TypedDict):
+    """A rectangle of a frame."""
+
+    height_px: int
+    left_px: int
+    top_px: int
+    width_px: int
+
+
 class AxesBody(TypedDict):
     """Both axes."""
 
@@ -534,6 +543,13 @@ Grid = TypedDict("Grid", {"from": float, "step": float, "to": float})
 """Evenly spaced values."""
 
 
+class HistogramBody(TypedDict):
+    """A histogram of 64 bins of equal width."""
+
+    bin_dn: int
+    pixels: list[int]
+
+
 class HolderBody(TypedDict):
     """Who holds the rig."""
 
@@ -627,6 +643,16 @@ class OutOfRange(TypedDict):
     value: float
 
 
+class PictureBody(TypedDict):
+    """A picture of a frame."""
+
+    height_px: int
+    high_dn: float
+    low_dn: float
+    path: str
+    width_px: int
+
+
 class Plan(TypedDict):
     """A whole plan, nothing left open."""
 
@@ -663,6 +689,39 @@ class PointBody(TypedDict):
     sigma: float
     signal: float
     theta_c_deg: float
+
+
+class PreviewAnswer(TypedDict):
+    """A preview."""
+
+    area: AreaBody
+    defects_known: bool
+    frames: list[PreviewFrameBody]
+    lamp: bool
+    phi_s_deg: float
+    referenced: bool
+    suggestion: NotRequired[SuggestionBody | None]
+    theta_c_deg: float
+
+
+class PreviewFrameBody(TypedDict):
+    """A frame of a preview. The figures are those of the area without its defect pixels."""
+
+    defect_px: int
+    exposure_s: float
+    focus: NotRequired[float | None]
+    height_px: int
+    histogram: HistogramBody
+    id: int
+    image: PictureBody
+    max_dn: int
+    mean_dn: float
+    median_dn: int
+    min_dn: int
+    pixels: str
+    saturated_px: int
+    taken_at: str
+    width_px: int
 
 
 class Prior(TypedDict):
@@ -896,6 +955,13 @@ class StagesBody(TypedDict):
 
     phi_s: ControllerBody
     theta_c: ControllerBody
+
+
+class SuggestionBody(TypedDict):
+    """Exposures for a scan."""
+
+    exposures_s: list[float]
+    reason: NotRequired[str | None]
 
 
 class TagBody(TypedDict):

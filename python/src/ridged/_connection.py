@@ -19,7 +19,7 @@ from .errors import ConnectionLost, NoDaemon, problem_of, refusal
 logger = logging.getLogger("ridged")
 
 #: Routes whose answers the daemon does not keep: each stop stops, and the answer of the lease has a secret.
-UNKEYED = ("/rig/stop", "/lease")
+UNKEYED = ("/rig/stop", "/rig/preview", "/lease")
 #: Refusals that pass by themselves.
 PASSING = {"too-many-connections", "too-many-streams", "store-locked", "stopping"}
 #: Time to wait for the answer to a request, s. Imports are waited for without a limit.

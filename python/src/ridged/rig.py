@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 import threading
-from collections.abc import Iterator
+from array import array
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal, cast
 
-from ._api import Activity, AxisBody, HolderBody, LeaseBody, LeaseStateBody, RigBody
+from ._api import Activity, AxisBody, HolderBody, LeaseBody, LeaseStateBody, PreviewAnswer, PreviewFrameBody, RigBody
 from ._connection import Connection, logger
 from .errors import LeaseLost, MotionFailed, RidgedError
 from .jobs import Pace
@@ -85,6 +87,42 @@ class RigStatus:
         return f"{self.activity}: {', '.join(words)}{trouble}"
 
 
+@dataclass(frozen=True)
+class Preview:
+    """Frames at one pose that were measured and not stored. `body` is the whole answer of the daemon."""
+
+    body: PreviewAnswer
+    _connection: Connection
+
+    @property
+    def frames(self) -> list[PreviewFrameBody]:
+        """The figures of each exposure."""
+        return self.body["frames"]
+
+    @property
+    def suggested_exposures_s(self) -> list[float]:
+        """Exposures for a scan, shortest first; empty if there is no suggestion."""
+        suggestion = self.body.get("suggestion")
+        return list(suggestion["exposures_s"]) if suggestion else []
+
+    @property
+    def reason(self) -> str | None:
+        """Why there is no suggestion, or why the brightest pixel does not reach 70 % of full scale."""
+        suggestion = self.body.get("suggestion")
+        return suggestion.get("reason") if suggestion else None
+
+    def png(self, frame: int = 0) -> bytes:
+        """Returns the 8-bit picture of a frame. Raises NotFound once the daemon has dropped it for newer ones."""
+        return self._connection.bytes_of(self.frames[frame]["image"]["path"].removeprefix("/api/v1"))
+
+    def counts(self, frame: int = 0) -> array[int]:
+        """Returns the 16-bit counts of a frame, row by row from the top left. Raises NotFound as `png` does."""
+        counts = array("H", self._connection.bytes_of(self.frames[frame]["pixels"].removeprefix("/api/v1")))
+        if sys.byteorder == "big":
+            counts.byteswap()
+        return counts
+
+
 class Rig:
     """The stages of the daemon."""
 
@@ -158,6 +196,26 @@ class Rig:
         if failure:
             raise MotionFailed(failure["detail"])
         return status
+
+    def preview(
+        self,
+        exposures_s: Iterable[float] | None = None,
+        *,
+        lamp: bool = True,
+        suggest: int | None = None,
+    ) -> Preview:
+        """Takes a frame per exposure at the present pose and measures it; nothing moves and nothing is stored.
+
+        `suggest` is the number of exposures to suggest for a scan, 0 to 2. Raises Conflict while a motion or a scan
+        holds the rig.
+        """
+        body: dict[str, object] = {"lamp": lamp}
+        if exposures_s is not None:
+            body["exposures_s"] = [float(exposure_s) for exposure_s in exposures_s]
+        if suggest is not None:
+            body["suggest"] = suggest
+        answer = self._connection.post("/rig/preview", body, timeout_s=None)
+        return Preview(cast("PreviewAnswer", answer), self._connection)
 
     def unpark(self) -> None:
         """Releases axes that another program parked. They keep their positions and do not move."""

@@ -145,6 +145,30 @@ async fn a_stolen_lease_is_of_no_use() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_preview_is_an_order_to_the_rig() {
+    let (served, tokens) = Served::with_tokens().await;
+    let preview = || post("/api/v1/rig/preview", &json!({ "suggest": 0 }));
+    for token in [&tokens.viewer, &tokens.analyst] {
+        served
+            .ask(preview().by(token))
+            .await
+            .is(403, "role-too-low");
+    }
+    let taken_by = served.ask(preview().by(&tokens.operator)).await;
+    taken_by.is_ok();
+    // A viewer may look at what an operator has taken.
+    let image = taken_by.json()["frames"][0]["image"]["path"].clone();
+    let shown = get(image.as_str().unwrap()).by(&tokens.viewer);
+    served.ask(shown).await.is_ok();
+    let lease = taken(&served, take("annas", false).by(&tokens.admin)).await;
+    let refused = served.ask(preview().by(&tokens.operator)).await;
+    names_holder(&refused, "the-admin", "annas");
+    let own = preview().with("ridged-lease", &lease).by(&tokens.admin);
+    served.ask(own).await.is_ok();
+    served.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn any_token_stops_past_a_lease() {
     let (served, tokens) = Served::with_tokens().await;
     taken(&served, take("annas", false).by(&tokens.operator)).await;

@@ -5,6 +5,7 @@ pub(crate) mod document;
 mod jobs;
 mod motions;
 mod old_folder;
+mod previews;
 mod queue;
 pub(crate) mod recipes;
 mod refusals;

@@ -24,6 +24,7 @@ import type {
   NewOrder,
   OperatorStep,
   Page,
+  Preview,
   Queue,
   QueueOrder,
   RefusedStages,
@@ -87,8 +88,8 @@ async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
   return (await response.json()) as T;
 }
 
-async function post<T>(path: string, body?: unknown, method: 'POST' | 'DELETE' | 'PATCH' = 'POST'): Promise<T> {
-  const init: RequestInit = { method };
+async function post<T>(path: string, body?: unknown, method: 'POST' | 'DELETE' | 'PATCH' = 'POST', signal?: AbortSignal): Promise<T> {
+  const init: RequestInit = { method, ...(signal ? { signal } : {}) };
   if (body !== undefined) {
     init.headers = { 'content-type': 'application/json' };
     init.body = JSON.stringify(body);
@@ -152,6 +153,15 @@ export interface TraceRequest {
   readonly surfaces?: number;
 }
 
+/** An 8-bit picture of a frame. */
+export interface FramePicture {
+  readonly bitmap: ImageBitmap;
+  /** Count that is black; 0.2 % of the pixels are below. */
+  readonly low: number;
+  /** Count that is white; 0.2 % of the pixels are above. */
+  readonly high: number;
+}
+
 export const api = {
   session: (): Promise<Session> => get('/session'),
   login: (token: string): Promise<Session> => post('/session', { token }),
@@ -167,6 +177,8 @@ export const api = {
   homeBoth: (): Promise<unknown> => post('/rig/home'),
   /** Begins a jog, or renews or ends (speed 0) the one with this number. */
   jog: (body: { readonly axis: AxisName; readonly speed_deg_s: number; readonly jog?: number }): Promise<Jog> => post('/rig/jog', body),
+  /** Looks through the camera at the present pose; nothing moves. */
+  preview: (body: { readonly exposures_s: readonly number[]; readonly suggest: number }, signal?: AbortSignal): Promise<Preview> => post('/rig/preview', body, 'POST', signal),
   /** Accepts the controllers that answer instead of those of the rig. */
   acceptStages: (stages: RefusedStages): Promise<unknown> =>
     post('/rig/accept-stages', { theta_c_serial: stages.theta_c.serial, phi_s_serial: stages.phi_s.serial }),
@@ -273,6 +285,13 @@ export const api = {
     return response.status === 204 ? null : ((await response.json()) as Accuracy);
   },
   accuracyUrl: (): string => `${PREFIX}/accuracy`,
+
+  /** A small 8-bit picture of a frame, and the counts of its black and white. */
+  async framePreview(id: number, width: number, signal?: AbortSignal): Promise<FramePicture> {
+    const response = await ask(`${PREFIX}/frames/${id}/preview.png?width=${width}`, signal ? { signal } : undefined);
+    const end = (name: string): number => Number(response.headers.get(name));
+    return { bitmap: await createImageBitmap(await response.blob()), low: end('x-low-dn'), high: end('x-high-dn') };
+  },
 
   /** The bytes of a frame's file. */
   async frameBytes(row: FrameRow, signal?: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {

@@ -39,6 +39,12 @@ class NextPart {
     ({ recipe: this.recipe, specification: this.specification, operator: this.operator } = remembered());
   }
 
+  /** The recipe that is chosen, as far as it exists; the only one without a choice. */
+  recipeAmong(recipes: readonly { readonly name: string }[]): string | null {
+    if (recipes.length === 0 || this.recipe === OWN_GRID) return OWN_GRID;
+    return recipes.find((r) => r.name === this.recipe)?.name ?? (recipes.length === 1 ? recipes[0]?.name : null) ?? null;
+  }
+
   /** Keeps what the next part will probably share; an external number belongs to one part only. */
   sent(): void {
     this.externalId = '';

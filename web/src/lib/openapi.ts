@@ -16,6 +16,29 @@ export interface components {
          * @enum {string}
          */
         readonly Activity: "idle" | "moving" | "homing" | "scanning" | "paused" | "not-connected";
+        /** @description A rectangle of a frame. */
+        readonly AreaBody: {
+            /**
+             * Format: int32
+             * @description Rows.
+             */
+            readonly height_px: number;
+            /**
+             * Format: int32
+             * @description First column, from 0.
+             */
+            readonly left_px: number;
+            /**
+             * Format: int32
+             * @description First row, from 0.
+             */
+            readonly top_px: number;
+            /**
+             * Format: int32
+             * @description Columns.
+             */
+            readonly width_px: number;
+        };
         /** @description Another sample for a scan. */
         readonly AssignBody: {
             /**
@@ -1202,6 +1225,16 @@ export interface components {
              */
             readonly to: number;
         };
+        /** @description A histogram of 64 bins of equal width. */
+        readonly HistogramBody: {
+            /**
+             * Format: int32
+             * @description Counts per bin, DN. The first bin begins at 0 DN.
+             */
+            readonly bin_dn: number;
+            /** @description Pixels of each bin. */
+            readonly pixels: readonly number[];
+        };
         /** @description Who holds the rig. */
         readonly HolderBody: {
             /** @description Name of the lease, or the scan or motion that holds the rig without one. */
@@ -2331,6 +2364,31 @@ export interface components {
          * @enum {string}
          */
         readonly Phase: "dark" | "flat" | "sample" | "done";
+        /** @description A picture of a frame. */
+        readonly PictureBody: {
+            /**
+             * Format: int32
+             * @description Rows, px.
+             */
+            readonly height_px: number;
+            /**
+             * Format: double
+             * @description Count that is white, DN: 0.2 % of the pixels are brighter.
+             */
+            readonly high_dn: number;
+            /**
+             * Format: double
+             * @description Count that is black, DN: 0.2 % of the pixels are darker.
+             */
+            readonly low_dn: number;
+            /** @description Path of the PNG on this server. */
+            readonly path: string;
+            /**
+             * Format: int32
+             * @description Columns, px.
+             */
+            readonly width_px: number;
+        };
         /** @description One number for both axes, or one for each. */
         readonly Pitch: number | readonly number[];
         /** @description A whole plan, nothing left open. */
@@ -2423,6 +2481,124 @@ export interface components {
          * @enum {string}
          */
         readonly Preset: "paper" | "full";
+        /** @description A preview. */
+        readonly PreviewAnswer: {
+            /** @description The part of the frame that was measured. */
+            readonly area: components["schemas"]["AreaBody"];
+            /**
+             * @description Whether the newest dark frames of this rig name the defect pixels. Otherwise a full pixel without full neighbours
+             *     counts as a defect.
+             */
+            readonly defects_known: boolean;
+            /** @description One frame per exposure, in the order of the request. */
+            readonly frames: readonly components["schemas"]["PreviewFrameBody"][];
+            /** @description Whether the lamp was on. */
+            readonly lamp: boolean;
+            /**
+             * Format: double
+             * @description Sample azimuth φs read from the stage, degrees.
+             */
+            readonly phi_s_deg: number;
+            /** @description Whether both angles count from a reference position. False until the axes are homed. */
+            readonly referenced: boolean;
+            readonly suggestion?: components["schemas"]["SuggestionBody"] | null;
+            /**
+             * Format: double
+             * @description Camera tilt θc read from the stage, degrees.
+             */
+            readonly theta_c_deg: number;
+        };
+        /** @description A preview to take. */
+        readonly PreviewBody: {
+            readonly area?: components["schemas"]["AreaBody"] | null;
+            /**
+             * @description Exposures, s: 1 to 8 values, together at most 60 s. Those of the settings if omitted.
+             * @example [
+             *       0.02,
+             *       0.06
+             *     ]
+             */
+            readonly exposures_s?: readonly number[] | null;
+            /**
+             * @description Whether the lamp is on. `false` needs the setting `lamp.off`.
+             * @default true
+             */
+            readonly lamp: boolean;
+            /**
+             * Format: int32
+             * @description Number of exposures to suggest for a scan, 0 to 2; as many as are taken, at most 2, if omitted. The daemon may take
+             *     further frames of up to 10 s to find them.
+             * @example 2
+             */
+            readonly suggest?: number | null;
+        };
+        /** @description A frame of a preview. The figures are those of the area without its defect pixels. */
+        readonly PreviewFrameBody: {
+            /**
+             * Format: int32
+             * @description Defect pixels of the area; they take no part in the other figures.
+             */
+            readonly defect_px: number;
+            /**
+             * Format: double
+             * @description Exposure time, s.
+             */
+            readonly exposure_s: number;
+            /**
+             * Format: double
+             * @description Figure of focus: the change of brightness from pixel to pixel, root mean square, over the mean brightness, without the
+             *     part of the noise. The sharpest picture of one pose and one area has the greatest; null without light.
+             */
+            readonly focus?: number | null;
+            /**
+             * Format: int32
+             * @description Rows of the frame, px.
+             */
+            readonly height_px: number;
+            /** @description Pixels per bin, from 0 DN. */
+            readonly histogram: components["schemas"]["HistogramBody"];
+            /**
+             * Format: int64
+             * @description Number of the frame. Only the newest frames are kept, in memory.
+             */
+            readonly id: number;
+            /** @description Picture of 8 bits and at most 512 px on this server. */
+            readonly image: components["schemas"]["PictureBody"];
+            /**
+             * Format: int32
+             * @description Greatest count, DN.
+             */
+            readonly max_dn: number;
+            /**
+             * Format: double
+             * @description Mean count, DN.
+             */
+            readonly mean_dn: number;
+            /**
+             * Format: int32
+             * @description Median count, DN.
+             */
+            readonly median_dn: number;
+            /**
+             * Format: int32
+             * @description Least count, DN.
+             */
+            readonly min_dn: number;
+            /** @description Path of the 16-bit counts on this server. */
+            readonly pixels: string;
+            /**
+             * Format: int32
+             * @description Pixels at or above the count of a full pixel.
+             */
+            readonly saturated_px: number;
+            /** @description Start of the exposure, RFC 3339 in UTC. */
+            readonly taken_at: string;
+            /**
+             * Format: int32
+             * @description Columns of the frame, px.
+             */
+            readonly width_px: number;
+        };
         /** @description Prior knowledge of a parameter: a value and its standard uncertainty. */
         readonly Prior: {
             /**
@@ -3570,6 +3746,16 @@ export interface components {
             /** @description The controller of the camera tilt. */
             readonly theta_c: components["schemas"]["ControllerBody"];
         };
+        /** @description Exposures for a scan. */
+        readonly SuggestionBody: {
+            /**
+             * @description Exposures, s, shortest first; empty if there is no suggestion. At the first one the brightest pixel of this pose reaches
+             *     about 70 % of full scale; the second one is three times as long.
+             */
+            readonly exposures_s: readonly number[];
+            /** @description Why there is none, or why the brightest pixel does not reach 70 %; null otherwise. */
+            readonly reason?: string | null;
+        };
         /** @description What a camera's program states with a frame. */
         readonly TagBody: {
             /**
@@ -3790,6 +3976,7 @@ export interface components {
 }
 export type AcceptStagesBody = components['schemas']['AcceptStagesBody'];
 export type Activity = components['schemas']['Activity'];
+export type AreaBody = components['schemas']['AreaBody'];
 export type AssignBody = components['schemas']['AssignBody'];
 export type AxesBody = components['schemas']['AxesBody'];
 export type AxisBody = components['schemas']['AxisBody'];
@@ -3852,6 +4039,7 @@ export type FrameKind = components['schemas']['FrameKind'];
 export type FrameRejected = components['schemas']['FrameRejected'];
 export type GeometryBody = components['schemas']['GeometryBody'];
 export type Grid = components['schemas']['Grid'];
+export type HistogramBody = components['schemas']['HistogramBody'];
 export type HolderBody = components['schemas']['HolderBody'];
 export type ImportBody = components['schemas']['ImportBody'];
 export type ImportRequest = components['schemas']['ImportRequest'];
@@ -3898,11 +4086,15 @@ export type OrderState = components['schemas']['OrderState'];
 export type OrdersRequest = components['schemas']['OrdersRequest'];
 export type OutOfRange = components['schemas']['OutOfRange'];
 export type Phase = components['schemas']['Phase'];
+export type PictureBody = components['schemas']['PictureBody'];
 export type Pitch = components['schemas']['Pitch'];
 export type Plan = components['schemas']['Plan'];
 export type PlanRequest = components['schemas']['PlanRequest'];
 export type PointBody = components['schemas']['PointBody'];
 export type Preset = components['schemas']['Preset'];
+export type PreviewAnswer = components['schemas']['PreviewAnswer'];
+export type PreviewBody = components['schemas']['PreviewBody'];
+export type PreviewFrameBody = components['schemas']['PreviewFrameBody'];
 export type Prior = components['schemas']['Prior'];
 export type Problem = components['schemas']['Problem'];
 export type ProgressBody = components['schemas']['ProgressBody'];
@@ -3940,6 +4132,7 @@ export type SpecificationBody = components['schemas']['SpecificationBody'];
 export type SpecificationChange = components['schemas']['SpecificationChange'];
 export type StageController = components['schemas']['StageController'];
 export type StagesBody = components['schemas']['StagesBody'];
+export type SuggestionBody = components['schemas']['SuggestionBody'];
 export type TagBody = components['schemas']['TagBody'];
 export type TaskState = components['schemas']['TaskState'];
 export type ToleranceLimits = components['schemas']['ToleranceLimits'];

@@ -10,6 +10,7 @@ import { radiance, random, type MockSurface } from './bench';
 import { judged, MockDefinitions } from './definitions';
 import { finishedMap, mapFiles } from './maps';
 import { encodePng } from './png';
+import { lookThrough, picture } from './preview';
 import { resultRows, resultsPage } from './results';
 import { traceFiles, traceResult } from './trace';
 
@@ -89,6 +90,10 @@ export class MockDaemon {
   /** Who holds the rig. */
   holder: Json | null = null;
   #lease: string | null = null;
+  /** Size that the rows of frames state; their files stay small. */
+  statedPx = SIZE_PX;
+  /** Looks through the camera. */
+  looks = 0;
   #session: { who: string; role: string } | null = null;
   /** Newest first; a new one runs until `finishTrace`. */
   readonly traces: Json[] = [];
@@ -231,7 +236,7 @@ export class MockDaemon {
     this.axes.phi_s.position_deg = shot.phi;
     const row = {
       id, scan_id: scan.body.id, kind: shot.kind, theta_c_deg: shot.theta + 0.0003, phi_s_deg: shot.phi - 0.0002, exposure_s: shot.exposure, repeat: 0,
-      timestamp: new Date().toISOString(), sha256: '0', width_px: SIZE_PX, height_px: SIZE_PX, bytes: 18000,
+      timestamp: new Date().toISOString(), sha256: '0', width_px: this.statedPx, height_px: this.statedPx, bytes: 18000,
       mean_dn: mean, max_dn: Math.min(65535, mean * 1.06), saturated_px: mean > 62000 ? 2200 : 0, accepted: mean <= 65000, reason: mean > 65000 ? 'saturated' : null,
       image: `/api/v1/frames/${id}/image.png`,
     };
@@ -421,6 +426,13 @@ export class MockDaemon {
     }
     const list = (items: unknown[]): void => send(200, { items, next_cursor: null });
     if (path === '/rig') return send(200, this.#rig());
+    const lookMatch = /^\/rig\/preview\/(\d+)\/image\.png$/.exec(path);
+    if (lookMatch) return send(200, picture(Number(lookMatch[1])), 'image/png');
+    if (path === '/rig/preview') {
+      if (this.#rig()['activity'] !== 'idle') return problem(409, 'busy', 'the rig is busy: scan 1 holds the rig until its end; stop is always allowed');
+      this.looks += 1;
+      return send(200, lookThrough(this.looks, body['exposures_s'] as number[], Number(body['suggest'] ?? 1)));
+    }
     // Stop and home reconnect a lost link if the stages can be connected.
     if (method === 'POST' && path.startsWith('/rig/') && !this.connected) {
       if (!this.plugged) return problem(503, 'port-missing', 'the serial port /dev/ttyUSB0 does not exist: plug the stage in or correct [bench] port');
@@ -590,6 +602,12 @@ export class MockDaemon {
     if (path === '/calibrations') return list(this.calibrations.filter((c) => !url.searchParams.has('scan_id') || c['scan_id'] === Number(url.searchParams.get('scan_id'))));
     if (calibration) return send(200, this.calibrations.find((c) => c['id'] === Number(calibration[1])));
     const imageMatch = /^\/frames\/(\d+)\/image\.png$/.exec(path);
+    const previewMatch = /^\/frames\/(\d+)\/preview\.png$/.exec(path);
+    if (previewMatch) {
+      response.setHeader('x-low-dn', '210');
+      response.setHeader('x-high-dn', '23456');
+      return send(200, picture(Number(previewMatch[1])), 'image/png');
+    }
     if (imageMatch) return send(200, this.#image(Number(imageMatch[1])), 'image/png');
     if (path === '/imports' && method === 'POST') {
       const id = this.addScan(1, 'paper');

@@ -81,7 +81,7 @@ describe('the control chart', () => {
   });
 
   it('says that limits are too far away to be drawn', async () => {
-    Object.assign(daemon.specifications[0] ?? {}, { specification: { name: 'drawing 4711', limits: { theta_r_deg: { lower: 9.7, upper: 90 } } } });
+    daemon.specifications.stored[0]?.versions.push({ content: { name: 'drawing 4711', limits: { theta_r_deg: { lower: 9.7, upper: 90 } } }, saved_at: new Date().toISOString() });
     series([10, 10.1]);
     await page.goto(`${url}/#/chart`);
     await page.getByText('Limits beyond the drawn range').waitFor();

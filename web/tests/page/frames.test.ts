@@ -92,6 +92,20 @@ describe('a frame', () => {
     expect(await text('[data-testid=zoom]')).toBe('1×');
   });
 
+  it('of a large camera is a picture until its counts are asked for', async () => {
+    daemon.statedPx = 4000;
+    daemon.addScan(1, 'paper');
+    await page.goto(`${url}/#/result/1/frames`);
+    await page.getByText('A click reads the counts of this frame.').waitFor();
+    const files = (): string[] => daemon.reads.filter((path) => path.endsWith('/image.png'));
+    expect(daemon.reads.some((path) => path.endsWith('/preview.png?width=512'))).toBe(true);
+    expect(files()).toEqual([]);
+    await page.getByRole('button', { name: 'Read the counts' }).click();
+    await page.getByText('Point at a pixel for its counts').waitFor();
+    expect(files()).toHaveLength(1);
+    await page.getByRole('img', { name: /^Histogram of the counts/ }).waitFor();
+  });
+
   it('marks saturated pixels only if the option is set', async () => {
     daemon.addScan(1, 'full');
     await page.goto(`${url}/#/result/1/frames`);
