@@ -99,6 +99,8 @@ const RULES: &[(&str, &[&str])] = &[
             "wording",
         ],
     ),
+    ("comparison", &["fit", "wording"]),
+    ("repeatability", &["comparison", "fit", "wording"]),
     (
         "judge",
         &[
@@ -118,7 +120,15 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "report",
         &[
-            "figures", "fit", "frame", "judge", "material", "scan", "series", "wording",
+            "figures",
+            "fit",
+            "frame",
+            "judge",
+            "material",
+            "repeatability",
+            "scan",
+            "series",
+            "wording",
         ],
     ),
     (
@@ -256,12 +266,14 @@ const RULES: &[(&str, &[&str])] = &[
             "judge",
             "map",
             "trace",
+            "comparison",
             "config",
             "forecast",
             "accuracy",
             "heights",
             "tables",
             "program",
+            "repeatability",
             "report",
             "version",
             "wording",
@@ -277,6 +289,7 @@ const RULES: &[(&str, &[&str])] = &[
             "observation",
             "frame",
             "clock",
+            "comparison",
             "series",
             "reduction",
             "analysis",
@@ -288,6 +301,7 @@ const RULES: &[(&str, &[&str])] = &[
             "store",
             "judge",
             "lab",
+            "repeatability",
             "report",
             "logging",
             "wording",
@@ -315,6 +329,8 @@ const PURE: &[&str] = &[
     "model",
     "trace",
     "fit",
+    "comparison",
+    "repeatability",
     "plan",
 ];
 
