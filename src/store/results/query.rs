@@ -9,6 +9,7 @@ use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use serde::{Deserialize, Serialize};
 
 use super::columns::{COLUMNS, Column, Kind, column, usual};
+use crate::store::records::tag_fault;
 use crate::store::{utc_of, utc_text};
 use crate::wording::meant;
 
@@ -23,7 +24,8 @@ const SEARCH_MAX: usize = 200;
 #[rustfmt::skip]
 pub const GENERAL: &[(&str, &str)] = &[
     ("latest", "true: only the newest fitted scan of each sample. Filters on scans (sample, lot, recipe, material, times, search) select the scans among which it is the newest; filters on results and verdicts apply to it afterwards"),
-    ("search", "Text that is part of the name of sample, lot, recipe, operator or specification, or of the external id, in upper or lower case"),
+    ("search", "Text that is part of the name of sample, lot, recipe, operator or specification, of the external id, of a tag or of the note, in upper or lower case"),
+    ("tag", "Rows with this tag, as the filter `tags`"),
     ("since", "Started or imported at or after this time, RFC 3339; a date is its midnight UTC"),
     ("until", "Started or imported before this time"),
     ("sort", "Column to sort by, with `-` in front for descending; `-scan_id` (newest first) if omitted. Rows without a value come last"),
@@ -92,6 +94,8 @@ pub(super) enum Test {
     AtLeast(Cell),
     AtMost(Cell),
     Below(Cell),
+    /// With this tag.
+    Has(String),
 }
 
 /// A value of a column.
@@ -100,12 +104,16 @@ pub(super) enum Test {
 pub enum Cell {
     /// No value.
     Null,
+    /// True or false.
+    Flag(bool),
     /// Number of a row.
     Id(i64),
     /// A measured or stated value.
     Real(f64),
     /// Text, word or time.
     Text(String),
+    /// Tags.
+    Tags(Vec<String>),
 }
 
 /// Order of the rows.
@@ -213,6 +221,10 @@ impl ResultQuery {
             },
             "since" => self.of_time(name, text, Test::AtLeast)?,
             "until" => self.of_time(name, text, Test::Below)?,
+            "tag" => {
+                let condition = filter("tags", text)?;
+                self.conditions.push(condition);
+            }
             "sort" => self.sort = sort_of(text)?,
             "fields" => self.fields = fields_of(text)?,
             "limit" => match text.parse() {
@@ -338,7 +350,13 @@ fn unknown(name: &str) -> QueryError {
 /// Reads a filter on a column.
 fn filter(name: &str, text: &str) -> Result<Condition, QueryError> {
     if let Some(column) = column(name) {
-        let test = Test::OneOf(wanted(column, text)?);
+        let test = match column.kind {
+            Kind::Tags if !text.is_empty() => match tag_fault(text) {
+                Some(problem) => return Err(invalid(name, problem)),
+                None => Test::Has(text.to_owned()),
+            },
+            _ => Test::OneOf(wanted(column, text)?),
+        };
         return Ok(Condition { column, test });
     }
     for (end, test) in [
@@ -348,7 +366,7 @@ fn filter(name: &str, text: &str) -> Result<Condition, QueryError> {
         let Some(column) = name.strip_suffix(end).and_then(column) else {
             continue;
         };
-        if matches!(column.kind, Kind::Text | Kind::Word(_)) {
+        if !column.kind.has_range() {
             break;
         }
         let test = test(bound(name, column, text)?);
@@ -361,7 +379,17 @@ fn filter(name: &str, text: &str) -> Result<Condition, QueryError> {
 fn wanted(column: &'static Column, text: &str) -> Result<Vec<Option<Cell>>, QueryError> {
     let name = column.name;
     match column.kind {
-        Kind::Text if text.is_empty() => Ok(vec![None]),
+        Kind::Text | Kind::Tags if text.is_empty() => Ok(vec![None]),
+        Kind::Tags => unreachable!("a tag is another test"),
+        Kind::Flag => match text {
+            "true" => Ok(vec![Some(Cell::Flag(true))]),
+            "false" => Ok(vec![Some(Cell::Flag(false))]),
+            "all" => Ok(vec![Some(Cell::Flag(false)), Some(Cell::Flag(true))]),
+            _ => {
+                let problem = format!("expected true, false or all, got {}", quoted(text));
+                Err(invalid(name, problem))
+            }
+        },
         Kind::Text => Ok(vec![Some(Cell::Text(text.to_owned()))]),
         Kind::Word(words) => text
             .split(',')
@@ -423,6 +451,8 @@ mod tests {
                 Kind::Word(words) => (name.to_owned(), words[0]),
                 Kind::Real { .. } => (format!("{name}_min"), "-1.5e-3"),
                 Kind::Time => (format!("{name}_max"), "2026-03-02"),
+                Kind::Flag => (name.to_owned(), "all"),
+                Kind::Tags => (name.to_owned(), "study 1"),
             };
             let query = ResultQuery::read([(filter.as_str(), text)]).unwrap();
             assert_eq!(query.conditions.len(), 1, "{name}");
@@ -448,6 +478,8 @@ mod tests {
             ("search", "", "expected 1 to 200 characters"),
             ("format", "xml", "expected json or csv"),
             ("cursor", "7", "is not the next_cursor"),
+            ("archived", "yes", "expected true, false or all"),
+            ("tag", "a,b", "no comma"),
         ] {
             let said = refused(name, text);
             assert!(said.contains(part), "{name}={text}: {said}");
@@ -464,6 +496,8 @@ mod tests {
             Cell::Null,
             Cell::Text("a".into()),
             Cell::Id(i64::MAX),
+            Cell::Flag(true),
+            Cell::Tags(vec!["a".into()]),
         ] {
             let cursor = Cursor::after(sort, value, 7, "even".into());
             assert_eq!(Cursor::read(&cursor.text()), Some(cursor.clone()));

@@ -1,11 +1,13 @@
 //! The HTTP interface, called directly: one room per topic, and here how each of them asks.
 
 mod calibrations;
+mod comparisons;
 pub(crate) mod document;
 mod jobs;
 mod old_folder;
 mod queue;
 pub(crate) mod recipes;
+mod records;
 mod refusals;
 mod reports;
 mod results;

@@ -16,14 +16,6 @@ export interface components {
          * @enum {string}
          */
         readonly Activity: "idle" | "moving" | "homing" | "scanning" | "paused" | "not-connected";
-        /** @description Another sample for a scan. */
-        readonly AssignBody: {
-            /**
-             * Format: int64
-             * @description Number of the sample that was scanned.
-             */
-            readonly sample_id: number;
-        };
         /** @description Both axes. */
         readonly AxesBody: {
             /** @description Sample azimuth φs. */
@@ -159,6 +151,76 @@ export interface components {
             /** @description Variant of the model that gave the values. */
             readonly variant: components["schemas"]["FitVariantName"];
         };
+        /** @description A line of the two budgets. */
+        readonly ComparedLine: {
+            /**
+             * Format: double
+             * @description What it contributes to the standard uncertainty of the difference.
+             */
+            readonly difference_std: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty in the first result, in the unit of the parameter.
+             */
+            readonly first_std: number;
+            /** @description Key of the line. */
+            readonly line: string;
+            /**
+             * Format: double
+             * @description The same in the second result.
+             */
+            readonly second_std: number;
+            /** @description Whether it has the same error in both. */
+            readonly shared: boolean;
+        };
+        /** @description A parameter of both results. */
+        readonly ComparedParameter: {
+            readonly difference?: components["schemas"]["Difference"] | null;
+            /** @description First result. */
+            readonly first: components["schemas"]["ComparedValue"];
+            /** @description Lines of the budgets that are not zero in both. */
+            readonly lines: readonly components["schemas"]["ComparedLine"][];
+            /** @description Key of the parameter; its unit is the end of the name. */
+            readonly name: string;
+            /** @description Second result. */
+            readonly second: components["schemas"]["ComparedValue"];
+        };
+        /** @description A value with its uncertainty, as the fit states it. */
+        readonly ComparedValue: {
+            /**
+             * Format: double
+             * @description U divided by u.
+             */
+            readonly coverage_factor?: number | null;
+            /**
+             * Format: double
+             * @description Expanded uncertainty U, same unit.
+             */
+            readonly expanded?: number | null;
+            /**
+             * Format: double
+             * @description Standard uncertainty u (k = 1), same unit.
+             */
+            readonly std?: number | null;
+            /**
+             * Format: double
+             * @description Value, in the unit of the parameter's name.
+             */
+            readonly value?: number | null;
+        };
+        /** @description Two results beside each other. */
+        readonly Comparison: {
+            /** @description First result, A. */
+            readonly first: components["schemas"]["ResultOf"];
+            /** @description What limits the comparison: other samples, other models. */
+            readonly notes: readonly string[];
+            /** @description The parameters that at least one result has. */
+            readonly parameters: readonly components["schemas"]["ComparedParameter"][];
+            /** @description Second result, B. */
+            readonly second: components["schemas"]["ResultOf"];
+            /** @description Lines of the budgets, and whether they have the same error in both results. */
+            readonly shared_lines: readonly components["schemas"]["SharedLine"][];
+        };
         /** @description The operator step that is done. */
         readonly ContinueBody: {
             readonly action?: components["schemas"]["OperatorAction"] | null;
@@ -289,6 +351,43 @@ export interface components {
              * @description The version that was used, from 1.
              */
             readonly version: number;
+        };
+        /** @description The difference of a parameter: second minus first. */
+        readonly Difference: {
+            /** @description Whether |E_n| is at most 1. */
+            readonly agrees: boolean;
+            /**
+             * Format: double
+             * @description Expanded divided by standard uncertainty: the larger one of the two results.
+             */
+            readonly coverage_factor: number;
+            /**
+             * Format: double
+             * @description Its expanded uncertainty, same unit.
+             */
+            readonly expanded: number;
+            /**
+             * Format: double
+             * @description E_n: the difference divided by its expanded uncertainty, no unit.
+             */
+            readonly normalised: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty (k = 1), same unit.
+             */
+            readonly std: number;
+            /**
+             * Format: double
+             * @description Second minus first, in the unit of the parameter's name; of an azimuth within ±180°.
+             */
+            readonly value: number;
+        };
+        /** @description Something that was corrected. */
+        readonly Earlier: {
+            /** @description What it was. */
+            readonly name: string;
+            /** @description When it was corrected, RFC 3339 in UTC. */
+            readonly until: string;
         };
         /** @description A name that a sample had. */
         readonly EarlierName: {
@@ -657,6 +756,78 @@ export interface components {
          * @enum {string}
          */
         readonly FitReferencePlane: "turntable" | "sample";
+        /** @description The complete result. */
+        readonly FitReport: {
+            /**
+             * Format: double
+             * @description χ² per degree of freedom with the model error among the uncertainties.
+             */
+            readonly chi2_reduced?: number | null;
+            /**
+             * Format: double
+             * @description The same with counting noise only.
+             */
+            readonly chi2_reduced_without_model?: number | null;
+            readonly covariance?: components["schemas"]["FitCovariance"] | null;
+            /**
+             * @description What explains the residual that an ideal sawtooth, a steady lamp and a linear detector leave, largest share
+             *     first.
+             */
+            readonly findings?: readonly components["schemas"]["FitFinding"][];
+            /** @description Observations with their fitted values. */
+            readonly fitted?: readonly components["schemas"]["FittedPoint"][];
+            /** @description Degrees of freedom of the two parts of every budget that come from scatter. */
+            readonly freedom?: components["schemas"]["FitFreedom"];
+            /** @description One descent to the reported minimum, step by step, on request. */
+            readonly iterations?: readonly components["schemas"]["FitIteration"][];
+            /** @description What the fit leaves out, why, and its possible effect. */
+            readonly left_out: readonly components["schemas"]["WorkLeftOut"][];
+            /**
+             * Format: double
+             * @description Model error at the peak, as a share of the largest observation.
+             */
+            readonly model_discrepancy?: number | null;
+            /**
+             * Format: int32
+             * @description Frames used, including darks and flats.
+             */
+            readonly n_frames_used: number;
+            /** @description Number of observations fitted. */
+            readonly n_observations: number;
+            /** @description Sentences worth knowing that need no action. */
+            readonly notes?: readonly string[];
+            /** @description The parameters. */
+            readonly parameters: components["schemas"]["FitParameters"];
+            /** @description Program and version. */
+            readonly program: string;
+            /** @description The plane that θr and the azimuth refer to. */
+            readonly reference_plane?: components["schemas"]["FitReferencePlane"];
+            /** @description Region of interest, if the sample has several. */
+            readonly region?: string | null;
+            /** @description Rejected frames. */
+            readonly rejected_frames: readonly components["schemas"]["FrameRejected"][];
+            /**
+             * Format: double
+             * @description Root mean square residual, as a share of the largest observation. Like the next three, none if the fit has no
+             *     result.
+             */
+            readonly rms_residual?: number | null;
+            readonly slope_distribution?: components["schemas"]["FitSlopes"] | null;
+            /** @description Outcomes of the starts. */
+            readonly starts?: components["schemas"]["FitStarts"];
+            /** @description How the fit ended. */
+            readonly status: components["schemas"]["FitStatus"];
+            /** @description Durations in seconds. */
+            readonly timing_s: components["schemas"]["FitTiming"];
+            readonly tracer?: components["schemas"]["FitTracer"] | null;
+            /** @description Variant that the parameters belong to. */
+            readonly variant: components["schemas"]["FitVariantName"];
+            /** @description All variants fitted. */
+            readonly variants: readonly components["schemas"]["FitVariant"][];
+            /** @description Sentences on what the user has to check or change. */
+            readonly warnings: readonly string[];
+            readonly wedge_across?: components["schemas"]["FitAcross"] | null;
+        };
         /** @description A request for a fit. */
         readonly FitRequest: {
             /**
@@ -1040,6 +1211,24 @@ export interface components {
              */
             readonly width_px: number;
         };
+        /** @description A frame. */
+        readonly FrameHash: {
+            /** @description File name in the series or in an export. */
+            readonly file: string;
+            /** @description What it shows. */
+            readonly kind: components["schemas"]["FrameKind"];
+            /** @description SHA-256 of the file. */
+            readonly sha256: string;
+        };
+        /** @description Frames by their content. */
+        readonly FrameHashes: {
+            /** @description Number of frames. */
+            readonly count: number;
+            /** @description The frames, by name. */
+            readonly files: readonly components["schemas"]["FrameHash"][];
+            /** @description SHA-256 of the text that `sha256sum` prints of the files: a line `HASH  NAME` for each, in the order of `files`. */
+            readonly sha256: string;
+        };
         /**
          * @description Kind of a frame.
          * @enum {string}
@@ -1053,6 +1242,77 @@ export interface components {
             readonly file: string;
             /** @description Stable word or short phrase: `saturated`, `black`, `unreadable`, `wrong size`, `shifted`, … */
             readonly reason: string;
+        };
+        /** @description A gauge R&R study. */
+        readonly Gauge: {
+            /** @description Whether all combinations have the same number of scans. */
+            readonly balanced: boolean;
+            readonly by?: components["schemas"]["GroupedBy"] | null;
+            /** @description How parts and groups are combined. */
+            readonly design: components["schemas"]["GaugeDesign"];
+            readonly distinct_categories?: components["schemas"]["GaugeNumber"] | null;
+            /** @description Repeatability and reproducibility together (R&R). */
+            readonly gauge: components["schemas"]["GaugeSpread"];
+            readonly gauge_percent?: components["schemas"]["GaugeNumber"] | null;
+            /** @description Whether the interaction is pooled with the repeatability. */
+            readonly interaction_pooled: boolean;
+            /**
+             * Format: double
+             * @description Probability of an interaction at least this large by chance; null where it cannot be tested.
+             */
+            readonly interaction_probability?: number | null;
+            /** @description Number of operators or days; 0 without groups. */
+            readonly n_groups: number;
+            /** @description Number of parts. */
+            readonly n_parts: number;
+            /** @description What limits the study. */
+            readonly notes: readonly string[];
+            readonly part_to_part?: components["schemas"]["GaugeSpread"] | null;
+            /** @description Repeated scans of one part by one group (equipment variation). */
+            readonly repeatability: components["schemas"]["GaugeSpread"];
+            readonly reproducibility?: components["schemas"]["GaugeSpread"] | null;
+            /** @description The analysis of variance. */
+            readonly rows: readonly components["schemas"]["VarianceRow"][];
+            readonly total?: components["schemas"]["GaugeSpread"] | null;
+        };
+        /**
+         * @description How parts and groups are combined.
+         * @enum {string}
+         */
+        readonly GaugeDesign: "crossed" | "parts-within-groups" | "groups-within-parts" | "parts-only" | "groups-only";
+        /** @description A number with its interval. */
+        readonly GaugeNumber: {
+            /** @description Interval of 95 %. */
+            readonly interval?: readonly number[] | null;
+            /** @description Why there is no interval. */
+            readonly note?: string | null;
+            /**
+             * Format: double
+             * @description Estimate.
+             */
+            readonly value: number;
+        };
+        /** @description A standard deviation with its degrees of freedom and interval. */
+        readonly GaugeSpread: {
+            /**
+             * Format: double
+             * @description Effective degrees of freedom.
+             */
+            readonly degrees_of_freedom?: number | null;
+            /** @description Interval of 95 % for the standard deviation. */
+            readonly interval?: readonly number[] | null;
+            /** @description Why there is no interval. */
+            readonly note?: string | null;
+            /**
+             * Format: double
+             * @description Share of the standard deviation of the total, percent; the shares of components do not add up to 100.
+             */
+            readonly percent_of_total?: number | null;
+            /**
+             * Format: double
+             * @description Standard deviation, in the unit of the parameter; 0 for a component that the data do not show.
+             */
+            readonly std: number;
         };
         /** @description Positions of lamp and camera. */
         readonly GeometryBody: {
@@ -1105,6 +1365,11 @@ export interface components {
              */
             readonly to: number;
         };
+        /**
+         * @description What reproducibility is taken over.
+         * @enum {string}
+         */
+        readonly GroupedBy: "operator" | "day";
         /** @description Who holds the rig. */
         readonly HolderBody: {
             /** @description Name of the lease, or the scan or motion that holds the rig without one. */
@@ -1270,6 +1535,16 @@ export interface components {
             readonly holder?: components["schemas"]["HolderBody"] | null;
             /** @description Whether the request presents the lease that holds the rig. */
             readonly own: boolean;
+        };
+        /** @description A scan that is not part of the study. */
+        readonly LeftOutScan: {
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly scan_id: number;
+            /** @description Why. */
+            readonly why: string;
         };
         /** @description A page of a list. */
         readonly List_CalibrationBody: {
@@ -1705,6 +1980,25 @@ export interface components {
             readonly next_cursor?: string | null;
         };
         /** @description A page of a list. */
+        readonly List_RecordChange: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly (components["schemas"]["ScanRecord"] & {
+                /** @description When, RFC 3339 in UTC. */
+                readonly at: string;
+                /**
+                 * Format: int64
+                 * @description Number of the change.
+                 */
+                readonly id: number;
+                /** @description Who made it: the name of a token, or `local`. */
+                readonly who: string;
+            })[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
         readonly List_SampleBody: {
             /** @description Rows of this page that the store cannot read; omitted if there are none. */
             readonly damaged?: readonly components["schemas"]["DamagedBody"][];
@@ -1737,6 +2031,8 @@ export interface components {
             readonly damaged?: readonly components["schemas"]["DamagedBody"][];
             /** @description The rows of this page. */
             readonly items: readonly {
+                /** @description Whether lists leave the scan out unless they are asked for archived scans. */
+                readonly archived: boolean;
                 /** @description Calibrations that it uses, including its own. */
                 readonly calibration_ids: readonly number[];
                 /** @description The camera that took the frames. */
@@ -1761,6 +2057,8 @@ export interface components {
                 readonly id: number;
                 /** @description Lot of the part. */
                 readonly lot?: string | null;
+                /** @description Free text on the scan. */
+                readonly note?: string | null;
                 readonly operator?: components["schemas"]["OperatorBody"] | null;
                 /** @description The person at the rig. */
                 readonly operator_name?: string | null;
@@ -1792,6 +2090,8 @@ export interface components {
                 readonly started_at?: string | null;
                 /** @description State of the scan. */
                 readonly state: components["schemas"]["ScanState"];
+                /** @description Tags, in the order in which they were given. */
+                readonly tags: readonly string[];
                 /**
                  * Format: double
                  * @description Expanded uncertainty (k = 2) of θr that the recipe asks for, degrees; null if it states none.
@@ -1903,6 +2203,111 @@ export interface components {
             readonly k_std?: number;
             /** @enum {string} */
             readonly kind: "conductor";
+        };
+        /** @description What was measured. */
+        readonly MeasuredPart: {
+            /** @description Names that it had, oldest first. */
+            readonly earlier_names: readonly components["schemas"]["Earlier"][];
+            /** @description Nominal material with standard uncertainties. */
+            readonly material: Record<string, never>;
+            /** @description Its name. */
+            readonly name: string;
+            /** @description Its note. */
+            readonly note?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the sample in the store.
+             */
+            readonly sample_id?: number | null;
+        };
+        /** @description The scan. */
+        readonly MeasuredScan: {
+            /** @description When it was requested, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description Samples that it was assigned to before, oldest first. */
+            readonly earlier_samples: readonly components["schemas"]["Earlier"][];
+            /** @description When it ended. */
+            readonly ended_at?: string | null;
+            /** @description Number of the part or order in another system. */
+            readonly external_id?: string | null;
+            /**
+             * Format: int32
+             * @description Number of frames that were taken and rejected.
+             */
+            readonly frames_rejected: number;
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly id: number;
+            /** @description Lot of the part. */
+            readonly lot?: string | null;
+            /** @description The person at the rig. */
+            readonly operator_name?: string | null;
+            /**
+             * Format: int64
+             * @description The order of the queue that it measures.
+             */
+            readonly order_id?: number | null;
+            /** @description `rig` or `import`. */
+            readonly origin: string;
+            /** @description Program that ran it, with its commit. */
+            readonly program: string;
+            /** @description Reason for the state, if it is not the normal course. */
+            readonly reason?: string | null;
+            readonly recipe?: components["schemas"]["UsedDefinition"] | null;
+            readonly specification?: components["schemas"]["UsedDefinition"] | null;
+            /** @description When it started; null for an import. */
+            readonly started_at?: string | null;
+            /** @description Its state. */
+            readonly state: components["schemas"]["ScanState"];
+            /** @description Who started it. */
+            readonly who: string;
+        };
+        /** @description Everything that a report states. */
+        readonly MeasurementReport: {
+            /** @description Whether a white reference defines the scale of the observations; otherwise their unit is arbitrary. */
+            readonly absolute: boolean;
+            /** @description Dark and white-reference frames of the store that the scan used; empty for a series, which has its own. */
+            readonly calibrations: readonly components["schemas"]["UsedCalibration"][];
+            /** @description The fit. */
+            readonly fit: components["schemas"]["ReportedFit"];
+            /** @description [`FORM`]. */
+            readonly form: string;
+            /** @description The frames, by their content. */
+            readonly frames: components["schemas"]["FrameHashes"];
+            /** @description Faults during the scan and their ends, oldest first. */
+            readonly incidents: readonly components["schemas"]["ReportedIncident"][];
+            /** @description The observations that were fitted. */
+            readonly observations: readonly components["schemas"]["ReportedObservation"][];
+            /** @description What was measured. */
+            readonly part: components["schemas"]["MeasuredPart"];
+            /** @description Poses, exposures and repeats. */
+            readonly plan: components["schemas"]["Plan"];
+            /** @description Program that made the report, with its commit. */
+            readonly program: string;
+            readonly repeatability?: components["schemas"]["Repeatability"] | null;
+            /** @description Lamp, camera and stages. */
+            readonly rig: components["schemas"]["MeasuringRig"];
+            readonly scan?: components["schemas"]["MeasuredScan"] | null;
+            readonly verdict?: components["schemas"]["ReportedVerdict"] | null;
+            /** @description The white reference. */
+            readonly white_reference?: Record<string, never> | null;
+        };
+        /** @description The rig as the scan used it. */
+        readonly MeasuringRig: {
+            /** @description How the camera makes counts. */
+            readonly camera: Record<string, never>;
+            /** @description Serial number of the camera, where its program states one. */
+            readonly camera_serial?: string | null;
+            /** @description Where lamp and camera are, with the stated uncertainties. */
+            readonly geometry: Record<string, never>;
+            /** @description Lowest and highest temperature of the sensor, °C, where the camera's program states it. */
+            readonly sensor_temperature_c?: readonly number[] | null;
+            /** @description Whether it was simulated. */
+            readonly simulated: boolean;
+            /** @description Controllers of the stages during the scan, the last ones first. */
+            readonly stages: readonly components["schemas"]["StageController"][];
         };
         /** @description A metal of the tables, by its name. */
         readonly MetalBody: {
@@ -2504,10 +2909,124 @@ export interface components {
              */
             readonly k_std?: number | null;
         };
+        /** @description A record as it was after a change. */
+        readonly RecordChange: components["schemas"]["ScanRecord"] & {
+            /** @description When, RFC 3339 in UTC. */
+            readonly at: string;
+            /**
+             * Format: int64
+             * @description Number of the change.
+             */
+            readonly id: number;
+            /** @description Who made it: the name of a token, or `local`. */
+            readonly who: string;
+        };
         /** @description Another name for a sample. */
         readonly RenameBody: {
             /** @description Name, 1 to 200 characters. */
             readonly name: string;
+        };
+        /** @description Scatter of several scans, and gauge R&R. */
+        readonly Repeatability: {
+            readonly gauge?: components["schemas"]["Gauge"] | null;
+            /** @description Why there are no components of variance, and what to measure. */
+            readonly gauge_note?: string | null;
+            /** @description Scans without a result. */
+            readonly left_out: readonly components["schemas"]["LeftOutScan"][];
+            /** @description Key of the parameter; its unit is the end of the name. */
+            readonly parameter: string;
+            /** @description Results, oldest scan first. */
+            readonly results: readonly components["schemas"]["StudiedResult"][];
+            readonly scatter?: components["schemas"]["Scatter"] | null;
+            /** @description Lines of the budget, and whether they have the same error in all scans. */
+            readonly shared_lines: readonly components["schemas"]["SharedLine"][];
+        };
+        /** @description The fit. */
+        readonly ReportedFit: components["schemas"]["FitReport"] & {
+            /** @description Program that computed it, with its commit. */
+            readonly computed_by: string;
+            /** @description When it was requested, RFC 3339 in UTC. */
+            readonly created_at?: string | null;
+            /** @description When it ended. */
+            readonly ended_at?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the fit in the store.
+             */
+            readonly id?: number | null;
+            /** @description The request, as it was accepted. */
+            readonly request: Record<string, never>;
+            /** @description Who started it. */
+            readonly who?: string | null;
+        };
+        /** @description A fault or its end. */
+        readonly ReportedIncident: {
+            /** @description When it was recorded, RFC 3339 in UTC. */
+            readonly at: string;
+            /** @description Whether a person resumed the scan in between; null for an alarm. */
+            readonly attended?: boolean | null;
+            /** @description Stable word of the fault. */
+            readonly code: string;
+            /**
+             * Format: int64
+             * @description Number of the event.
+             */
+            readonly id: number;
+            /** @description `alarm` or `recovered`. */
+            readonly kind: string;
+            /** @description What happened. */
+            readonly message: string;
+            /** @description Points of the plan that were taken again. */
+            readonly points: readonly number[];
+            /**
+             * Format: double
+             * @description Time from the fault to the first point that counted again, s; null for an alarm.
+             */
+            readonly took_s?: number | null;
+        };
+        /** @description An observation. */
+        readonly ReportedObservation: {
+            /**
+             * Format: int32
+             * @description Frames of this observation.
+             */
+            readonly n_frames: number;
+            /**
+             * Format: double
+             * @description Sample azimuth φs read back, degrees.
+             */
+            readonly phi_s_deg: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty by independent errors.
+             */
+            readonly sigma: number;
+            /**
+             * Format: double
+             * @description Radiance for a lamp irradiance of 1 on a surface that faces the lamp; in an arbitrary unit if not `absolute`.
+             */
+            readonly signal: number;
+            /**
+             * Format: double
+             * @description Camera tilt θc read back, degrees.
+             */
+            readonly theta_c_deg: number;
+        };
+        /** @description The verdict. */
+        readonly ReportedVerdict: Record<string, never> & {
+            /** @description When it was requested, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description When it ended. */
+            readonly ended_at?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the verdict in the store.
+             */
+            readonly id: number;
+            /** @description The request with the whole specification. */
+            readonly request: Record<string, never>;
+            /** @description Who asked for it. */
+            readonly who: string;
         };
         /** @description A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and at most 600 bytes where its texts have 80 together. Uncertainties have three significant digits, values end at the same decimal; /fits/{id} has all digits */
         readonly Result: {
@@ -2531,6 +3050,8 @@ export interface components {
              * @description Its standard uncertainty (k = 1)
              */
             readonly alpha_v_std?: number;
+            /** @description Whether the scan is archived; without this filter, rows of archived scans are left out */
+            readonly archived?: boolean;
             /**
              * Format: double
              * @description Δφs, degrees
@@ -2596,6 +3117,8 @@ export interface components {
              * @enum {string}
              */
             readonly material?: "dielectric" | "conductor";
+            /** @description Note on the scan */
+            readonly note?: string;
             /** @description The person at the rig */
             readonly operator_name?: string;
             /**
@@ -2661,6 +3184,8 @@ export interface components {
              * @enum {string}
              */
             readonly status?: "converged" | "at-bound" | "rank-deficient" | "stalled" | "not-finite" | "too-few-observations" | "cancelled";
+            /** @description Tags of the scan */
+            readonly tags?: readonly string[];
             /**
              * Format: double
              * @description Ridge angle θr, degrees; null where the data do not determine it
@@ -2714,6 +3239,34 @@ export interface components {
             /** @description Who started the scan: the name of a token, or `local` */
             readonly who?: string;
         };
+        /** @description The scan and fit of a result. */
+        readonly ResultOf: {
+            /**
+             * Format: int64
+             * @description Number of the fit: the newest completed one.
+             */
+            readonly fit_id: number;
+            /** @description When the scan started, or was imported; RFC 3339 in UTC. */
+            readonly measured_at: string;
+            /** @description The person at the rig. */
+            readonly operator_name?: string | null;
+            /** @description Name of the sample. */
+            readonly part: string;
+            /** @description Region of a sample that has several. */
+            readonly region?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the sample.
+             */
+            readonly sample_id: number;
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly scan_id: number;
+            /** @description Variant of the model. */
+            readonly variant: components["schemas"]["FitVariantName"];
+        };
         /** @description A page of results. */
         readonly ResultsBody_Result: {
             /**
@@ -2743,6 +3296,8 @@ export interface components {
                  * @description Its standard uncertainty (k = 1)
                  */
                 readonly alpha_v_std?: number;
+                /** @description Whether the scan is archived; without this filter, rows of archived scans are left out */
+                readonly archived?: boolean;
                 /**
                  * Format: double
                  * @description Δφs, degrees
@@ -2808,6 +3363,8 @@ export interface components {
                  * @enum {string}
                  */
                 readonly material?: "dielectric" | "conductor";
+                /** @description Note on the scan */
+                readonly note?: string;
                 /** @description The person at the rig */
                 readonly operator_name?: string;
                 /**
@@ -2873,6 +3430,8 @@ export interface components {
                  * @enum {string}
                  */
                 readonly status?: "converged" | "at-bound" | "rank-deficient" | "stalled" | "not-finite" | "too-few-observations" | "cancelled";
+                /** @description Tags of the scan */
+                readonly tags?: readonly string[];
                 /**
                  * Format: double
                  * @description Ridge angle θr, degrees; null where the data do not determine it
@@ -3073,6 +3632,8 @@ export interface components {
         };
         /** @description A scan. */
         readonly ScanBody: {
+            /** @description Whether lists leave the scan out unless they are asked for archived scans. */
+            readonly archived: boolean;
             /** @description Calibrations that it uses, including its own. */
             readonly calibration_ids: readonly number[];
             /** @description The camera that took the frames. */
@@ -3097,6 +3658,8 @@ export interface components {
             readonly id: number;
             /** @description Lot of the part. */
             readonly lot?: string | null;
+            /** @description Free text on the scan. */
+            readonly note?: string | null;
             readonly operator?: components["schemas"]["OperatorBody"] | null;
             /** @description The person at the rig. */
             readonly operator_name?: string | null;
@@ -3128,6 +3691,8 @@ export interface components {
             readonly started_at?: string | null;
             /** @description State of the scan. */
             readonly state: components["schemas"]["ScanState"];
+            /** @description Tags, in the order in which they were given. */
+            readonly tags: readonly string[];
             /**
              * Format: double
              * @description Expanded uncertainty (k = 2) of θr that the recipe asks for, degrees; null if it states none.
@@ -3164,6 +3729,29 @@ export interface components {
          * @enum {string}
          */
         readonly ScanOrigin: "rig" | "import";
+        /** @description What changes of a scan; a field that is omitted stays as it is. */
+        readonly ScanPatch: {
+            /** @description Whether lists leave the scan out from now on. */
+            readonly archived?: boolean | null;
+            /** @description The note from now on, at most 4000 characters; null or an empty text removes it. */
+            readonly note?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the sample that was scanned.
+             */
+            readonly sample_id?: number | null;
+            /** @description All tags from now on, at most 20: each 1 to 40 characters without comma, quote and backslash. */
+            readonly tags?: readonly string[] | null;
+        };
+        /** @description The record of a scan. */
+        readonly ScanRecord: {
+            /** @description Whether lists leave the scan out unless they are asked for archived scans. */
+            readonly archived: boolean;
+            /** @description Free text. */
+            readonly note?: string | null;
+            /** @description Tags, in the order in which they were given. */
+            readonly tags: readonly string[];
+        };
         /** @description A request for a scan: of a plan, or of a recipe. */
         readonly ScanRequest: {
             /** @description Number of the part or order in another system, at most 200 characters. */
@@ -3186,6 +3774,65 @@ export interface components {
          * @enum {string}
          */
         readonly ScanState: "planned" | "waiting-for-operator" | "running" | "pausing" | "paused" | "interrupted" | "completed" | "aborted" | "failed";
+        /** @description Scatter within parts beside the stated uncertainty. */
+        readonly Scatter: {
+            /**
+             * Format: double
+             * @description χ² of the results about the weighted mean of their part, with `scattering_std`; null where a result has none.
+             */
+            readonly chi_square?: number | null;
+            /** @description Degrees of freedom of s and χ². */
+            readonly degrees_of_freedom: number;
+            /**
+             * Format: double
+             * @description Mean of the results, in the unit of the parameter; null for several parts.
+             */
+            readonly mean?: number | null;
+            /** @description What the verdict means, and what to do. */
+            readonly message?: string | null;
+            /** @description Number of results. */
+            readonly n: number;
+            /** @description Number of parts. */
+            readonly n_parts: number;
+            /**
+             * Format: double
+             * @description Probability of a χ² at least this large if the stated uncertainty is right.
+             */
+            readonly probability?: number | null;
+            /**
+             * Format: double
+             * @description s divided by `scattering_std`; null where that is zero.
+             */
+            readonly ratio?: number | null;
+            /**
+             * Format: double
+             * @description As `stated_std`, without the lines of the budget that have the same error in all results.
+             */
+            readonly scattering_std: number;
+            /**
+             * Format: double
+             * @description Root mean square of the stated expanded uncertainties U.
+             */
+            readonly stated_expanded: number;
+            /**
+             * Format: double
+             * @description Root mean square of the stated standard uncertainties u (k = 1).
+             */
+            readonly stated_std: number;
+            /**
+             * Format: double
+             * @description Scatter s: standard deviation of one result about the mean of its part.
+             */
+            readonly std: number;
+            /** @description Interval of 95 % for it, of normal errors. */
+            readonly std_interval: readonly number[];
+            readonly verdict?: components["schemas"]["ScatterVerdict"] | null;
+        };
+        /**
+         * @description Whether the scatter is as large as stated.
+         * @enum {string}
+         */
+        readonly ScatterVerdict: "consistent" | "too-large" | "small";
         /** @description Who sends requests. */
         readonly SessionBody: {
             /** @description Whether a login made this session, so that a logout ends it. */
@@ -3207,6 +3854,15 @@ export interface components {
             /** @description Name; the extension states the format (csv, png, tif, x3p, sdf). */
             readonly name: string;
             readonly pitch_um?: components["schemas"]["Pitch"] | null;
+        };
+        /** @description A line of the budget, and whether it has the same error in all scans. */
+        readonly SharedLine: {
+            /** @description Key of the line. */
+            readonly line: string;
+            /** @description Whether its error is the same in all scans. */
+            readonly shared: boolean;
+            /** @description Why. */
+            readonly why: string;
         };
         /** @description Limits and decision rule of one kind of sample. */
         readonly Specification: {
@@ -3258,12 +3914,66 @@ export interface components {
             /** @description The whole specification. Its name stays. */
             readonly specification: components["schemas"]["Specification"];
         };
+        /** @description A controller of a stage. */
+        readonly StageController: {
+            /** @description Axis. */
+            readonly axis: string;
+            /**
+             * Format: int32
+             * @description The manufacturer's product number.
+             */
+            readonly device_id: number;
+            /** @description Firmware version. */
+            readonly firmware: string;
+            /**
+             * Format: int32
+             * @description Serial number.
+             */
+            readonly serial: number;
+        };
         /** @description Two controllers. */
         readonly StagesBody: {
             /** @description The controller of the sample azimuth. */
             readonly phi_s: components["schemas"]["ControllerBody"];
             /** @description The controller of the camera tilt. */
             readonly theta_c: components["schemas"]["ControllerBody"];
+        };
+        /** @description A result of the study. */
+        readonly StudiedResult: components["schemas"]["ResultOf"] & {
+            /** @description Lines of the budget that are not zero: standard uncertainties. */
+            readonly budget: {
+                readonly [key: string]: number;
+            };
+            /**
+             * Format: double
+             * @description U divided by u.
+             */
+            readonly coverage_factor: number;
+            /**
+             * Format: double
+             * @description Value minus the mean of the part.
+             */
+            readonly deviation: number;
+            /**
+             * Format: double
+             * @description Expanded uncertainty U, same unit.
+             */
+            readonly expanded: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty without the lines that have the same error in all scans.
+             */
+            readonly scattering_std: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty u (k = 1), same unit.
+             */
+            readonly std: number;
+            /**
+             * Format: double
+             * @description Value, in the unit of the parameter's name.
+             */
+            readonly value: number;
         };
         /** @description What a camera's program states with a frame. */
         readonly TagBody: {
@@ -3354,8 +4064,76 @@ export interface components {
              */
             readonly value: number;
         };
+        /** @description Dark or white-reference frames of the store. */
+        readonly UsedCalibration: {
+            /**
+             * Format: double
+             * @description Age at the start of the scan, h; negative for frames that the scan took itself.
+             */
+            readonly age_h?: number | null;
+            /** @description When the frames were taken, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description Exposure times, s. */
+            readonly exposures_s: readonly number[];
+            /**
+             * Format: int64
+             * @description Number of the calibration.
+             */
+            readonly id: number;
+            /** @description Kind of its frames. */
+            readonly kind: components["schemas"]["FrameKind"];
+            /**
+             * Format: int32
+             * @description Number of frames.
+             */
+            readonly n_frames: number;
+            /**
+             * Format: int64
+             * @description Number of the scan that took the frames.
+             */
+            readonly scan_id: number;
+            /** @description Camera tilts θc, degrees; empty for dark frames. */
+            readonly theta_c_deg: readonly number[];
+        };
+        /** @description A version of a recipe or specification. */
+        readonly UsedDefinition: {
+            /**
+             * Format: int64
+             * @description Number of the recipe or specification in the store.
+             */
+            readonly id: number;
+            /** @description Its name. */
+            readonly name: string;
+            /**
+             * Format: int64
+             * @description Its version, from 1.
+             */
+            readonly version: number;
+        };
         /** @description A list of numbers, written out or as a grid. */
         readonly Values: readonly number[] | components["schemas"]["Grid"];
+        /** @description A row of the analysis of variance. */
+        readonly VarianceRow: {
+            /** @description Degrees of freedom. */
+            readonly degrees_of_freedom: number;
+            /**
+             * Format: double
+             * @description Mean square, same unit.
+             */
+            readonly mean_square: number;
+            /** @description Source of the variation. */
+            readonly source: components["schemas"]["VarianceSource"];
+            /**
+             * Format: double
+             * @description Sum of squares, in the square of the parameter's unit.
+             */
+            readonly sum_of_squares: number;
+        };
+        /**
+         * @description A source of variation.
+         * @enum {string}
+         */
+        readonly VarianceSource: "part" | "group" | "interaction" | "repeat";
         /**
          * @description Variant that the report is based on.
          * @enum {string}
@@ -3439,7 +4217,6 @@ export interface components {
 }
 export type AcceptStagesBody = components['schemas']['AcceptStagesBody'];
 export type Activity = components['schemas']['Activity'];
-export type AssignBody = components['schemas']['AssignBody'];
 export type AxesBody = components['schemas']['AxesBody'];
 export type AxisBody = components['schemas']['AxisBody'];
 export type Begun = components['schemas']['Begun'];
@@ -3447,6 +4224,10 @@ export type Binary = components['schemas']['Binary'];
 export type CalibrationBody = components['schemas']['CalibrationBody'];
 export type CameraBody = components['schemas']['CameraBody'];
 export type CertaintyBody = components['schemas']['CertaintyBody'];
+export type ComparedLine = components['schemas']['ComparedLine'];
+export type ComparedParameter = components['schemas']['ComparedParameter'];
+export type ComparedValue = components['schemas']['ComparedValue'];
+export type Comparison = components['schemas']['Comparison'];
 export type ContinueBody = components['schemas']['ContinueBody'];
 export type ContrastRequest = components['schemas']['ContrastRequest'];
 export type ControllerBody = components['schemas']['ControllerBody'];
@@ -3459,6 +4240,8 @@ export type DarkRequest = components['schemas']['DarkRequest'];
 export type DecisionRule = components['schemas']['DecisionRule'];
 export type DefinitionName = components['schemas']['DefinitionName'];
 export type DefinitionRef = components['schemas']['DefinitionRef'];
+export type Difference = components['schemas']['Difference'];
+export type Earlier = components['schemas']['Earlier'];
 export type EarlierName = components['schemas']['EarlierName'];
 export type EarlierSample = components['schemas']['EarlierSample'];
 export type EstimateBody = components['schemas']['EstimateBody'];
@@ -3475,6 +4258,7 @@ export type FitIteration = components['schemas']['FitIteration'];
 export type FitParameter = components['schemas']['FitParameter'];
 export type FitParameters = components['schemas']['FitParameters'];
 export type FitReferencePlane = components['schemas']['FitReferencePlane'];
+export type FitReport = components['schemas']['FitReport'];
 export type FitRequest = components['schemas']['FitRequest'];
 export type FitSlopes = components['schemas']['FitSlopes'];
 export type FitStarts = components['schemas']['FitStarts'];
@@ -3493,10 +4277,17 @@ export type ForecastAtLimit = components['schemas']['ForecastAtLimit'];
 export type ForecastError = components['schemas']['ForecastError'];
 export type ForecastPart = components['schemas']['ForecastPart'];
 export type FrameBody = components['schemas']['FrameBody'];
+export type FrameHash = components['schemas']['FrameHash'];
+export type FrameHashes = components['schemas']['FrameHashes'];
 export type FrameKind = components['schemas']['FrameKind'];
 export type FrameRejected = components['schemas']['FrameRejected'];
+export type Gauge = components['schemas']['Gauge'];
+export type GaugeDesign = components['schemas']['GaugeDesign'];
+export type GaugeNumber = components['schemas']['GaugeNumber'];
+export type GaugeSpread = components['schemas']['GaugeSpread'];
 export type GeometryBody = components['schemas']['GeometryBody'];
 export type Grid = components['schemas']['Grid'];
+export type GroupedBy = components['schemas']['GroupedBy'];
 export type HolderBody = components['schemas']['HolderBody'];
 export type ImportBody = components['schemas']['ImportBody'];
 export type ImportRequest = components['schemas']['ImportRequest'];
@@ -3508,6 +4299,7 @@ export type JogBody = components['schemas']['JogBody'];
 export type LeaseBody = components['schemas']['LeaseBody'];
 export type LeaseRequest = components['schemas']['LeaseRequest'];
 export type LeaseStateBody = components['schemas']['LeaseStateBody'];
+export type LeftOutScan = components['schemas']['LeftOutScan'];
 export type ListCalibrationBody = components['schemas']['List_CalibrationBody'];
 export type ListCertaintyBody = components['schemas']['List_CertaintyBody'];
 export type ListFit = components['schemas']['List_Fit'];
@@ -3516,6 +4308,7 @@ export type ListIncidentBody = components['schemas']['List_IncidentBody'];
 export type ListJob = components['schemas']['List_Job'];
 export type ListOrderBody = components['schemas']['List_OrderBody'];
 export type ListRecipeBody = components['schemas']['List_RecipeBody'];
+export type ListRecordChange = components['schemas']['List_RecordChange'];
 export type ListSampleBody = components['schemas']['List_SampleBody'];
 export type ListScanBody = components['schemas']['List_ScanBody'];
 export type ListSpecificationBody = components['schemas']['List_SpecificationBody'];
@@ -3523,6 +4316,10 @@ export type LoginRequest = components['schemas']['LoginRequest'];
 export type Loss = components['schemas']['Loss'];
 export type MapRequest = components['schemas']['MapRequest'];
 export type MaterialBody = components['schemas']['MaterialBody'];
+export type MeasuredPart = components['schemas']['MeasuredPart'];
+export type MeasuredScan = components['schemas']['MeasuredScan'];
+export type MeasurementReport = components['schemas']['MeasurementReport'];
+export type MeasuringRig = components['schemas']['MeasuringRig'];
 export type MetalBody = components['schemas']['MetalBody'];
 export type MoveBody = components['schemas']['MoveBody'];
 export type MoveRequest = components['schemas']['MoveRequest'];
@@ -3556,8 +4353,15 @@ export type RecipeChange = components['schemas']['RecipeChange'];
 export type RecipeFit = components['schemas']['RecipeFit'];
 export type RecipeLayout = components['schemas']['RecipeLayout'];
 export type RecipeMaterial = components['schemas']['RecipeMaterial'];
+export type RecordChange = components['schemas']['RecordChange'];
 export type RenameBody = components['schemas']['RenameBody'];
+export type Repeatability = components['schemas']['Repeatability'];
+export type ReportedFit = components['schemas']['ReportedFit'];
+export type ReportedIncident = components['schemas']['ReportedIncident'];
+export type ReportedObservation = components['schemas']['ReportedObservation'];
+export type ReportedVerdict = components['schemas']['ReportedVerdict'];
 export type Result = components['schemas']['Result'];
+export type ResultOf = components['schemas']['ResultOf'];
 export type ResultsBodyResult = components['schemas']['ResultsBody_Result'];
 export type RidgeFacts = components['schemas']['RidgeFacts'];
 export type RigBody = components['schemas']['RigBody'];
@@ -3568,20 +4372,31 @@ export type SampleRequest = components['schemas']['SampleRequest'];
 export type ScanBody = components['schemas']['ScanBody'];
 export type ScanCameraBody = components['schemas']['ScanCameraBody'];
 export type ScanOrigin = components['schemas']['ScanOrigin'];
+export type ScanPatch = components['schemas']['ScanPatch'];
+export type ScanRecord = components['schemas']['ScanRecord'];
 export type ScanRequest = components['schemas']['ScanRequest'];
 export type ScanState = components['schemas']['ScanState'];
+export type Scatter = components['schemas']['Scatter'];
+export type ScatterVerdict = components['schemas']['ScatterVerdict'];
 export type SessionBody = components['schemas']['SessionBody'];
 export type ShapeFile = components['schemas']['ShapeFile'];
+export type SharedLine = components['schemas']['SharedLine'];
 export type Specification = components['schemas']['Specification'];
 export type SpecificationBody = components['schemas']['SpecificationBody'];
 export type SpecificationChange = components['schemas']['SpecificationChange'];
+export type StageController = components['schemas']['StageController'];
 export type StagesBody = components['schemas']['StagesBody'];
+export type StudiedResult = components['schemas']['StudiedResult'];
 export type TagBody = components['schemas']['TagBody'];
 export type TaskState = components['schemas']['TaskState'];
 export type ToleranceLimits = components['schemas']['ToleranceLimits'];
 export type TraceRequest = components['schemas']['TraceRequest'];
 export type UncertainBody = components['schemas']['UncertainBody'];
+export type UsedCalibration = components['schemas']['UsedCalibration'];
+export type UsedDefinition = components['schemas']['UsedDefinition'];
 export type Values = components['schemas']['Values'];
+export type VarianceRow = components['schemas']['VarianceRow'];
+export type VarianceSource = components['schemas']['VarianceSource'];
 export type VariantChoice = components['schemas']['VariantChoice'];
 export type VerdictRequest = components['schemas']['VerdictRequest'];
 export type WorkLeftOut = components['schemas']['WorkLeftOut'];
