@@ -17,9 +17,9 @@ TARGET = ROOT / "python/src/ridged/_api.py"
 
 # Bodies and answers that the package names; their parts follow.
 NAMED = [
-    "CalibrationBody", "CertaintyBody", "CurvesBody", "EstimateBody", "Fit", "FrameBody", "IncidentBody", "Job",
-    "LeaseBody", "LeaseStateBody", "ObservationsBody", "PlanRequest", "PreviewAnswer", "Problem", "RecipeBody", "RigBody", "SampleBody",
-    "ScanBody", "SessionBody", "SpecificationBody",
+    "CalibrationBody", "CertaintyBody", "Comparison", "CurvesBody", "EstimateBody", "Fit", "FrameBody", "IncidentBody",
+    "Job", "LeaseBody", "LeaseStateBody", "ObservationsBody", "PlanRequest", "PreviewAnswer", "Problem", "RecipeBody",
+    "Repeatability", "RigBody", "SampleBody", "ScanBody", "SessionBody", "SpecificationBody",
 ]  # fmt: skip
 
 HEAD = '''"""Bodies of the HTTP API, as TypedDicts. Made by `tools/python_types.py` from the OpenAPI document; do not edit."""

@@ -156,3 +156,27 @@ def test_an_estimate_moves_nothing(lab: ridged.Lab) -> None:
     assert estimate["duration_s"] > 0
     with pytest.raises(ValueError, match="say what to visit"):
         lab.estimate("model 15°", theta_c_deg=[0])
+
+
+def test_scans_are_compared_and_their_scatter_is_put_beside_the_stated_uncertainty(
+    lab: ridged.Lab, scan: ridged.Scan
+) -> None:
+    again = lab.measure("model 15°", preset="paper").wait(on_step=ridged.confirm, progress=False, timeout_s=120)
+    compared = lab.compare(scan, again.id)
+    angle = compared["parameters"][0]
+    difference = angle["difference"]
+    assert angle["name"] == "theta_r_deg" and difference is not None
+    first, second = scan.fit.theta_r, again.fit.theta_r
+    assert difference["value"] == pytest.approx(float(second) - float(first))
+    shared = {line["line"] for line in compared["shared_lines"] if line["shared"]}
+    assert {"reference", "angles", "model"} <= shared
+    apart = lab.compare(scan, again, shared=[])["parameters"][0]["difference"]
+    assert apart is not None and first.u is not None and second.u is not None
+    assert apart["std"] == pytest.approx((first.u**2 + second.u**2) ** 0.5)
+    study = lab.repeatability([scan, again], shared=[])
+    scatter = study["scatter"]
+    assert scatter is not None
+    assert scatter["std"] == pytest.approx(abs(difference["value"]) / 2**0.5)
+    assert study["gauge"] is None and study["gauge_note"]
+    with pytest.raises(ridged.Invalid, match="expected 2 to 200 scans"):
+        lab.repeatability([scan])

@@ -74,12 +74,34 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Params<T> {
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
         let query = Query::<Vec<(String, String)>>::from_request_parts(parts, state).await;
         let Query(all) = query.map_err(|refusal| ApiError::bad_request(refusal.body_text()))?;
-        json::from_query(&all)
-            .map(Params)
-            .map_err(|refusal| match refusal.fault() {
-                Fault::UnknownField { .. } => ApiError::bad_request(refusal.message("parameter")),
-                _ => ApiError::invalid(refusal.path(), refusal.message("parameter")),
-            })
+        parameters(&all).map(Params)
+    }
+}
+
+fn parameters<T: DeserializeOwned>(all: &[(String, String)]) -> Result<T, ApiError> {
+    json::from_query(all).map_err(|refusal| match refusal.fault() {
+        Fault::UnknownField { .. } => ApiError::bad_request(refusal.message("parameter")),
+        _ => ApiError::invalid(refusal.path(), refusal.message("parameter")),
+    })
+}
+
+/// Numbers of scans (`scan_id`, repeated) and the other parameters after the question mark.
+pub struct ScansAnd<T>(pub Vec<i64>, pub T);
+
+impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for ScansAnd<T> {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let query = Query::<Vec<(String, String)>>::from_request_parts(parts, state).await;
+        let Query(all) = query.map_err(|refusal| ApiError::bad_request(refusal.body_text()))?;
+        let (scans, others): (Vec<_>, Vec<_>) =
+            all.into_iter().partition(|(name, _)| name == "scan_id");
+        let ids = scans.iter().map(|(_, text)| text.parse::<i64>());
+        let ids = ids.collect::<Result<Vec<_>, _>>();
+        let ids = ids.map_err(|_| {
+            ApiError::invalid("scan_id", "expected whole numbers: scan_id=1&scan_id=2")
+        })?;
+        Ok(ScansAnd(ids, parameters(&others)?))
     }
 }
 

@@ -15,6 +15,7 @@ mod caching;
 mod calibrations;
 mod caller;
 mod certainty;
+mod comparisons;
 mod connections;
 mod document;
 mod event_body;
@@ -45,6 +46,7 @@ mod reports;
 mod results;
 mod rig;
 mod samples;
+mod scan_records;
 mod scans;
 mod seats;
 pub mod server;
@@ -189,6 +191,7 @@ pub struct Begun {
         (name = "frames", description = "16-bit images"),
         (name = "observations", description = "Frames reduced to numbers"),
         (name = "results", description = "One short row per scan: parts, values, verdicts"),
+        (name = "comparisons", description = "Results beside each other: differences, repeatability, gauge R&R"),
         (name = "fits", description = "The model fitted to observations"),
         (name = "maps", description = "The model fitted to every pixel"),
         (name = "contrasts", description = "Contrast after rotation"),
@@ -221,7 +224,8 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(samples::get, samples::rename))
         .routes(routes!(scans::list, scans::begin))
         .routes(routes!(scans::estimate))
-        .routes(routes!(scans::get, scans::assign))
+        .routes(routes!(scans::get, scan_records::change))
+        .routes(routes!(scan_records::changes))
         .routes(routes!(scans::command))
         .routes(routes!(certainty::of_scan))
         .routes(routes!(incidents::of_scan))
@@ -256,6 +260,8 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(frames::preview))
         .routes(routes!(frames::pixels))
         .routes(routes!(results::list))
+        .routes(routes!(comparisons::compare))
+        .routes(routes!(comparisons::repeatability))
         .routes(routes!(fits::list, fits::begin))
         .routes(routes!(fits::get))
         .routes(routes!(fits::cancel))

@@ -9,7 +9,9 @@ use axum::response::{IntoResponse, Response};
 use futures::stream::{self, StreamExt as _};
 use serde::Serialize;
 use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
-use utoipa::openapi::schema::{KnownFormat, ObjectBuilder, Schema, SchemaFormat, Type};
+use utoipa::openapi::schema::{
+    ArrayBuilder, KnownFormat, ObjectBuilder, Schema, SchemaFormat, Type,
+};
 use utoipa::openapi::{RefOr, Required};
 
 use super::App;
@@ -105,9 +107,21 @@ fn of_column(column: &Column) -> Vec<Parameter> {
             format!("{about}: rows with this number"),
             of_kind(column.kind),
         )),
+        Kind::Flag => list.push(parameter(
+            (*name).to_owned(),
+            format!("{about}: true, false or all; false if omitted"),
+            ObjectBuilder::new()
+                .schema_type(Type::String)
+                .enum_values(Some(["true", "false", "all"])),
+        )),
+        Kind::Tags => list.push(parameter(
+            (*name).to_owned(),
+            format!("{about}: rows with this tag; empty: rows without tags"),
+            ObjectBuilder::new().schema_type(Type::String),
+        )),
         Kind::Real { .. } | Kind::Time => {}
     }
-    if !matches!(column.kind, Kind::Text | Kind::Word(_)) {
+    if column.kind.has_range() {
         for (end, words) in [("min", "at least"), ("max", "at most")] {
             list.push(parameter(
                 format!("{name}_{end}"),
@@ -121,9 +135,10 @@ fn of_column(column: &Column) -> Vec<Parameter> {
 
 fn of_kind(kind: Kind) -> ObjectBuilder {
     let (schema, format) = match kind {
+        Kind::Flag => (Type::Boolean, None),
         Kind::Id => (Type::Integer, Some(KnownFormat::Int64)),
         Kind::Real { .. } => (Type::Number, Some(KnownFormat::Double)),
-        Kind::Text | Kind::Word(_) | Kind::Time => (Type::String, None),
+        Kind::Text | Kind::Word(_) | Kind::Time | Kind::Tags => (Type::String, None),
     };
     let object = ObjectBuilder::new().schema_type(schema);
     object.format(format.map(SchemaFormat::KnownFormat))
@@ -140,6 +155,13 @@ impl utoipa::PartialSchema for ResultRowBody {
              decimal; /fits/{id} has all digits",
         ));
         for column in COLUMNS {
+            if column.kind == Kind::Tags {
+                let text = ObjectBuilder::new().schema_type(Type::String);
+                let list = ArrayBuilder::new().items(RefOr::T(Schema::Object(text.build())));
+                let list = list.description(Some(column.about));
+                row = row.property(column.name, Schema::Array(list.build()));
+                continue;
+            }
             let field = of_kind(column.kind).description(Some(column.about));
             let field = match column.kind {
                 Kind::Word(words) => field.enum_values(Some(words.iter().copied())),

@@ -18,6 +18,7 @@ use crate::scan::runner::ScanCommand;
 use crate::scan::{OperatorAction, Plan, Progress, ScanState};
 use crate::store::definitions::DefinitionRef;
 use crate::store::earlier::EarlierSample;
+use crate::store::records::tag_fault;
 use crate::store::scans::{Origin, Scan, ScanFilter};
 use crate::wording::json;
 
@@ -160,6 +161,12 @@ pub struct ScanBody {
     who: String,
     /// Samples that it was assigned to before, oldest first.
     earlier_samples: Vec<EarlierSample>,
+    /// Tags, in the order in which they were given.
+    tags: Vec<String>,
+    /// Free text on the scan.
+    note: Option<String>,
+    /// Whether lists leave the scan out unless they are asked for archived scans.
+    archived: bool,
     /// When the scan was requested, RFC 3339 in UTC.
     created_at: String,
     /// When it started, RFC 3339 in UTC.
@@ -227,6 +234,9 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
         order_id: scan.order_id,
         who: scan.who,
         earlier_samples: scan.earlier_samples,
+        tags: scan.record.tags,
+        note: scan.record.note,
+        archived: scan.record.archived,
         created_at: scan.created_at,
         started_at: match scan.origin {
             Origin::Rig => scan.started_at,
@@ -244,6 +254,12 @@ pub struct ScanParams {
     sample_id: Option<i64>,
     /// Scans in this state.
     state: Option<ScanState>,
+    /// Scans with this tag.
+    tag: Option<String>,
+    /// true: only archived scans; false, or omitted: only others; all: both.
+    #[serde(default)]
+    #[param(value_type = Option<Archived>)]
+    archived: Archived,
     /// Rows at most, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
@@ -251,9 +267,23 @@ pub struct ScanParams {
     cursor: Option<String>,
 }
 
+/// Which scans a list has.
+#[derive(Debug, Clone, Copy, Default, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Archived {
+    /// Archived scans.
+    True,
+    /// Scans that are not archived.
+    #[default]
+    False,
+    /// Both.
+    All,
+}
+
 /// Scans, newest first.
 #[utoipa::path(get, path = "/api/v1/scans", tag = "scans", params(ScanParams), responses(
     (status = 200, description = "A page of scans", body = List<ScanBody>),
+    (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn list(
     State(app): State<App>,
@@ -262,6 +292,18 @@ pub(super) async fn list(
     let filter = ScanFilter {
         sample_id: params.sample_id,
         state: params.state,
+        archived: match params.archived {
+            Archived::True => Some(true),
+            Archived::False => Some(false),
+            Archived::All => None,
+        },
+        tag: match params.tag {
+            Some(tag) => match tag_fault(&tag) {
+                Some(problem) => return Err(ApiError::invalid("tag", problem)),
+                None => Some(tag),
+            },
+            None => None,
+        },
     };
     let page = page(params.limit, params.cursor.as_deref())?;
     let found = app.lab.store().scans(filter, page).await?;
@@ -347,33 +389,6 @@ pub(super) async fn estimate(
 ))]
 pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<ScanBody>, ApiError> {
     let scan = app.lab.store().scan(id).await?;
-    Ok(Json(body(&app, scan).await?))
-}
-
-/// Another sample for a scan.
-#[derive(Debug, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct AssignBody {
-    /// Number of the sample that was scanned.
-    sample_id: i64,
-}
-
-/// Assign a scan to another sample. The earlier sample stays on record. If the material differs, a completed scan is
-/// fitted again.
-#[utoipa::path(patch, path = "/api/v1/scans/{id}", tag = "scans", params(("id" = i64, Path, description = "Number of the scan")),
-    request_body = AssignBody, responses(
-    (status = 200, description = "The scan", body = ScanBody),
-    (status = 400, description = "The body cannot be read", body = Problem),
-    (status = 404, description = "There is no such scan or sample", body = Problem),
-    (status = 409, description = "The scan holds the rig", body = Problem),
-    (status = 422, description = "A value is not valid", body = Problem),
-))]
-pub(super) async fn assign(
-    Caller(app): Caller,
-    Id(id): Id,
-    Body(wanted): Body<AssignBody>,
-) -> Result<Json<ScanBody>, ApiError> {
-    let scan = app.lab.assign_scan(id, wanted.sample_id).await?;
     Ok(Json(body(&app, scan).await?))
 }
 

@@ -27,7 +27,16 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ),
     (
         "Analyse",
-        &["fit", "map", "contrast", "judge", "report", "score"],
+        &[
+            "fit",
+            "map",
+            "contrast",
+            "judge",
+            "compare",
+            "repeatability",
+            "report",
+            "score",
+        ],
     ),
     ("Data", &["results", "import", "export"]),
     (

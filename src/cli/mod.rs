@@ -6,6 +6,7 @@
 pub mod accuracy;
 pub mod check;
 pub mod client;
+pub mod compare;
 pub mod completions;
 pub mod constraint_args;
 pub mod contrast;
@@ -34,6 +35,7 @@ pub mod prediction;
 pub mod progress;
 pub mod queue;
 pub mod render;
+pub mod repeatability;
 pub mod report;
 pub mod results;
 pub mod rig;
@@ -98,6 +100,10 @@ pub enum Command {
     Queue(queue::Args),
     /// List results: one row per scan, with filters; as a table, JSON or CSV.
     Results(results::Args),
+    /// Compare two scans: differences with U, and E_n.
+    Compare(compare::Args),
+    /// Compare the scatter of scans with their stated uncertainty; gauge R&R.
+    Repeatability(repeatability::Args),
     /// Import a recorded series into the store.
     Import(import::Args),
     /// Export a scan from the store as a recorded series.
@@ -210,6 +216,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Specification(args) => definitions::specifications(args),
         Command::Queue(args) => queue::run(args),
         Command::Results(args) => results::run(args),
+        Command::Compare(args) => compare::run(args),
+        Command::Repeatability(args) => repeatability::run(args),
         Command::Import(args) => import::run(args),
         Command::Export(args) => export::run(args),
         Command::Contrast(args) => contrast::run(args),

@@ -34,13 +34,20 @@ pub struct Args {
     /// Only scans by this recipe.
     #[arg(long, value_name = "NAME")]
     pub recipe: Option<String>,
+    /// Only scans with this tag.
+    #[arg(long, value_name = "TAG")]
+    pub tag: Option<String>,
+    /// Archived scans, which lists leave out: true for them only, all for both.
+    #[arg(long, value_name = "true|false|all")]
+    pub archived: Option<String>,
     /// Only with this verdict: pass, fail, cannot-tell; several separated by commas; empty for scans without one.
     #[arg(long, value_name = "WORDS")]
     pub verdict: Option<String>,
     /// Only the newest fitted scan of each sample.
     #[arg(long)]
     pub latest: bool,
-    /// Only with this text in the name of sample, lot, recipe, operator or specification, or in the external id.
+    /// Only with this text in the name of sample, lot, recipe, operator or specification, in the external id, a tag or
+    /// the note.
     #[arg(long, value_name = "TEXT")]
     pub search: Option<String>,
     /// Only started or imported at or after this time (UTC), e.g. 2026-03-02 or 2026-03-02T09:00:00Z.
@@ -106,6 +113,8 @@ fn query(args: &Args) -> Result<ResultQuery, CliError> {
         ("part", &args.part),
         ("lot", &args.lot),
         ("recipe", &args.recipe),
+        ("tag", &args.tag),
+        ("archived", &args.archived),
         ("verdict", &args.verdict),
         ("search", &args.search),
         ("since", &args.since),

@@ -17,19 +17,25 @@ use crate::scan::runner::RunEnd;
 
 mod by_daemon;
 mod by_itself;
+mod record;
 
 pub(super) use by_daemon::followed;
 pub use by_itself::follow;
 
-/// Runs one scan.
+/// Runs one scan, or changes the record of an earlier one.
 #[derive(Debug, clap::Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(after_help = "Examples:
   ridged scan --preset paper --simulated-rig --data /tmp/try
   ridged scan --preset full --calibrate --config rig.toml
   ridged scan docs/example-plan.toml --config rig.toml --sample \"batch 7\"
   ridged scan --recipe PX-1204 --specification \"drawing 4711\" --sample \"Panel B-17\" --lot 4
+  ridged scan tag 12 --add study-1
 If a daemon is running on the data folder, it does the scan.")]
 pub struct Args {
+    /// What to do with an earlier scan instead.
+    #[command(subcommand)]
+    pub action: Option<record::Action>,
     /// Plan (TOML); docs/example-plan.toml shows all keys.
     #[arg(
         value_name = "PLAN.toml",
@@ -74,7 +80,7 @@ pub struct Args {
     #[arg(long, value_name = "NM", default_value_t = 550.0, requires = "metal")]
     pub wavelength_nm: f64,
     /// Data folder.
-    #[arg(long, value_name = "DIR", default_value = "ridged-data")]
+    #[arg(long, value_name = "DIR", default_value = "ridged-data", global = true)]
     pub data: PathBuf,
     /// Settings of the rig (TOML), if no daemon is running.
     #[arg(long, value_name = "FILE")]
@@ -94,7 +100,7 @@ pub struct Args {
     #[arg(long)]
     pub timing: bool,
     /// One JSON object on stdout.
-    #[arg(long)]
+    #[arg(long, global = true)]
     pub json: bool,
     /// Token and lease, for a running daemon.
     #[command(flatten)]
@@ -115,6 +121,10 @@ fn preset(word: &str) -> Result<Preset, String> {
 /// Bad input for a plan that cannot run; no result where the rig refuses or pauses; interrupted on
 /// Ctrl-C.
 pub fn run(args: Args) -> Result<(), CliError> {
+    if let Some(action) = &args.action {
+        let client = Client::require(&args.data)?.presenting(&args.credentials)?;
+        return record::run(&client, action, args.json);
+    }
     let mut plan = read_plan(&args)?;
     if args.calibrate
         && let Some(plan) = &mut plan

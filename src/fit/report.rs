@@ -182,6 +182,20 @@ pub struct Parameters {
 }
 
 impl Parameters {
+    /// Names of the JSON form, in the order of the report.
+    pub const NAMES: [&str; 10] = [
+        "theta_r_deg",
+        "alpha_u",
+        "alpha_v",
+        "rho_d",
+        "scale",
+        "background",
+        "azimuth_offset_deg",
+        "tilt_offset_deg",
+        "translucency",
+        "crest_radius",
+    ];
+
     /// Returns the names of the JSON form with their parameters, in the order of the report.
     #[must_use]
     pub fn named(&self) -> Vec<(&'static str, &Parameter)> {

@@ -8,6 +8,8 @@
 pub mod accuracy_results;
 pub mod assembly;
 mod bench;
+mod chosen_fit;
+mod comparisons;
 mod contrasts;
 mod cost_estimate;
 mod curves;
@@ -82,6 +84,8 @@ use crate::store::scans::Scan;
 use crate::store::{Recovery, Store, StoreError};
 
 pub use crate::bench::stage::{AxisName, DeviceIdentity, StageIdentity};
+pub use chosen_fit::ReportChoice;
+pub use comparisons::{SCANS_MAX, compare, repeatability};
 pub use contrasts::ContrastRequest;
 pub use curves::{Curve, FitCurves};
 pub use definitions::NameOrId;
@@ -111,7 +115,7 @@ pub use preview_work::{
 };
 pub use queue::{LeaseHolder, QUEUE_WAITS, QueueView};
 pub use recipes::{Recipe, RecipeFit, RecipeLayout, RecipeMaterial};
-pub use reports::{ReportChoice, report, report_on_series};
+pub use reports::{report, report_on_series};
 pub use rig::{AxisView, RigView};
 use running_jobs::RunningJobs;
 pub use series::StoredSeries;

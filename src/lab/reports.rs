@@ -3,46 +3,41 @@
 use serde_json::Value;
 use time::OffsetDateTime;
 
+use super::chosen_fit::{ReportChoice, chosen};
+use super::comparisons::{SCANS_MAX, repeatability};
 use super::curves::{FitCurves, curves_of};
 use super::series::plan_of_rows;
 use super::stages::identity_of;
 use super::tasks::blocking;
 use super::{AxisName, Lab, LabError, StoredSeries};
 use crate::analysis::Analysis;
-use crate::fit::FitReport;
 use crate::frame::FrameTag;
 use crate::job::{JobId, JobKind, JobState};
 use crate::observation::ObservationSet;
 use crate::reduction::FrameSource;
+use crate::repeatability::{Repeatability, StudyChoice};
 use crate::report::{
     Earlier, FORM, FrameHash, FrameHashes, MeasuredPart, MeasuredScan, MeasurementReport,
     MeasuringRig, ReportedCurve, ReportedFit, ReportedIncident, ReportedObservation,
     ReportedVerdict, StageController, UsedCalibration, UsedDefinition,
 };
-use crate::scan::{Event, RecordedEvent, ScanState};
+use crate::scan::{Event, RecordedEvent};
 use crate::series::{FrameReadError, Series};
 use crate::store::definitions::DefinitionRef;
-use crate::store::jobs::{Job, JobFilter};
-use crate::store::scans::{Origin, Scan};
+use crate::store::jobs::JobFilter;
+use crate::store::scans::{Origin, Scan, ScanFilter};
 use crate::store::{PageRequest, Store, StoreError, sha256_hex, utc_of, utc_text};
 use crate::version::BUILD;
 
 /// Distance of the points of a curve, degrees.
 const CURVE_STEP_DEG: f64 = 3.0;
+/// Fewest results of which a report shows the scatter.
+const REPEATS_MIN: usize = 3;
 /// Rows read at a time.
 const ROWS: PageRequest = PageRequest {
     cursor: None,
     limit: 1000,
 };
-
-/// Which fit of a scan a report is on; the newest completed one by default.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct ReportChoice {
-    /// This fit.
-    pub fit_id: Option<i64>,
-    /// The newest one of this region.
-    pub region: Option<String>,
-}
 
 impl Lab {
     /// Returns the report on a scan.
@@ -116,6 +111,7 @@ pub async fn report(
     });
     let drawn = (fit.result.clone(), set.clone());
     let curves = blocking(move || curves_of(&drawn.0, &drawn.1, CURVE_STEP_DEG)).await?;
+    let repeatability = repeats(store, &scan, fit.result.region.as_deref()).await?;
     Ok(MeasurementReport {
         form: FORM,
         program: BUILD.to_owned(),
@@ -128,6 +124,7 @@ pub async fn report(
         absolute: set.white_reference.is_some(),
         observations: observations(&set),
         verdict,
+        repeatability,
         incidents: incidents(store, scan_id).await?,
         frames: FrameHashes::of(frames.collect()),
         curves: drawn_curves(curves),
@@ -192,79 +189,11 @@ pub fn report_on_series(
         absolute: set.white_reference.is_some(),
         observations: observations(set),
         verdict: None,
+        repeatability: None,
         incidents: Vec::new(),
         frames: FrameHashes::of(frames),
         curves: drawn_curves(curves_of(&analysis.report, set, CURVE_STEP_DEG)),
     })
-}
-
-/// Returns the fit of a report, its result and the number of its observations.
-async fn chosen(
-    store: &Store,
-    scan: &Scan,
-    choice: &ReportChoice,
-) -> Result<(Job, FitReport, i64), LabError> {
-    let invalid = |problem: String| LabError::Invalid {
-        field: "fit_id".into(),
-        problem,
-    };
-    let jobs = match choice.fit_id {
-        Some(fit_id) => {
-            let job = store.job(JobId::new(JobKind::Fit, fit_id)).await?;
-            if job.scan_id != Some(scan.id) {
-                let other = job.scan_id.unwrap_or_default();
-                let problem = format!("fit {fit_id} is a fit of scan {other}, not of {}", scan.id);
-                return Err(invalid(problem));
-            }
-            vec![job]
-        }
-        None => {
-            let filter = JobFilter {
-                scan_id: Some(scan.id),
-                ..JobFilter::default()
-            };
-            store.jobs(JobKind::Fit, &filter, ROWS).await?.items
-        }
-    };
-    let region = choice.region.as_deref();
-    for job in &jobs {
-        let (Some(result), Some(set_id)) = (&job.result, job.set_id) else {
-            continue;
-        };
-        let result: FitReport =
-            serde_json::from_str(result).map_err(|e| StoreError::bad_row("job_ends", e))?;
-        if region.is_none() || result.region.as_deref() == region {
-            return Ok((job.clone(), result, set_id));
-        }
-    }
-    Err(LabError::NoReport {
-        scan_id: scan.id,
-        why: why_none(scan, &jobs, choice),
-    })
-}
-
-/// States why a scan has no fit to report, and the way to one.
-fn why_none(scan: &Scan, jobs: &[Job], choice: &ReportChoice) -> String {
-    let fit_it = format!(
-        "fit it on its page, or with POST /api/v1/fits {{\"scan_id\": {}}}",
-        scan.id
-    );
-    if let Some(running) = jobs.iter().find(|job| job.state == JobState::Running) {
-        return format!("fit {} is running; wait for its end", running.number);
-    }
-    if let (Some(region), true) = (&choice.region, jobs.iter().any(|job| job.result.is_some())) {
-        return format!("it has no completed fit of the region `{region}`; {fit_it}");
-    }
-    if let Some(failed) = jobs.iter().find(|job| job.error_detail.is_some()) {
-        let detail = failed.error_detail.as_deref().unwrap_or_default();
-        return format!("fit {} failed ({detail}); {fit_it}", failed.number);
-    }
-    match scan.state {
-        state if state.is_end() || state == ScanState::Interrupted => {
-            format!("it has no completed fit; {fit_it}")
-        }
-        state => format!("it is {state} and has no fit; wait for its end"),
-    }
 }
 
 async fn measured(store: &Store, scan: Scan) -> Result<MeasuredScan, LabError> {
@@ -389,6 +318,41 @@ async fn verdict(
         }
     }
     Ok(None)
+}
+
+/// Returns the scatter of the scans of this part by this version of the recipe, up to this scan; none below
+/// [`REPEATS_MIN`] results. Later scans do not count, so that the report stays the same.
+async fn repeats(
+    store: &Store,
+    scan: &Scan,
+    region: Option<&str>,
+) -> Result<Option<Repeatability>, LabError> {
+    if scan.recipe.is_none() {
+        return Ok(None);
+    }
+    let filter = ScanFilter {
+        sample_id: Some(scan.sample_id),
+        archived: Some(false),
+        ..ScanFilter::default()
+    };
+    let up_to = PageRequest {
+        cursor: Some(scan.id),
+        ..ROWS
+    };
+    let earlier = store.scans(filter, up_to).await?.items.into_iter();
+    let earlier = earlier.filter(|other| other.recipe == scan.recipe);
+    let mut ids = vec![scan.id];
+    ids.extend(earlier.map(|other| other.id).take(SCANS_MAX - 1));
+    if ids.len() < REPEATS_MIN {
+        return Ok(None);
+    }
+    let study = repeatability(store, &ids, region, &StudyChoice::default()).await;
+    match study {
+        Ok(study) => Ok(Some(study).filter(|study| study.results.len() >= REPEATS_MIN)),
+        // Fits of several regions: there is no one result per scan.
+        Err(LabError::Invalid { .. }) => Ok(None),
+        Err(error) => Err(error),
+    }
 }
 
 async fn incidents(store: &Store, scan_id: i64) -> Result<Vec<ReportedIncident>, LabError> {

@@ -6,6 +6,7 @@ use crate::scan::ScanState;
 use crate::series::{Manifest, SampleFacts};
 use crate::store::StoreError;
 use crate::store::idempotency::{KeptAnswer, KeyedRequest};
+use crate::store::records::RecordPatch;
 use crate::store::samples::{NewSample, Sample};
 use crate::store::scans::Scan;
 
@@ -83,6 +84,25 @@ impl Lab {
         Ok(assigned)
     }
 
+    /// Changes tags, note or archived flag of a scan; the earlier ones stay on record.
+    ///
+    /// # Errors
+    /// [`LabError::Invalid`] for a value that is too long or not a tag, an unknown scan, or a store error.
+    pub async fn change_record(&self, id: i64, patch: &RecordPatch) -> Result<Scan, LabError> {
+        valid(patch)?;
+        let before = self.store().scan(id).await?.record;
+        let after = self.store().change_record(id, patch, &self.who).await?;
+        if after != before {
+            let order = match (before.archived, after.archived) {
+                (false, true) => "scan archived",
+                (true, false) => "scan restored",
+                _ => "record of the scan changed",
+            };
+            self.record_order(order, Some(id)).await;
+        }
+        Ok(self.as_it_stands(self.store().scan(id).await?))
+    }
+
     /// Keeps the answer to a request under its idempotency key; the first answer under a key stays.
     ///
     /// # Errors
@@ -93,5 +113,19 @@ impl Lab {
         answer: &KeptAnswer,
     ) -> Result<(), StoreError> {
         self.store().keep_answer(asked, answer).await
+    }
+}
+
+/// Checks a change of a record.
+///
+/// # Errors
+/// [`LabError::Invalid`] for a value that is too long or not a tag.
+fn valid(patch: &RecordPatch) -> Result<(), LabError> {
+    match patch.fault() {
+        None => Ok(()),
+        Some((field, problem)) => Err(LabError::Invalid {
+            field: field.into(),
+            problem,
+        }),
     }
 }

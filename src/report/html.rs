@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use super::markup::{Markup, in_digits_of};
-use super::{MeasurementReport, plots, sections};
+use super::{MeasurementReport, plots, repeats, sections};
 use crate::fit::report::{COVERAGE, FitReport, Parameter, ReferencePlane, Status};
 use crate::judge::{JudgedItem, Verdict};
 use crate::wording::names;
@@ -22,6 +22,7 @@ pub(super) fn page(report: &MeasurementReport, printed_at: &str) -> String {
     parameters(&mut page, &report.fit.result);
     budget(&mut page, &report.fit.result);
     figures(&mut page, report);
+    repeats::section(&mut page, report);
     sections::measurement(&mut page, report);
     sections::rig(&mut page, report);
     sections::calibrations(&mut page, report);

@@ -9,6 +9,7 @@ mod canonical;
 mod html;
 mod markup;
 mod plots;
+mod repeats;
 mod sections;
 
 use serde::Serialize;
@@ -21,6 +22,7 @@ use crate::fit::FitReport;
 use crate::frame::FrameKind;
 use crate::judge::VerdictReport;
 use crate::material::Material;
+use crate::repeatability::Repeatability;
 use crate::scan::{Plan, ScanState};
 use crate::series::{CameraFacts, FlatFacts, RigFacts};
 use crate::wording::hex;
@@ -57,6 +59,8 @@ pub struct MeasurementReport {
     pub observations: Vec<ReportedObservation>,
     /// The newest verdict on the scan, if it was judged.
     pub verdict: Option<ReportedVerdict>,
+    /// Scatter of the scans of this part by the same version of the recipe, this scan and the earlier ones; null below three.
+    pub repeatability: Option<Repeatability>,
     /// Faults during the scan and their ends, oldest first.
     pub incidents: Vec<ReportedIncident>,
     /// The frames, by their content.

@@ -30,6 +30,7 @@ pub mod observations;
 mod page;
 mod place;
 pub mod queue;
+pub mod records;
 mod recovery;
 mod reductions;
 pub mod results;

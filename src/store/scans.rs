@@ -5,6 +5,7 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::definitions::{DefinitionRef, reference, referenced};
 use super::earlier::{EARLIER_SAMPLES, EarlierSample};
+use super::records::{ScanRecord, record_of, tag_in_list};
 use super::{Page, PageRequest, Store, StoreError};
 use crate::scan::{Event, OperatorAction, Plan, Progress, RecordedEvent, ScanState};
 use crate::version::BUILD;
@@ -114,6 +115,8 @@ pub struct Scan {
     pub state_at: String,
     /// Samples that it was assigned to, oldest first.
     pub earlier_samples: Vec<EarlierSample>,
+    /// Tags, note and archived flag.
+    pub record: ScanRecord,
 }
 
 impl Scan {
@@ -125,12 +128,16 @@ impl Scan {
 }
 
 /// Selects scans.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ScanFilter {
     /// Of this sample.
     pub sample_id: Option<i64>,
     /// In this state.
     pub state: Option<ScanState>,
+    /// With this tag.
+    pub tag: Option<String>,
+    /// Archived, or not.
+    pub archived: Option<bool>,
 }
 
 #[derive(FromRow)]
@@ -156,6 +163,9 @@ struct Row {
     started_at: Option<String>,
     state_at: String,
     earlier_samples: String,
+    tags: Option<String>,
+    note: Option<String>,
+    archived: bool,
 }
 
 impl TryFrom<Row> for Scan {
@@ -193,6 +203,7 @@ impl TryFrom<Row> for Scan {
             state_at: row.state_at,
             earlier_samples: serde_json::from_str(&row.earlier_samples)
                 .map_err(|e| StoreError::bad_row("scan_samples", e))?,
+            record: record_of(row.tags.as_deref(), row.note, row.archived)?,
         })
     }
 }
@@ -210,11 +221,13 @@ fn select() -> String {
            t.state, t.reason, t.operator, s.who, s.created_at, t.at AS state_at,
            (SELECT MIN(at) FROM scan_states WHERE scan_id = s.id AND state <> 'planned') AS started_at,
            {EARLIER_SAMPLES} AS earlier_samples,
-           {recipe} AS recipe, {specification} AS specification, s.operator_name, s.lot, s.external_id, s.order_id
+           {recipe} AS recipe, {specification} AS specification, s.operator_name, s.lot, s.external_id, s.order_id,
+           k.tags, k.note, COALESCE(k.archived, 0) AS archived
          FROM scans s
          JOIN scan_now w ON w.scan_id = s.id
          JOIN sample_now p ON p.sample_id = w.sample_id
-         JOIN scan_states t ON t.id = (SELECT MAX(id) FROM scan_states WHERE scan_id = s.id)"
+         JOIN scan_states t ON t.id = (SELECT MAX(id) FROM scan_states WHERE scan_id = s.id)
+         LEFT JOIN scan_records k ON k.id = (SELECT MAX(id) FROM scan_records WHERE scan_id = s.id)"
     )
 }
 
@@ -434,11 +447,14 @@ impl Store {
         let select = select();
         let rows = sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!(
             "{select} WHERE (?1 IS NULL OR s.id < ?1) AND (?2 IS NULL OR w.sample_id = ?2)
-               AND (?3 IS NULL OR t.state = ?3) ORDER BY s.id DESC LIMIT ?4"
+               AND (?3 IS NULL OR t.state = ?3) AND (?4 IS NULL OR instr(k.tags, ?4))
+               AND (?5 IS NULL OR COALESCE(k.archived, 0) = ?5) ORDER BY s.id DESC LIMIT ?6"
         )))
         .bind(page.cursor)
         .bind(filter.sample_id)
         .bind(filter.state.map(ScanState::as_str))
+        .bind(filter.tag.as_deref().map(tag_in_list))
+        .bind(filter.archived)
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;

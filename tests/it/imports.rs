@@ -100,6 +100,8 @@ const RULES: &[(&str, &[&str])] = &[
             "wording",
         ],
     ),
+    ("comparison", &["fit", "wording"]),
+    ("repeatability", &["comparison", "fit", "wording"]),
     (
         "judge",
         &[
@@ -119,7 +121,15 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "report",
         &[
-            "figures", "fit", "frame", "judge", "material", "scan", "series", "wording",
+            "figures",
+            "fit",
+            "frame",
+            "judge",
+            "material",
+            "repeatability",
+            "scan",
+            "series",
+            "wording",
         ],
     ),
     (
@@ -257,6 +267,7 @@ const RULES: &[(&str, &[&str])] = &[
             "judge",
             "map",
             "trace",
+            "comparison",
             "config",
             "forecast",
             "accuracy",
@@ -264,6 +275,7 @@ const RULES: &[(&str, &[&str])] = &[
             "tables",
             "preview",
             "program",
+            "repeatability",
             "report",
             "version",
             "wording",
@@ -279,6 +291,7 @@ const RULES: &[(&str, &[&str])] = &[
             "observation",
             "frame",
             "clock",
+            "comparison",
             "series",
             "reduction",
             "analysis",
@@ -292,6 +305,7 @@ const RULES: &[(&str, &[&str])] = &[
             "lab",
             "map",
             "preview",
+            "repeatability",
             "report",
             "logging",
             "trace",
@@ -320,6 +334,8 @@ const PURE: &[&str] = &[
     "model",
     "trace",
     "fit",
+    "comparison",
+    "repeatability",
     "plan",
 ];
 

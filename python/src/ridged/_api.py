@@ -25,6 +25,12 @@ FitVariantName = Literal["paper", "sawtooth", "traced"]
 FrameKind = Literal["sample", "dark", "flat"]
 """Kind of a frame."""
 
+GaugeDesign = Literal["crossed", "parts-within-groups", "groups-within-parts", "parts-only", "groups-only"]
+"""How parts and groups are combined."""
+
+GroupedBy = Literal["operator", "day"]
+"""What reproducibility is taken over."""
+
 IncidentKind = Literal["alarm", "recovered"]
 """Whether something went wrong or is over."""
 
@@ -55,8 +61,14 @@ ScanOrigin = Literal["rig", "import"]
 ScanState = Literal["planned", "waiting-for-operator", "running", "pausing", "paused", "interrupted", "completed", "aborted", "failed"]
 """Where a scan stands."""
 
+ScatterVerdict = Literal["consistent", "too-large", "small"]
+"""Whether the scatter is as large as stated."""
+
 TaskState = Literal["running", "completed", "failed", "cancelled", "interrupted"]
 """The state of a job."""
+
+VarianceSource = Literal["part", "group", "interaction", "repeat"]
+"""A source of variation."""
 
 VariantChoice = Literal["paper", "sawtooth", "traced", "auto"]
 """Variant that the report is based on."""
@@ -129,6 +141,45 @@ class CertaintyBody(TypedDict):
     variant: FitVariantName
 
 
+class ComparedLine(TypedDict):
+    """A line of the two budgets."""
+
+    difference_std: float
+    first_std: float
+    line: str
+    second_std: float
+    shared: bool
+
+
+class ComparedParameter(TypedDict):
+    """A parameter of both results."""
+
+    difference: NotRequired[Difference | None]
+    first: ComparedValue
+    lines: list[ComparedLine]
+    name: str
+    second: ComparedValue
+
+
+class ComparedValue(TypedDict):
+    """A value with its uncertainty, as the fit states it."""
+
+    coverage_factor: NotRequired[float | None]
+    expanded: NotRequired[float | None]
+    std: NotRequired[float | None]
+    value: NotRequired[float | None]
+
+
+class Comparison(TypedDict):
+    """Two results beside each other."""
+
+    first: ResultOf
+    notes: list[str]
+    parameters: list[ComparedParameter]
+    second: ResultOf
+    shared_lines: list[SharedLine]
+
+
 class ControllerBody(TypedDict):
     """A controller."""
 
@@ -180,6 +231,17 @@ class DefinitionRef(TypedDict):
     id: int
     name: str
     version: int
+
+
+class Difference(TypedDict):
+    """The difference of a parameter: second minus first."""
+
+    agrees: bool
+    coverage_factor: float
+    expanded: float
+    normalised: float
+    std: float
+    value: float
 
 
 class EarlierName(TypedDict):
@@ -528,6 +590,45 @@ class FrameRejected(TypedDict):
     reason: str
 
 
+class Gauge(TypedDict):
+    """A gauge R&R study."""
+
+    balanced: bool
+    by: NotRequired[GroupedBy | None]
+    design: GaugeDesign
+    distinct_categories: NotRequired[GaugeNumber | None]
+    gauge: GaugeSpread
+    gauge_percent: NotRequired[GaugeNumber | None]
+    interaction_pooled: bool
+    interaction_probability: NotRequired[float | None]
+    n_groups: int
+    n_parts: int
+    notes: list[str]
+    part_to_part: NotRequired[GaugeSpread | None]
+    repeatability: GaugeSpread
+    reproducibility: NotRequired[GaugeSpread | None]
+    rows: list[VarianceRow]
+    total: NotRequired[GaugeSpread | None]
+
+
+class GaugeNumber(TypedDict):
+    """A number with its interval."""
+
+    interval: NotRequired[list[float] | None]
+    note: NotRequired[str | None]
+    value: float
+
+
+class GaugeSpread(TypedDict):
+    """A standard deviation with its degrees of freedom and interval."""
+
+    degrees_of_freedom: NotRequired[float | None]
+    interval: NotRequired[list[float] | None]
+    note: NotRequired[str | None]
+    percent_of_total: NotRequired[float | None]
+    std: float
+
+
 class GeometryBody(TypedDict):
     """Positions of lamp and camera."""
 
@@ -603,6 +704,13 @@ class LeaseStateBody(TypedDict):
 
     holder: NotRequired[HolderBody | None]
     own: bool
+
+
+class LeftOutScan(TypedDict):
+    """A scan that is not part of the study."""
+
+    scan_id: int
+    why: str
 
 
 class ObservationBody(TypedDict):
@@ -818,6 +926,31 @@ class RecipeMaterial(TypedDict):
     k_std: NotRequired[float | None]
 
 
+class Repeatability(TypedDict):
+    """Scatter of several scans, and gauge R&R."""
+
+    gauge: NotRequired[Gauge | None]
+    gauge_note: NotRequired[str | None]
+    left_out: list[LeftOutScan]
+    parameter: str
+    results: list[StudiedResult]
+    scatter: NotRequired[Scatter | None]
+    shared_lines: list[SharedLine]
+
+
+class ResultOf(TypedDict):
+    """The scan and fit of a result."""
+
+    fit_id: int
+    measured_at: str
+    operator_name: NotRequired[str | None]
+    part: str
+    region: NotRequired[str | None]
+    sample_id: int
+    scan_id: int
+    variant: FitVariantName
+
+
 class RidgeFacts(TypedDict):
     """Properties of a height map; lengths in µm."""
 
@@ -875,6 +1008,7 @@ class SampleBody(TypedDict):
 class ScanBody(TypedDict):
     """A scan."""
 
+    archived: bool
     calibration_ids: list[int]
     camera: ScanCameraBody
     created_at: str
@@ -884,6 +1018,7 @@ class ScanBody(TypedDict):
     frames_rejected: int
     id: int
     lot: NotRequired[str | None]
+    note: NotRequired[str | None]
     operator: NotRequired[OperatorBody | None]
     operator_name: NotRequired[str | None]
     order_id: NotRequired[int | None]
@@ -898,6 +1033,7 @@ class ScanBody(TypedDict):
     specification: NotRequired[DefinitionRef | None]
     started_at: NotRequired[str | None]
     state: ScanState
+    tags: list[str]
     target_expanded_deg: NotRequired[float | None]
     who: str
 
@@ -909,6 +1045,25 @@ class ScanCameraBody(TypedDict):
     saturation_dn: float
     states_exposure_start: NotRequired[bool | None]
     width_px: int
+
+
+class Scatter(TypedDict):
+    """Scatter within parts beside the stated uncertainty."""
+
+    chi_square: NotRequired[float | None]
+    degrees_of_freedom: int
+    mean: NotRequired[float | None]
+    message: NotRequired[str | None]
+    n: int
+    n_parts: int
+    probability: NotRequired[float | None]
+    ratio: NotRequired[float | None]
+    scattering_std: float
+    stated_expanded: float
+    stated_std: float
+    std: float
+    std_interval: list[float]
+    verdict: NotRequired[ScatterVerdict | None]
 
 
 class SessionBody(TypedDict):
@@ -926,6 +1081,14 @@ class ShapeFile(TypedDict):
     height_unit_um: NotRequired[float | None]
     name: str
     pitch_um: NotRequired[Pitch | None]
+
+
+class SharedLine(TypedDict):
+    """A line of the budget, and whether it has the same error in all scans."""
+
+    line: str
+    shared: bool
+    why: str
 
 
 class Specification(TypedDict):
@@ -989,6 +1152,15 @@ class UncertainBody(TypedDict):
     value: float
 
 
+class VarianceRow(TypedDict):
+    """A row of the analysis of variance."""
+
+    degrees_of_freedom: int
+    mean_square: float
+    source: VarianceSource
+    sum_of_squares: float
+
+
 class WorkLeftOut(TypedDict):
     """Something that a computation omits."""
 
@@ -1005,6 +1177,10 @@ class WorkProgress(TypedDict):
     queued_position: NotRequired[int | None]
     stage: str
     time_left_s: NotRequired[float | None]
+
+
+StudiedResult = ResultOf | dict[str, Any]
+"""A result of the study."""
 
 
 Values = list[float] | Grid

@@ -6,11 +6,11 @@ import os
 import ssl
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from . import events, samples
-from ._api import CalibrationBody, EstimateBody, Preset, Problem, RecipeBody, Role, ScanState, SessionBody
-from ._api import SpecificationBody
+from ._api import CalibrationBody, Comparison, EstimateBody, Preset, Problem, RecipeBody, Repeatability, Role
+from ._api import ScanState, SessionBody, SpecificationBody
 from ._connection import Connection
 from ._place import place_of
 from .errors import ConnectionLost, NoDaemon, NotFound
@@ -275,6 +275,40 @@ class Lab:
         }
         return [Fit(self._connection, row) for row in self._connection.pages("/fits", filters, limit)]
 
+    def compare(
+        self,
+        first: int | Scan,
+        second: int | Scan,
+        *,
+        region: str | None = None,
+        shared: Iterable[str] | None = None,
+    ) -> Comparison:
+        """Compares two scans by their newest fits: per parameter the difference, its U and E_n.
+
+        `shared` names the lines of the budget with the same error in both scans; without it the records decide.
+        Raises Conflict if a scan has no completed fit.
+        """
+        answer = self._connection.get("/comparisons", study_of([first, second], region, shared))
+        return cast("Comparison", answer)
+
+    def repeatability(
+        self,
+        scans: Iterable[int | Scan],
+        *,
+        parameter: str = "theta_r_deg",
+        by: Literal["operator", "day"] | None = None,
+        region: str | None = None,
+        shared: Iterable[str] | None = None,
+    ) -> Repeatability:
+        """Compares the scatter of scans with the uncertainty that their newest fits state, and gives gauge R&R.
+
+        Reproducibility is taken over operators or days (`by`). `shared` is as in `compare`.
+        """
+        params = study_of(scans, region, shared) | {"parameter": parameter}
+        if by is not None:
+            params["by"] = by
+        return cast("Repeatability", self._connection.get("/repeatability", params))
+
     def map(self, number: int) -> Map:
         """Returns a map by its number."""
         return Map(self._connection, "maps", self._connection.get(f"/maps/{number}"))
@@ -306,6 +340,17 @@ class Lab:
         When the stream breaks off it is opened again, and continues after the last event.
         """
         return events.follow(self._connection, since)
+
+
+def study_of(scans: Iterable[int | Scan], region: str | None, shared: Iterable[str] | None) -> dict[str, Any]:
+    """The parameters of a comparison or study."""
+    ids = [scan.id if isinstance(scan, Scan) else scan for scan in scans]
+    params: dict[str, Any] = {"scan_id": ids}
+    if region is not None:
+        params["region"] = region
+    if shared is not None:
+        params["shared"] = ",".join(shared) or "none"
+    return params
 
 
 def not_found(detail: str) -> Problem:

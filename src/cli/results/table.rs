@@ -82,10 +82,12 @@ fn plain(rows: &[ResultRow], field: &'static Column) -> Printed {
         Cell::Id(id) => id.to_string(),
         Cell::Real(value) => value.to_string(),
         Cell::Text(text) => text,
+        Cell::Flag(flag) => flag.to_string(),
+        Cell::Tags(tags) => tags.join(", "),
     };
     let is_text = rows
         .iter()
-        .any(|row| matches!(row.cell(field), Cell::Text(_)));
+        .any(|row| matches!(row.cell(field), Cell::Text(_) | Cell::Tags(_)));
     Printed {
         heading: field.name.to_owned(),
         cells: rows.iter().map(shown).collect(),

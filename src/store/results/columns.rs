@@ -17,6 +17,18 @@ pub enum Kind {
     },
     /// RFC 3339 UTC.
     Time,
+    /// True or false.
+    Flag,
+    /// Tags of a person.
+    Tags,
+}
+
+impl Kind {
+    /// Whether its values have an order that ranges select by.
+    #[must_use]
+    pub const fn has_range(self) -> bool {
+        matches!(self, Kind::Id | Kind::Real { .. } | Kind::Time)
+    }
 }
 
 /// A column.
@@ -146,7 +158,13 @@ pub static COLUMNS: &[Column] = &[
     of_scan("created_at", Kind::Time, true, "When the scan was started or imported"),
     of_scan("ended_at", Kind::Time, true, "When it ended; null while it can go on"),
     of_result("fitted_at", Kind::Time, false, "When the fit ended"),
+    of_scan(ARCHIVED, Kind::Flag, false, "Whether the scan is archived; without this filter, rows of archived scans are left out"),
+    of_scan("tags", Kind::Tags, false, "Tags of the scan"),
+    of_scan("note", Kind::Text, false, "Note on the scan"),
 ];
+
+/// The column whose filter is always on.
+pub const ARCHIVED: &str = "archived";
 
 /// Returns the column of a name.
 #[must_use]

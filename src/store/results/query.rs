@@ -9,6 +9,7 @@ use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use serde::{Deserialize, Serialize};
 
 use super::columns::{COLUMNS, Column, Kind, column, usual};
+use crate::store::records::tag_fault;
 use crate::store::{utc_of, utc_text};
 use crate::wording::meant;
 
@@ -23,7 +24,8 @@ const SEARCH_MAX: usize = 200;
 #[rustfmt::skip]
 pub const GENERAL: &[(&str, &str)] = &[
     ("latest", "true: only the newest fitted scan of each sample. Filters on scans (sample, lot, recipe, material, times, search) select the scans among which it is the newest; filters on results and verdicts apply to it afterwards"),
-    ("search", "Text that is part of the name of sample, lot, recipe, operator or specification, or of the external id, in upper or lower case"),
+    ("search", "Text that is part of the name of sample, lot, recipe, operator or specification, of the external id, of a tag or of the note, in upper or lower case"),
+    ("tag", "Rows with this tag, as the filter `tags`"),
     ("since", "Started or imported at or after this time, RFC 3339; a date is its midnight UTC"),
     ("until", "Started or imported before this time"),
     ("sort", "Column to sort by, with `-` in front for descending; `-scan_id` (newest first) if omitted. Rows without a value come last"),
@@ -92,6 +94,8 @@ pub(super) enum Test {
     AtLeast(Cell),
     AtMost(Cell),
     Below(Cell),
+    /// With this tag.
+    Has(String),
 }
 
 /// A value of a column.
@@ -100,12 +104,16 @@ pub(super) enum Test {
 pub enum Cell {
     /// No value.
     Null,
+    /// True or false.
+    Flag(bool),
     /// Number of a row.
     Id(i64),
     /// A measured or stated value.
     Real(f64),
     /// Text, word or time.
     Text(String),
+    /// Tags.
+    Tags(Vec<String>),
 }
 
 /// Order of the rows.
@@ -213,6 +221,10 @@ impl ResultQuery {
             },
             "since" => self.of_time(name, text, Test::AtLeast)?,
             "until" => self.of_time(name, text, Test::Below)?,
+            "tag" => {
+                let condition = filter("tags", text)?;
+                self.conditions.push(condition);
+            }
             "sort" => self.sort = sort_of(text)?,
             "fields" => self.fields = fields_of(text)?,
             "limit" => match text.parse() {
@@ -338,7 +350,13 @@ fn unknown(name: &str) -> QueryError {
 /// Reads a filter on a column.
 fn filter(name: &str, text: &str) -> Result<Condition, QueryError> {
     if let Some(column) = column(name) {
-        let test = Test::OneOf(wanted(column, text)?);
+        let test = match column.kind {
+            Kind::Tags if !text.is_empty() => match tag_fault(text) {
+                Some(problem) => return Err(invalid(name, problem)),
+                None => Test::Has(text.to_owned()),
+            },
+            _ => Test::OneOf(wanted(column, text)?),
+        };
         return Ok(Condition { column, test });
     }
     for (end, test) in [
@@ -348,7 +366,7 @@ fn filter(name: &str, text: &str) -> Result<Condition, QueryError> {
         let Some(column) = name.strip_suffix(end).and_then(column) else {
             continue;
         };
-        if matches!(column.kind, Kind::Text | Kind::Word(_)) {
+        if !column.kind.has_range() {
             break;
         }
         let test = test(bound(name, column, text)?);
@@ -361,7 +379,17 @@ fn filter(name: &str, text: &str) -> Result<Condition, QueryError> {
 fn wanted(column: &'static Column, text: &str) -> Result<Vec<Option<Cell>>, QueryError> {
     let name = column.name;
     match column.kind {
-        Kind::Text if text.is_empty() => Ok(vec![None]),
+        Kind::Text | Kind::Tags if text.is_empty() => Ok(vec![None]),
+        Kind::Tags => unreachable!("a tag is another test"),
+        Kind::Flag => match text {
+            "true" => Ok(vec![Some(Cell::Flag(true))]),
+            "false" => Ok(vec![Some(Cell::Flag(false))]),
+            "all" => Ok(vec![Some(Cell::Flag(false)), Some(Cell::Flag(true))]),
+            _ => {
+                let problem = format!("expected true, false or all, got {}", quoted(text));
+                Err(invalid(name, problem))
+            }
+        },
         Kind::Text => Ok(vec![Some(Cell::Text(text.to_owned()))]),
         Kind::Word(words) => text
             .split(',')
@@ -405,73 +433,4 @@ fn bound(name: &str, column: &'static Column, text: &str) -> Result<Cell, QueryE
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn refused(name: &str, text: &str) -> String {
-        ResultQuery::read([(name, text)]).unwrap_err().to_string()
-    }
-
-    #[test]
-    fn every_column_is_a_filter_an_order_and_a_field() {
-        for column in COLUMNS {
-            let name = column.name;
-            ResultQuery::read([("sort", name), ("fields", name)]).unwrap();
-            let (filter, text) = match column.kind {
-                Kind::Id => (name.to_owned(), "3"),
-                Kind::Text => (name.to_owned(), "x"),
-                Kind::Word(words) => (name.to_owned(), words[0]),
-                Kind::Real { .. } => (format!("{name}_min"), "-1.5e-3"),
-                Kind::Time => (format!("{name}_max"), "2026-03-02"),
-            };
-            let query = ResultQuery::read([(filter.as_str(), text)]).unwrap();
-            assert_eq!(query.conditions.len(), 1, "{name}");
-        }
-    }
-
-    #[test]
-    fn a_refusal_names_what_was_probably_meant() {
-        for (name, text, part) in [
-            ("theta_r_deg_mni", "1", "expected one of"),
-            ("theta_r_degs_min", "1", "did you mean `theta_r_deg_min`?"),
-            ("verdicts", "fail", "did you mean `verdict`?"),
-            ("verdict_min", "1", "there is no parameter"),
-            ("verdict", "fial", "expected pass, fail, cannot-tell"),
-            ("theta_r_deg", "10", "use theta_r_deg_min"),
-            ("theta_r_deg_min", "NaN", "expected a number"),
-            ("scan_id", "1.5", "expected a whole number"),
-            ("since", "yesterday", "expected a time like"),
-            ("sort", "-theta_r", "there is no column"),
-            ("fields", "part,verdit", "did you mean `verdict`?"),
-            ("limit", "1001", "expected 1 to 1000"),
-            ("latest", "yes", "expected true or false"),
-            ("search", "", "expected 1 to 200 characters"),
-            ("format", "xml", "expected json or csv"),
-            ("cursor", "7", "is not the next_cursor"),
-        ] {
-            let said = refused(name, text);
-            assert!(said.contains(part), "{name}={text}: {said}");
-        }
-        let twice = ResultQuery::read([("part", "a"), ("part", "b")]);
-        assert!(twice.unwrap_err().to_string().contains("given twice"));
-    }
-
-    #[test]
-    fn a_cursor_is_read_back_and_belongs_to_its_order() {
-        let sort = sort_of("-theta_r_deg").unwrap();
-        for value in [
-            Cell::Real(0.1 + 0.2),
-            Cell::Null,
-            Cell::Text("a".into()),
-            Cell::Id(i64::MAX),
-        ] {
-            let cursor = Cursor::after(sort, value, 7, "even".into());
-            assert_eq!(Cursor::read(&cursor.text()), Some(cursor.clone()));
-            let text = cursor.text();
-            let same = [("sort", "-theta_r_deg"), ("cursor", text.as_str())];
-            assert_eq!(ResultQuery::read(same).unwrap().cursor, Some(cursor));
-            let other = ResultQuery::read([("cursor", text.as_str())]).unwrap_err();
-            assert!(other.to_string().contains("another order"), "{other}");
-        }
-    }
-}
+mod tests;

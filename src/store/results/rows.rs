@@ -86,6 +86,8 @@ impl ResultRow {
             // The shortest digits that read back as the same number.
             Cell::Real(value) => value.to_string(),
             Cell::Text(text) => text,
+            Cell::Flag(flag) => flag.to_string(),
+            Cell::Tags(tags) => tags.join(", "),
         }))
     }
 }

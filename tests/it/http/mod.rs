@@ -1,6 +1,7 @@
 //! The HTTP interface, called directly: one room per topic, and here how each of them asks.
 
 mod calibrations;
+mod comparisons;
 pub(crate) mod document;
 mod jobs;
 mod motions;
@@ -8,6 +9,7 @@ mod old_folder;
 mod previews;
 mod queue;
 pub(crate) mod recipes;
+mod records;
 mod refusals;
 mod reports;
 mod results;

@@ -39,7 +39,7 @@ fn numbers(value: &Value, found: &mut BTreeSet<String>) {
 }
 
 /// Asserts that the page shows only numbers of the JSON, rounded to the digits that it shows.
-fn shows_only(html: &str, report: &Value) {
+pub(super) fn shows_only(html: &str, report: &Value) {
     let mut known = BTreeSet::new();
     numbers(report, &mut known);
     let elements: Vec<&str> = html.split("<data value=\"").skip(1).collect();

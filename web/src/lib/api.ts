@@ -10,11 +10,13 @@ import type {
   AxisName,
   Calibration,
   Certainty,
-  Curves,
+  Comparison,
   CurvePoint,
+  Curves,
   Estimate,
   Fit,
   FrameRow,
+  GaugeBy,
   Incident,
   Job,
   JobKind,
@@ -27,7 +29,9 @@ import type {
   Preview,
   Queue,
   QueueOrder,
+  RecordChange,
   RefusedStages,
+  Repeatability,
   ResultRow,
   Rig,
   Sample,
@@ -162,6 +166,12 @@ export interface FramePicture {
   readonly high: number;
 }
 
+/** The scans of a study, and the lines of the budget that they share. */
+function studied(scans: readonly number[], shared: readonly string[] | null): string {
+  const ids = scans.map((id) => `scan_id=${id}`).join('&');
+  return shared === null ? ids : `${ids}&shared=${shared.length === 0 ? 'none' : shared.join(',')}`;
+}
+
 export const api = {
   session: (): Promise<Session> => get('/session'),
   login: (token: string): Promise<Session> => post('/session', { token }),
@@ -219,6 +229,9 @@ export const api = {
   scan: (id: number): Promise<Scan> => get(`/scans/${id}`),
   /** Assigns a scan to the sample that was really scanned. */
   assignScan: (id: number, sample_id: number): Promise<Scan> => post(`/scans/${id}`, { sample_id }, 'PATCH'),
+  /** Changes tags, note or archived flag of a scan. */
+  changeRecord: (id: number, to: Partial<Pick<Scan, 'tags' | 'note' | 'archived'>>): Promise<Scan> => post(`/scans/${id}`, to, 'PATCH'),
+  recordChanges: (id: number, signal?: AbortSignal): Promise<RecordChange[]> => getAll(`/scans/${id}/changes`, signal),
   startScan: (request: ScanRequest): Promise<{ id: number }> => post('/scans', request),
   /** Takes dark and white-reference frames only. Returns the scan that takes them. */
   takeCalibrations: (request: Pick<ScanRequest, 'sample_id' | 'plan'>): Promise<{ id: number }> => post('/calibrations', request),
@@ -260,6 +273,12 @@ export const api = {
   fit: (id: number): Promise<Fit> => get(`/fits/${id}`),
   startFit: (request: FitRequest): Promise<{ id: number }> => post('/fits', request),
   curves: (id: number, signal?: AbortSignal): Promise<Curves> => get(`/fits/${id}/curve?step_deg=2`, signal),
+
+  /** Two scans by their newest fits; `shared` states the lines of the budget with the same error in both, null leaves it to the records. */
+  compare: (scans: readonly [number, number], shared: readonly string[] | null, signal?: AbortSignal): Promise<Comparison> => get(`/comparisons?${studied(scans, shared)}`, signal),
+  /** Scatter of several scans, and gauge R&R over operators or days. */
+  repeatability: (scans: readonly number[], shared: readonly string[] | null, by: GaugeBy | null, signal?: AbortSignal): Promise<Repeatability> =>
+    get(`/repeatability?${studied(scans, shared)}${by === null ? '' : `&by=${by}`}`, signal),
 
   /** Jobs of a kind of one scan, newest first. */
   jobsOf: (kind: JobKind, scan_id: number, signal?: AbortSignal): Promise<ScanJob[]> => getAll(`/${kind}?scan_id=${scan_id}`, signal),

@@ -1,38 +1,6 @@
-// Two results beside each other: the difference of a parameter with its uncertainty, and the difference of two curves.
+// Two results beside each other: the difference of two curves. The daemon compares the parameters.
 
-import type { Curves, Parameter } from './types';
-
-/** Lines of the budgets of several parameters, in the order of the first that has them. */
-export function budgetLines(parameters: readonly (Parameter | undefined)[]): string[] {
-  return [...new Set(parameters.flatMap((p) => Object.entries(p?.budget ?? {}).filter(([, std]) => std > 0).map(([line]) => line)))];
-}
-
-/** Standard uncertainty without these lines of the budget. */
-export function withoutLines(parameter: Parameter, shared: readonly string[]): number {
-  const budget = Object.entries(parameter.budget ?? {});
-  if (budget.length === 0 || shared.length === 0) return parameter.std ?? 0;
-  return Math.sqrt(budget.reduce((sum, [line, std]) => (shared.includes(line) ? sum : sum + std ** 2), 0));
-}
-
-export interface Difference {
-  readonly value: number;
-  /** Expanded uncertainty. */
-  readonly expanded: number;
-  /** Normalised error (ISO 13528): the difference over its expanded uncertainty. */
-  readonly normalised: number;
-}
-
-/** Second minus first. Lines named as shared have the same error in both, so only their difference remains; all others are taken as
- *  independent. Null where a value or its uncertainty is missing. */
-export function difference(first: Parameter | undefined, second: Parameter | undefined, shared: readonly string[]): Difference | null {
-  if (first?.value == null || second?.value == null || first.std === null || second.std === null) return null;
-  const [kFirst, kSecond] = [first.coverage_factor ?? 2, second.coverage_factor ?? 2];
-  const own = (kFirst * withoutLines(first, shared)) ** 2 + (kSecond * withoutLines(second, shared)) ** 2;
-  const common = shared.reduce((sum, line) => sum + (kFirst * (first.budget?.[line] ?? 0) - kSecond * (second.budget?.[line] ?? 0)) ** 2, 0);
-  const expanded = Math.sqrt(own + common);
-  const value = second.value - first.value;
-  return expanded > 0 ? { value, expanded, normalised: value / expanded } : null;
-}
+import type { Curves } from './types';
 
 /** Poses nearer than this are the same: stages read back within a few thousandths of a degree. */
 const SAME_DEG = 0.25;

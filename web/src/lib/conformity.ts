@@ -1,7 +1,7 @@
 // Conformity with tolerance limits as the daemon judges it (src/judge): JCGM 106:2012, guarded acceptance, for a value whose
 // error is normally distributed.
 
-import { normalBelow } from './statistics';
+import { normalBelow } from './normal';
 import type { LimitPair, Specification, VerdictWord } from './types';
 
 export interface Risks {

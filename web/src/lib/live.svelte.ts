@@ -50,6 +50,10 @@ class Live {
   /** Increases when this page changes the queue. */
   queueChanged = $state(0);
   scans = $state.raw<readonly Scan[]>([]);
+  /** Archived scans that were looked at; lists leave them out. */
+  aside = $state.raw<readonly Scan[]>([]);
+  /** Scans that were asked for and do not exist. */
+  absent = $state.raw<readonly number[]>([]);
   fits = $state.raw<readonly Fit[]>([]);
   /** Whether the store has fits older than those that were read. */
   moreFits = $state(false);
@@ -183,8 +187,14 @@ class Live {
       events = this.#scanEvents.get(id);
       scan = await api.scan(id);
     } while (this.#scanEvents.get(id) !== events && tries > 0);
-    const known = this.scans.some((s) => s.id === id);
-    this.scans = known ? this.scans.map((s) => (s.id === id ? scan : s)) : [scan, ...this.scans];
+    const others = this.scans.filter((s) => s.id !== id);
+    this.aside = [...this.aside.filter((s) => s.id !== id), ...(scan.archived ? [scan] : [])];
+    this.scans = scan.archived ? others : [...others, scan].sort((a, b) => b.id - a.id);
+  }
+
+  /** A scan that was read, archived or not. */
+  scan(id: number): Scan | null {
+    return this.scans.find((s) => s.id === id) ?? this.aside.find((s) => s.id === id) ?? null;
   }
 
   async reloadFit(id: number): Promise<void> {
@@ -194,6 +204,12 @@ class Live {
     if (known && known.state !== 'running' && fit.state === 'running') return;
     const merged = { ...known, ...fit };
     this.fits = known ? this.fits.map((f) => (f.id === id ? merged : f)) : [merged, ...this.fits];
+  }
+
+  /** Reads a scan that the lists do not have: an archived one. */
+  async find(id: number): Promise<void> {
+    if (!this.loaded || this.scan(id) !== null || this.absent.includes(id)) return;
+    await this.reloadScan(id).catch(() => (this.absent = [...this.absent, id]));
   }
 
   /** Sets the shown scan and fit. If the store has more fits than were read, those of this scan are read too. */

@@ -16,37 +16,6 @@ export interface components {
          * @enum {string}
          */
         readonly Activity: "idle" | "moving" | "homing" | "scanning" | "paused" | "not-connected";
-        /** @description A rectangle of a frame. */
-        readonly AreaBody: {
-            /**
-             * Format: int32
-             * @description Rows.
-             */
-            readonly height_px: number;
-            /**
-             * Format: int32
-             * @description First column, from 0.
-             */
-            readonly left_px: number;
-            /**
-             * Format: int32
-             * @description First row, from 0.
-             */
-            readonly top_px: number;
-            /**
-             * Format: int32
-             * @description Columns.
-             */
-            readonly width_px: number;
-        };
-        /** @description Another sample for a scan. */
-        readonly AssignBody: {
-            /**
-             * Format: int64
-             * @description Number of the sample that was scanned.
-             */
-            readonly sample_id: number;
-        };
         /** @description Both axes. */
         readonly AxesBody: {
             /** @description Sample azimuth φs. */
@@ -182,6 +151,76 @@ export interface components {
             /** @description Variant of the model that gave the values. */
             readonly variant: components["schemas"]["FitVariantName"];
         };
+        /** @description A line of the two budgets. */
+        readonly ComparedLine: {
+            /**
+             * Format: double
+             * @description What it contributes to the standard uncertainty of the difference.
+             */
+            readonly difference_std: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty in the first result, in the unit of the parameter.
+             */
+            readonly first_std: number;
+            /** @description Key of the line. */
+            readonly line: string;
+            /**
+             * Format: double
+             * @description The same in the second result.
+             */
+            readonly second_std: number;
+            /** @description Whether it has the same error in both. */
+            readonly shared: boolean;
+        };
+        /** @description A parameter of both results. */
+        readonly ComparedParameter: {
+            readonly difference?: components["schemas"]["Difference"] | null;
+            /** @description First result. */
+            readonly first: components["schemas"]["ComparedValue"];
+            /** @description Lines of the budgets that are not zero in both. */
+            readonly lines: readonly components["schemas"]["ComparedLine"][];
+            /** @description Key of the parameter; its unit is the end of the name. */
+            readonly name: string;
+            /** @description Second result. */
+            readonly second: components["schemas"]["ComparedValue"];
+        };
+        /** @description A value with its uncertainty, as the fit states it. */
+        readonly ComparedValue: {
+            /**
+             * Format: double
+             * @description U divided by u.
+             */
+            readonly coverage_factor?: number | null;
+            /**
+             * Format: double
+             * @description Expanded uncertainty U, same unit.
+             */
+            readonly expanded?: number | null;
+            /**
+             * Format: double
+             * @description Standard uncertainty u (k = 1), same unit.
+             */
+            readonly std?: number | null;
+            /**
+             * Format: double
+             * @description Value, in the unit of the parameter's name.
+             */
+            readonly value?: number | null;
+        };
+        /** @description Two results beside each other. */
+        readonly Comparison: {
+            /** @description First result, A. */
+            readonly first: components["schemas"]["ResultOf"];
+            /** @description What limits the comparison: other samples, other models. */
+            readonly notes: readonly string[];
+            /** @description The parameters that at least one result has. */
+            readonly parameters: readonly components["schemas"]["ComparedParameter"][];
+            /** @description Second result, B. */
+            readonly second: components["schemas"]["ResultOf"];
+            /** @description Lines of the budgets, and whether they have the same error in both results. */
+            readonly shared_lines: readonly components["schemas"]["SharedLine"][];
+        };
         /** @description The operator step that is done. */
         readonly ContinueBody: {
             readonly action?: components["schemas"]["OperatorAction"] | null;
@@ -312,6 +351,36 @@ export interface components {
              * @description The version that was used, from 1.
              */
             readonly version: number;
+        };
+        /** @description The difference of a parameter: second minus first. */
+        readonly Difference: {
+            /** @description Whether |E_n| is at most 1. */
+            readonly agrees: boolean;
+            /**
+             * Format: double
+             * @description Expanded divided by standard uncertainty: the larger one of the two results.
+             */
+            readonly coverage_factor: number;
+            /**
+             * Format: double
+             * @description Its expanded uncertainty, same unit.
+             */
+            readonly expanded: number;
+            /**
+             * Format: double
+             * @description E_n: the difference divided by its expanded uncertainty, no unit.
+             */
+            readonly normalised: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty (k = 1), same unit.
+             */
+            readonly std: number;
+            /**
+             * Format: double
+             * @description Second minus first, in the unit of the parameter's name; of an azimuth within ±180°.
+             */
+            readonly value: number;
         };
         /** @description Something that was corrected. */
         readonly Earlier: {
@@ -1174,6 +1243,77 @@ export interface components {
             /** @description Stable word or short phrase: `saturated`, `black`, `unreadable`, `wrong size`, `shifted`, … */
             readonly reason: string;
         };
+        /** @description A gauge R&R study. */
+        readonly Gauge: {
+            /** @description Whether all combinations have the same number of scans. */
+            readonly balanced: boolean;
+            readonly by?: components["schemas"]["GroupedBy"] | null;
+            /** @description How parts and groups are combined. */
+            readonly design: components["schemas"]["GaugeDesign"];
+            readonly distinct_categories?: components["schemas"]["GaugeNumber"] | null;
+            /** @description Repeatability and reproducibility together (R&R). */
+            readonly gauge: components["schemas"]["GaugeSpread"];
+            readonly gauge_percent?: components["schemas"]["GaugeNumber"] | null;
+            /** @description Whether the interaction is pooled with the repeatability. */
+            readonly interaction_pooled: boolean;
+            /**
+             * Format: double
+             * @description Probability of an interaction at least this large by chance; null where it cannot be tested.
+             */
+            readonly interaction_probability?: number | null;
+            /** @description Number of operators or days; 0 without groups. */
+            readonly n_groups: number;
+            /** @description Number of parts. */
+            readonly n_parts: number;
+            /** @description What limits the study. */
+            readonly notes: readonly string[];
+            readonly part_to_part?: components["schemas"]["GaugeSpread"] | null;
+            /** @description Repeated scans of one part by one group (equipment variation). */
+            readonly repeatability: components["schemas"]["GaugeSpread"];
+            readonly reproducibility?: components["schemas"]["GaugeSpread"] | null;
+            /** @description The analysis of variance. */
+            readonly rows: readonly components["schemas"]["VarianceRow"][];
+            readonly total?: components["schemas"]["GaugeSpread"] | null;
+        };
+        /**
+         * @description How parts and groups are combined.
+         * @enum {string}
+         */
+        readonly GaugeDesign: "crossed" | "parts-within-groups" | "groups-within-parts" | "parts-only" | "groups-only";
+        /** @description A number with its interval. */
+        readonly GaugeNumber: {
+            /** @description Interval of 95 %. */
+            readonly interval?: readonly number[] | null;
+            /** @description Why there is no interval. */
+            readonly note?: string | null;
+            /**
+             * Format: double
+             * @description Estimate.
+             */
+            readonly value: number;
+        };
+        /** @description A standard deviation with its degrees of freedom and interval. */
+        readonly GaugeSpread: {
+            /**
+             * Format: double
+             * @description Effective degrees of freedom.
+             */
+            readonly degrees_of_freedom?: number | null;
+            /** @description Interval of 95 % for the standard deviation. */
+            readonly interval?: readonly number[] | null;
+            /** @description Why there is no interval. */
+            readonly note?: string | null;
+            /**
+             * Format: double
+             * @description Share of the standard deviation of the total, percent; the shares of components do not add up to 100.
+             */
+            readonly percent_of_total?: number | null;
+            /**
+             * Format: double
+             * @description Standard deviation, in the unit of the parameter; 0 for a component that the data do not show.
+             */
+            readonly std: number;
+        };
         /** @description Positions of lamp and camera. */
         readonly GeometryBody: {
             /**
@@ -1225,16 +1365,11 @@ export interface components {
              */
             readonly to: number;
         };
-        /** @description A histogram of 64 bins of equal width. */
-        readonly HistogramBody: {
-            /**
-             * Format: int32
-             * @description Counts per bin, DN. The first bin begins at 0 DN.
-             */
-            readonly bin_dn: number;
-            /** @description Pixels of each bin. */
-            readonly pixels: readonly number[];
-        };
+        /**
+         * @description What reproducibility is taken over.
+         * @enum {string}
+         */
+        readonly GroupedBy: "operator" | "day";
         /** @description Who holds the rig. */
         readonly HolderBody: {
             /** @description Name of the lease, or the scan or motion that holds the rig without one. */
@@ -1400,6 +1535,16 @@ export interface components {
             readonly holder?: components["schemas"]["HolderBody"] | null;
             /** @description Whether the request presents the lease that holds the rig. */
             readonly own: boolean;
+        };
+        /** @description A scan that is not part of the study. */
+        readonly LeftOutScan: {
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly scan_id: number;
+            /** @description Why. */
+            readonly why: string;
         };
         /** @description A page of a list. */
         readonly List_CalibrationBody: {
@@ -1835,6 +1980,25 @@ export interface components {
             readonly next_cursor?: string | null;
         };
         /** @description A page of a list. */
+        readonly List_RecordChange: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly (components["schemas"]["ScanRecord"] & {
+                /** @description When, RFC 3339 in UTC. */
+                readonly at: string;
+                /**
+                 * Format: int64
+                 * @description Number of the change.
+                 */
+                readonly id: number;
+                /** @description Who made it: the name of a token, or `local`. */
+                readonly who: string;
+            })[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
         readonly List_SampleBody: {
             /** @description Rows of this page that the store cannot read; omitted if there are none. */
             readonly damaged?: readonly components["schemas"]["DamagedBody"][];
@@ -1867,6 +2031,8 @@ export interface components {
             readonly damaged?: readonly components["schemas"]["DamagedBody"][];
             /** @description The rows of this page. */
             readonly items: readonly {
+                /** @description Whether lists leave the scan out unless they are asked for archived scans. */
+                readonly archived: boolean;
                 /** @description Calibrations that it uses, including its own. */
                 readonly calibration_ids: readonly number[];
                 /** @description The camera that took the frames. */
@@ -1891,6 +2057,8 @@ export interface components {
                 readonly id: number;
                 /** @description Lot of the part. */
                 readonly lot?: string | null;
+                /** @description Free text on the scan. */
+                readonly note?: string | null;
                 readonly operator?: components["schemas"]["OperatorBody"] | null;
                 /** @description The person at the rig. */
                 readonly operator_name?: string | null;
@@ -1922,6 +2090,8 @@ export interface components {
                 readonly started_at?: string | null;
                 /** @description State of the scan. */
                 readonly state: components["schemas"]["ScanState"];
+                /** @description Tags, in the order in which they were given. */
+                readonly tags: readonly string[];
                 /**
                  * Format: double
                  * @description Expanded uncertainty (k = 2) of θr that the recipe asks for, degrees; null if it states none.
@@ -2116,6 +2286,7 @@ export interface components {
             readonly plan: components["schemas"]["Plan"];
             /** @description Program that made the report, with its commit. */
             readonly program: string;
+            readonly repeatability?: components["schemas"]["Repeatability"] | null;
             /** @description Lamp, camera and stages. */
             readonly rig: components["schemas"]["MeasuringRig"];
             readonly scan?: components["schemas"]["MeasuredScan"] | null;
@@ -2364,31 +2535,6 @@ export interface components {
          * @enum {string}
          */
         readonly Phase: "dark" | "flat" | "sample" | "done";
-        /** @description A picture of a frame. */
-        readonly PictureBody: {
-            /**
-             * Format: int32
-             * @description Rows, px.
-             */
-            readonly height_px: number;
-            /**
-             * Format: double
-             * @description Count that is white, DN: 0.2 % of the pixels are brighter.
-             */
-            readonly high_dn: number;
-            /**
-             * Format: double
-             * @description Count that is black, DN: 0.2 % of the pixels are darker.
-             */
-            readonly low_dn: number;
-            /** @description Path of the PNG on this server. */
-            readonly path: string;
-            /**
-             * Format: int32
-             * @description Columns, px.
-             */
-            readonly width_px: number;
-        };
         /** @description One number for both axes, or one for each. */
         readonly Pitch: number | readonly number[];
         /** @description A whole plan, nothing left open. */
@@ -2481,124 +2627,6 @@ export interface components {
          * @enum {string}
          */
         readonly Preset: "paper" | "full";
-        /** @description A preview. */
-        readonly PreviewAnswer: {
-            /** @description The part of the frame that was measured. */
-            readonly area: components["schemas"]["AreaBody"];
-            /**
-             * @description Whether the newest dark frames of this rig name the defect pixels. Otherwise a full pixel without full neighbours
-             *     counts as a defect.
-             */
-            readonly defects_known: boolean;
-            /** @description One frame per exposure, in the order of the request. */
-            readonly frames: readonly components["schemas"]["PreviewFrameBody"][];
-            /** @description Whether the lamp was on. */
-            readonly lamp: boolean;
-            /**
-             * Format: double
-             * @description Sample azimuth φs read from the stage, degrees.
-             */
-            readonly phi_s_deg: number;
-            /** @description Whether both angles count from a reference position. False until the axes are homed. */
-            readonly referenced: boolean;
-            readonly suggestion?: components["schemas"]["SuggestionBody"] | null;
-            /**
-             * Format: double
-             * @description Camera tilt θc read from the stage, degrees.
-             */
-            readonly theta_c_deg: number;
-        };
-        /** @description A preview to take. */
-        readonly PreviewBody: {
-            readonly area?: components["schemas"]["AreaBody"] | null;
-            /**
-             * @description Exposures, s: 1 to 8 values, together at most 60 s. Those of the settings if omitted.
-             * @example [
-             *       0.02,
-             *       0.06
-             *     ]
-             */
-            readonly exposures_s?: readonly number[] | null;
-            /**
-             * @description Whether the lamp is on. `false` needs the setting `lamp.off`.
-             * @default true
-             */
-            readonly lamp: boolean;
-            /**
-             * Format: int32
-             * @description Number of exposures to suggest for a scan, 0 to 2; as many as are taken, at most 2, if omitted. The daemon may take
-             *     further frames of up to 10 s to find them.
-             * @example 2
-             */
-            readonly suggest?: number | null;
-        };
-        /** @description A frame of a preview. The figures are those of the area without its defect pixels. */
-        readonly PreviewFrameBody: {
-            /**
-             * Format: int32
-             * @description Defect pixels of the area; they take no part in the other figures.
-             */
-            readonly defect_px: number;
-            /**
-             * Format: double
-             * @description Exposure time, s.
-             */
-            readonly exposure_s: number;
-            /**
-             * Format: double
-             * @description Figure of focus: the change of brightness from pixel to pixel, root mean square, over the mean brightness, without the
-             *     part of the noise. The sharpest picture of one pose and one area has the greatest; null without light.
-             */
-            readonly focus?: number | null;
-            /**
-             * Format: int32
-             * @description Rows of the frame, px.
-             */
-            readonly height_px: number;
-            /** @description Pixels per bin, from 0 DN. */
-            readonly histogram: components["schemas"]["HistogramBody"];
-            /**
-             * Format: int64
-             * @description Number of the frame. Only the newest frames are kept, in memory.
-             */
-            readonly id: number;
-            /** @description Picture of 8 bits and at most 512 px on this server. */
-            readonly image: components["schemas"]["PictureBody"];
-            /**
-             * Format: int32
-             * @description Greatest count, DN.
-             */
-            readonly max_dn: number;
-            /**
-             * Format: double
-             * @description Mean count, DN.
-             */
-            readonly mean_dn: number;
-            /**
-             * Format: int32
-             * @description Median count, DN.
-             */
-            readonly median_dn: number;
-            /**
-             * Format: int32
-             * @description Least count, DN.
-             */
-            readonly min_dn: number;
-            /** @description Path of the 16-bit counts on this server. */
-            readonly pixels: string;
-            /**
-             * Format: int32
-             * @description Pixels at or above the count of a full pixel.
-             */
-            readonly saturated_px: number;
-            /** @description Start of the exposure, RFC 3339 in UTC. */
-            readonly taken_at: string;
-            /**
-             * Format: int32
-             * @description Columns of the frame, px.
-             */
-            readonly width_px: number;
-        };
         /** @description Prior knowledge of a parameter: a value and its standard uncertainty. */
         readonly Prior: {
             /**
@@ -2881,10 +2909,37 @@ export interface components {
              */
             readonly k_std?: number | null;
         };
+        /** @description A record as it was after a change. */
+        readonly RecordChange: components["schemas"]["ScanRecord"] & {
+            /** @description When, RFC 3339 in UTC. */
+            readonly at: string;
+            /**
+             * Format: int64
+             * @description Number of the change.
+             */
+            readonly id: number;
+            /** @description Who made it: the name of a token, or `local`. */
+            readonly who: string;
+        };
         /** @description Another name for a sample. */
         readonly RenameBody: {
             /** @description Name, 1 to 200 characters. */
             readonly name: string;
+        };
+        /** @description Scatter of several scans, and gauge R&R. */
+        readonly Repeatability: {
+            readonly gauge?: components["schemas"]["Gauge"] | null;
+            /** @description Why there are no components of variance, and what to measure. */
+            readonly gauge_note?: string | null;
+            /** @description Scans without a result. */
+            readonly left_out: readonly components["schemas"]["LeftOutScan"][];
+            /** @description Key of the parameter; its unit is the end of the name. */
+            readonly parameter: string;
+            /** @description Results, oldest scan first. */
+            readonly results: readonly components["schemas"]["StudiedResult"][];
+            readonly scatter?: components["schemas"]["Scatter"] | null;
+            /** @description Lines of the budget, and whether they have the same error in all scans. */
+            readonly shared_lines: readonly components["schemas"]["SharedLine"][];
         };
         /** @description The fit. */
         readonly ReportedFit: components["schemas"]["FitReport"] & {
@@ -2995,6 +3050,8 @@ export interface components {
              * @description Its standard uncertainty (k = 1)
              */
             readonly alpha_v_std?: number;
+            /** @description Whether the scan is archived; without this filter, rows of archived scans are left out */
+            readonly archived?: boolean;
             /**
              * Format: double
              * @description Δφs, degrees
@@ -3060,6 +3117,8 @@ export interface components {
              * @enum {string}
              */
             readonly material?: "dielectric" | "conductor";
+            /** @description Note on the scan */
+            readonly note?: string;
             /** @description The person at the rig */
             readonly operator_name?: string;
             /**
@@ -3125,6 +3184,8 @@ export interface components {
              * @enum {string}
              */
             readonly status?: "converged" | "at-bound" | "rank-deficient" | "stalled" | "not-finite" | "too-few-observations" | "cancelled";
+            /** @description Tags of the scan */
+            readonly tags?: readonly string[];
             /**
              * Format: double
              * @description Ridge angle θr, degrees; null where the data do not determine it
@@ -3178,6 +3239,34 @@ export interface components {
             /** @description Who started the scan: the name of a token, or `local` */
             readonly who?: string;
         };
+        /** @description The scan and fit of a result. */
+        readonly ResultOf: {
+            /**
+             * Format: int64
+             * @description Number of the fit: the newest completed one.
+             */
+            readonly fit_id: number;
+            /** @description When the scan started, or was imported; RFC 3339 in UTC. */
+            readonly measured_at: string;
+            /** @description The person at the rig. */
+            readonly operator_name?: string | null;
+            /** @description Name of the sample. */
+            readonly part: string;
+            /** @description Region of a sample that has several. */
+            readonly region?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the sample.
+             */
+            readonly sample_id: number;
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly scan_id: number;
+            /** @description Variant of the model. */
+            readonly variant: components["schemas"]["FitVariantName"];
+        };
         /** @description A page of results. */
         readonly ResultsBody_Result: {
             /**
@@ -3207,6 +3296,8 @@ export interface components {
                  * @description Its standard uncertainty (k = 1)
                  */
                 readonly alpha_v_std?: number;
+                /** @description Whether the scan is archived; without this filter, rows of archived scans are left out */
+                readonly archived?: boolean;
                 /**
                  * Format: double
                  * @description Δφs, degrees
@@ -3272,6 +3363,8 @@ export interface components {
                  * @enum {string}
                  */
                 readonly material?: "dielectric" | "conductor";
+                /** @description Note on the scan */
+                readonly note?: string;
                 /** @description The person at the rig */
                 readonly operator_name?: string;
                 /**
@@ -3337,6 +3430,8 @@ export interface components {
                  * @enum {string}
                  */
                 readonly status?: "converged" | "at-bound" | "rank-deficient" | "stalled" | "not-finite" | "too-few-observations" | "cancelled";
+                /** @description Tags of the scan */
+                readonly tags?: readonly string[];
                 /**
                  * Format: double
                  * @description Ridge angle θr, degrees; null where the data do not determine it
@@ -3537,6 +3632,8 @@ export interface components {
         };
         /** @description A scan. */
         readonly ScanBody: {
+            /** @description Whether lists leave the scan out unless they are asked for archived scans. */
+            readonly archived: boolean;
             /** @description Calibrations that it uses, including its own. */
             readonly calibration_ids: readonly number[];
             /** @description The camera that took the frames. */
@@ -3561,6 +3658,8 @@ export interface components {
             readonly id: number;
             /** @description Lot of the part. */
             readonly lot?: string | null;
+            /** @description Free text on the scan. */
+            readonly note?: string | null;
             readonly operator?: components["schemas"]["OperatorBody"] | null;
             /** @description The person at the rig. */
             readonly operator_name?: string | null;
@@ -3592,6 +3691,8 @@ export interface components {
             readonly started_at?: string | null;
             /** @description State of the scan. */
             readonly state: components["schemas"]["ScanState"];
+            /** @description Tags, in the order in which they were given. */
+            readonly tags: readonly string[];
             /**
              * Format: double
              * @description Expanded uncertainty (k = 2) of θr that the recipe asks for, degrees; null if it states none.
@@ -3628,6 +3729,29 @@ export interface components {
          * @enum {string}
          */
         readonly ScanOrigin: "rig" | "import";
+        /** @description What changes of a scan; a field that is omitted stays as it is. */
+        readonly ScanPatch: {
+            /** @description Whether lists leave the scan out from now on. */
+            readonly archived?: boolean | null;
+            /** @description The note from now on, at most 4000 characters; null or an empty text removes it. */
+            readonly note?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the sample that was scanned.
+             */
+            readonly sample_id?: number | null;
+            /** @description All tags from now on, at most 20: each 1 to 40 characters without comma, quote and backslash. */
+            readonly tags?: readonly string[] | null;
+        };
+        /** @description The record of a scan. */
+        readonly ScanRecord: {
+            /** @description Whether lists leave the scan out unless they are asked for archived scans. */
+            readonly archived: boolean;
+            /** @description Free text. */
+            readonly note?: string | null;
+            /** @description Tags, in the order in which they were given. */
+            readonly tags: readonly string[];
+        };
         /** @description A request for a scan: of a plan, or of a recipe. */
         readonly ScanRequest: {
             /** @description Number of the part or order in another system, at most 200 characters. */
@@ -3650,6 +3774,65 @@ export interface components {
          * @enum {string}
          */
         readonly ScanState: "planned" | "waiting-for-operator" | "running" | "pausing" | "paused" | "interrupted" | "completed" | "aborted" | "failed";
+        /** @description Scatter within parts beside the stated uncertainty. */
+        readonly Scatter: {
+            /**
+             * Format: double
+             * @description χ² of the results about the weighted mean of their part, with `scattering_std`; null where a result has none.
+             */
+            readonly chi_square?: number | null;
+            /** @description Degrees of freedom of s and χ². */
+            readonly degrees_of_freedom: number;
+            /**
+             * Format: double
+             * @description Mean of the results, in the unit of the parameter; null for several parts.
+             */
+            readonly mean?: number | null;
+            /** @description What the verdict means, and what to do. */
+            readonly message?: string | null;
+            /** @description Number of results. */
+            readonly n: number;
+            /** @description Number of parts. */
+            readonly n_parts: number;
+            /**
+             * Format: double
+             * @description Probability of a χ² at least this large if the stated uncertainty is right.
+             */
+            readonly probability?: number | null;
+            /**
+             * Format: double
+             * @description s divided by `scattering_std`; null where that is zero.
+             */
+            readonly ratio?: number | null;
+            /**
+             * Format: double
+             * @description As `stated_std`, without the lines of the budget that have the same error in all results.
+             */
+            readonly scattering_std: number;
+            /**
+             * Format: double
+             * @description Root mean square of the stated expanded uncertainties U.
+             */
+            readonly stated_expanded: number;
+            /**
+             * Format: double
+             * @description Root mean square of the stated standard uncertainties u (k = 1).
+             */
+            readonly stated_std: number;
+            /**
+             * Format: double
+             * @description Scatter s: standard deviation of one result about the mean of its part.
+             */
+            readonly std: number;
+            /** @description Interval of 95 % for it, of normal errors. */
+            readonly std_interval: readonly number[];
+            readonly verdict?: components["schemas"]["ScatterVerdict"] | null;
+        };
+        /**
+         * @description Whether the scatter is as large as stated.
+         * @enum {string}
+         */
+        readonly ScatterVerdict: "consistent" | "too-large" | "small";
         /** @description Who sends requests. */
         readonly SessionBody: {
             /** @description Whether a login made this session, so that a logout ends it. */
@@ -3671,6 +3854,15 @@ export interface components {
             /** @description Name; the extension states the format (csv, png, tif, x3p, sdf). */
             readonly name: string;
             readonly pitch_um?: components["schemas"]["Pitch"] | null;
+        };
+        /** @description A line of the budget, and whether it has the same error in all scans. */
+        readonly SharedLine: {
+            /** @description Key of the line. */
+            readonly line: string;
+            /** @description Whether its error is the same in all scans. */
+            readonly shared: boolean;
+            /** @description Why. */
+            readonly why: string;
         };
         /** @description Limits and decision rule of one kind of sample. */
         readonly Specification: {
@@ -3746,15 +3938,42 @@ export interface components {
             /** @description The controller of the camera tilt. */
             readonly theta_c: components["schemas"]["ControllerBody"];
         };
-        /** @description Exposures for a scan. */
-        readonly SuggestionBody: {
+        /** @description A result of the study. */
+        readonly StudiedResult: components["schemas"]["ResultOf"] & {
+            /** @description Lines of the budget that are not zero: standard uncertainties. */
+            readonly budget: {
+                readonly [key: string]: number;
+            };
             /**
-             * @description Exposures, s, shortest first; empty if there is no suggestion. At the first one the brightest pixel of this pose reaches
-             *     about 70 % of full scale; the second one is three times as long.
+             * Format: double
+             * @description U divided by u.
              */
-            readonly exposures_s: readonly number[];
-            /** @description Why there is none, or why the brightest pixel does not reach 70 %; null otherwise. */
-            readonly reason?: string | null;
+            readonly coverage_factor: number;
+            /**
+             * Format: double
+             * @description Value minus the mean of the part.
+             */
+            readonly deviation: number;
+            /**
+             * Format: double
+             * @description Expanded uncertainty U, same unit.
+             */
+            readonly expanded: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty without the lines that have the same error in all scans.
+             */
+            readonly scattering_std: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty u (k = 1), same unit.
+             */
+            readonly std: number;
+            /**
+             * Format: double
+             * @description Value, in the unit of the parameter's name.
+             */
+            readonly value: number;
         };
         /** @description What a camera's program states with a frame. */
         readonly TagBody: {
@@ -3893,6 +4112,28 @@ export interface components {
         };
         /** @description A list of numbers, written out or as a grid. */
         readonly Values: readonly number[] | components["schemas"]["Grid"];
+        /** @description A row of the analysis of variance. */
+        readonly VarianceRow: {
+            /** @description Degrees of freedom. */
+            readonly degrees_of_freedom: number;
+            /**
+             * Format: double
+             * @description Mean square, same unit.
+             */
+            readonly mean_square: number;
+            /** @description Source of the variation. */
+            readonly source: components["schemas"]["VarianceSource"];
+            /**
+             * Format: double
+             * @description Sum of squares, in the square of the parameter's unit.
+             */
+            readonly sum_of_squares: number;
+        };
+        /**
+         * @description A source of variation.
+         * @enum {string}
+         */
+        readonly VarianceSource: "part" | "group" | "interaction" | "repeat";
         /**
          * @description Variant that the report is based on.
          * @enum {string}
@@ -3976,8 +4217,6 @@ export interface components {
 }
 export type AcceptStagesBody = components['schemas']['AcceptStagesBody'];
 export type Activity = components['schemas']['Activity'];
-export type AreaBody = components['schemas']['AreaBody'];
-export type AssignBody = components['schemas']['AssignBody'];
 export type AxesBody = components['schemas']['AxesBody'];
 export type AxisBody = components['schemas']['AxisBody'];
 export type Begun = components['schemas']['Begun'];
@@ -3985,6 +4224,10 @@ export type Binary = components['schemas']['Binary'];
 export type CalibrationBody = components['schemas']['CalibrationBody'];
 export type CameraBody = components['schemas']['CameraBody'];
 export type CertaintyBody = components['schemas']['CertaintyBody'];
+export type ComparedLine = components['schemas']['ComparedLine'];
+export type ComparedParameter = components['schemas']['ComparedParameter'];
+export type ComparedValue = components['schemas']['ComparedValue'];
+export type Comparison = components['schemas']['Comparison'];
 export type ContinueBody = components['schemas']['ContinueBody'];
 export type ContrastRequest = components['schemas']['ContrastRequest'];
 export type ControllerBody = components['schemas']['ControllerBody'];
@@ -3997,6 +4240,7 @@ export type DarkRequest = components['schemas']['DarkRequest'];
 export type DecisionRule = components['schemas']['DecisionRule'];
 export type DefinitionName = components['schemas']['DefinitionName'];
 export type DefinitionRef = components['schemas']['DefinitionRef'];
+export type Difference = components['schemas']['Difference'];
 export type Earlier = components['schemas']['Earlier'];
 export type EarlierName = components['schemas']['EarlierName'];
 export type EarlierSample = components['schemas']['EarlierSample'];
@@ -4037,9 +4281,13 @@ export type FrameHash = components['schemas']['FrameHash'];
 export type FrameHashes = components['schemas']['FrameHashes'];
 export type FrameKind = components['schemas']['FrameKind'];
 export type FrameRejected = components['schemas']['FrameRejected'];
+export type Gauge = components['schemas']['Gauge'];
+export type GaugeDesign = components['schemas']['GaugeDesign'];
+export type GaugeNumber = components['schemas']['GaugeNumber'];
+export type GaugeSpread = components['schemas']['GaugeSpread'];
 export type GeometryBody = components['schemas']['GeometryBody'];
 export type Grid = components['schemas']['Grid'];
-export type HistogramBody = components['schemas']['HistogramBody'];
+export type GroupedBy = components['schemas']['GroupedBy'];
 export type HolderBody = components['schemas']['HolderBody'];
 export type ImportBody = components['schemas']['ImportBody'];
 export type ImportRequest = components['schemas']['ImportRequest'];
@@ -4051,6 +4299,7 @@ export type JogBody = components['schemas']['JogBody'];
 export type LeaseBody = components['schemas']['LeaseBody'];
 export type LeaseRequest = components['schemas']['LeaseRequest'];
 export type LeaseStateBody = components['schemas']['LeaseStateBody'];
+export type LeftOutScan = components['schemas']['LeftOutScan'];
 export type ListCalibrationBody = components['schemas']['List_CalibrationBody'];
 export type ListCertaintyBody = components['schemas']['List_CertaintyBody'];
 export type ListFit = components['schemas']['List_Fit'];
@@ -4059,6 +4308,7 @@ export type ListIncidentBody = components['schemas']['List_IncidentBody'];
 export type ListJob = components['schemas']['List_Job'];
 export type ListOrderBody = components['schemas']['List_OrderBody'];
 export type ListRecipeBody = components['schemas']['List_RecipeBody'];
+export type ListRecordChange = components['schemas']['List_RecordChange'];
 export type ListSampleBody = components['schemas']['List_SampleBody'];
 export type ListScanBody = components['schemas']['List_ScanBody'];
 export type ListSpecificationBody = components['schemas']['List_SpecificationBody'];
@@ -4086,15 +4336,11 @@ export type OrderState = components['schemas']['OrderState'];
 export type OrdersRequest = components['schemas']['OrdersRequest'];
 export type OutOfRange = components['schemas']['OutOfRange'];
 export type Phase = components['schemas']['Phase'];
-export type PictureBody = components['schemas']['PictureBody'];
 export type Pitch = components['schemas']['Pitch'];
 export type Plan = components['schemas']['Plan'];
 export type PlanRequest = components['schemas']['PlanRequest'];
 export type PointBody = components['schemas']['PointBody'];
 export type Preset = components['schemas']['Preset'];
-export type PreviewAnswer = components['schemas']['PreviewAnswer'];
-export type PreviewBody = components['schemas']['PreviewBody'];
-export type PreviewFrameBody = components['schemas']['PreviewFrameBody'];
 export type Prior = components['schemas']['Prior'];
 export type Problem = components['schemas']['Problem'];
 export type ProgressBody = components['schemas']['ProgressBody'];
@@ -4107,12 +4353,15 @@ export type RecipeChange = components['schemas']['RecipeChange'];
 export type RecipeFit = components['schemas']['RecipeFit'];
 export type RecipeLayout = components['schemas']['RecipeLayout'];
 export type RecipeMaterial = components['schemas']['RecipeMaterial'];
+export type RecordChange = components['schemas']['RecordChange'];
 export type RenameBody = components['schemas']['RenameBody'];
+export type Repeatability = components['schemas']['Repeatability'];
 export type ReportedFit = components['schemas']['ReportedFit'];
 export type ReportedIncident = components['schemas']['ReportedIncident'];
 export type ReportedObservation = components['schemas']['ReportedObservation'];
 export type ReportedVerdict = components['schemas']['ReportedVerdict'];
 export type Result = components['schemas']['Result'];
+export type ResultOf = components['schemas']['ResultOf'];
 export type ResultsBodyResult = components['schemas']['ResultsBody_Result'];
 export type RidgeFacts = components['schemas']['RidgeFacts'];
 export type RigBody = components['schemas']['RigBody'];
@@ -4123,16 +4372,21 @@ export type SampleRequest = components['schemas']['SampleRequest'];
 export type ScanBody = components['schemas']['ScanBody'];
 export type ScanCameraBody = components['schemas']['ScanCameraBody'];
 export type ScanOrigin = components['schemas']['ScanOrigin'];
+export type ScanPatch = components['schemas']['ScanPatch'];
+export type ScanRecord = components['schemas']['ScanRecord'];
 export type ScanRequest = components['schemas']['ScanRequest'];
 export type ScanState = components['schemas']['ScanState'];
+export type Scatter = components['schemas']['Scatter'];
+export type ScatterVerdict = components['schemas']['ScatterVerdict'];
 export type SessionBody = components['schemas']['SessionBody'];
 export type ShapeFile = components['schemas']['ShapeFile'];
+export type SharedLine = components['schemas']['SharedLine'];
 export type Specification = components['schemas']['Specification'];
 export type SpecificationBody = components['schemas']['SpecificationBody'];
 export type SpecificationChange = components['schemas']['SpecificationChange'];
 export type StageController = components['schemas']['StageController'];
 export type StagesBody = components['schemas']['StagesBody'];
-export type SuggestionBody = components['schemas']['SuggestionBody'];
+export type StudiedResult = components['schemas']['StudiedResult'];
 export type TagBody = components['schemas']['TagBody'];
 export type TaskState = components['schemas']['TaskState'];
 export type ToleranceLimits = components['schemas']['ToleranceLimits'];
@@ -4141,6 +4395,8 @@ export type UncertainBody = components['schemas']['UncertainBody'];
 export type UsedCalibration = components['schemas']['UsedCalibration'];
 export type UsedDefinition = components['schemas']['UsedDefinition'];
 export type Values = components['schemas']['Values'];
+export type VarianceRow = components['schemas']['VarianceRow'];
+export type VarianceSource = components['schemas']['VarianceSource'];
 export type VariantChoice = components['schemas']['VariantChoice'];
 export type VerdictRequest = components['schemas']['VerdictRequest'];
 export type WorkLeftOut = components['schemas']['WorkLeftOut'];

@@ -34,7 +34,7 @@ class Selection {
 
   /** The chosen scan, else the running one, else the newest. If the chosen scan does not exist, no other one replaces it. */
   get scan(): Scan | null {
-    if (this.scanId !== null) return live.scans.find((s) => s.id === this.scanId) ?? null;
+    if (this.scanId !== null) return live.scan(this.scanId);
     return live.activeScan ?? live.scans[0] ?? null;
   }
 
@@ -61,7 +61,7 @@ class Selection {
   /** What the address names but the store does not have. */
   get missing(): 'scan' | 'fit' | null {
     if (!live.loaded) return null;
-    if (this.scanId !== null && this.scan === null) return 'scan';
+    if (this.scanId !== null && this.scan === null) return live.absent.includes(this.scanId) ? 'scan' : null;
     // An older fit may not have been read yet.
     const all = !live.moreFits || live.fitsOfScan === this.scanId;
     return all && this.fitId !== null && this.fit === null ? 'fit' : null;

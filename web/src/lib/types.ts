@@ -58,6 +58,14 @@ export type Incident = openapi.IncidentBody;
 export type CurvePoint = Omit<openapi.PointBody, 'predicted' | 'residual'> & { readonly n_frames?: number; readonly predicted: number | null; readonly residual: number | null };
 export type Curves = Omit<openapi.CurvesBody, 'observations' | 'fit_id'> & { readonly observations: readonly CurvePoint[] };
 
+export type SharedLine = openapi.SharedLine;
+export type Comparison = Sent<openapi.Comparison>;
+export type GaugeBy = openapi.GroupedBy;
+export type GaugeSpread = Sent<openapi.GaugeSpread>;
+export type Repeatability = Sent<openapi.Repeatability>;
+/** A record of a scan as it was after a change. */
+export type RecordChange = Sent<openapi.RecordChange>;
+
 /** Kinds of jobs, as they appear in paths. */
 export type JobKind = 'fits' | 'maps' | 'contrasts' | 'verdicts' | 'traces';
 

@@ -12,6 +12,7 @@ import { finishedMap, mapFiles } from './maps';
 import { encodePng } from './png';
 import { lookThrough, picture } from './preview';
 import { resultRows, resultsPage } from './results';
+import { comparison, repeatability, type MockResult } from './study';
 import { traceFiles, traceResult } from './trace';
 
 type Json = Record<string, unknown>;
@@ -80,6 +81,8 @@ export class MockDaemon {
   orders: Json[] = [];
   queueState = 'stopped';
   readonly scans: MockScan[] = [];
+  /** Changes of the records of scans. */
+  readonly changes: Json[] = [];
   readonly fits: Json[] = [];
   /** Duration of a fit; null: it runs until it is cancelled. */
   fitMs: number | null = 150;
@@ -184,7 +187,7 @@ export class MockDaemon {
     const id = this.scans.length + 1;
     const scan: MockScan = {
       body: {
-        id, sample_id: sampleId, regions: this.regions, calibration_ids: [], earlier_samples: [], camera: { width_px: SIZE_PX, height_px: SIZE_PX, saturation_dn: 65535, states_exposure_start: true }, sample_name: this.#scanName(sampleId), state: 'planned', reason: null, origin: 'rig', operator: null, plan,
+        id, sample_id: sampleId, regions: this.regions, calibration_ids: [], earlier_samples: [], tags: [], note: null, archived: false, camera: { width_px: SIZE_PX, height_px: SIZE_PX, saturation_dn: 65535, states_exposure_start: true }, sample_name: this.#scanName(sampleId), state: 'planned', reason: null, origin: 'rig', operator: null, plan,
         progress: null, frames_rejected: 0, created_at: new Date().toISOString(), started_at: new Date().toISOString(), ended_at: null,
       },
       frames: [],
@@ -559,12 +562,30 @@ export class MockDaemon {
       return send(202, { id: scan.body.id, state: 'planned' });
     }
     if (path === '/results') return send(200, resultsPage(resultRows(this), url.searchParams));
-    if (path === '/scans') return list(this.scans.map((s) => s.body));
+    if (path === '/scans') return list(this.scans.map((s) => s.body).filter((b) => b['archived'] !== true));
+    if (path === '/comparisons' || path === '/repeatability') {
+      const found = url.searchParams.getAll('scan_id').map((id) => ({ scan: this.scans.find((s) => s.body.id === Number(id))?.body, fit: this.fits.find((f) => f['scan_id'] === Number(id) && f['state'] === 'completed'), id: Number(id) }));
+      const results = found.filter((r) => r.scan && r.fit) as unknown as MockResult[];
+      const without = found.filter((r) => !r.fit).map((r) => r.id);
+      const shared = url.searchParams.get('shared');
+      if (path === '/repeatability') return send(200, repeatability(results, without, shared, url.searchParams.get('by')));
+      const [a, b] = results;
+      if (!a || !b) return problem(409, 'no-fit', `scan ${without[0]} has nothing to report: it has no completed fit; fit it on its page`);
+      return send(200, comparison(a, b, shared));
+    }
     const scanMatch = /^\/scans\/(\d+)(?:\/(\w+))?$/.exec(path);
     if (scanMatch) {
       const scan = this.scans.find((s) => s.body.id === Number(scanMatch[1]));
       if (!scan) return problem(404, 'not-found', `there is no scan ${scanMatch[1]}`);
       const verb = scanMatch[2];
+      if (verb === 'changes') return list(this.changes.filter((c) => c['scan_id'] === scan.body.id));
+      if (method === 'PATCH' && body['sample_id'] === undefined) {
+        Object.assign(scan.body, body);
+        const { tags, note, archived } = scan.body as Json;
+        this.changes.push({ id: this.changes.length + 1, scan_id: scan.body.id, who: 'local', at: new Date().toISOString(), tags, note, archived });
+        this.event('order', {});
+        return send(200, scan.body);
+      }
       if (method === 'PATCH') {
         scan.body['earlier_samples'] = [{ sample_id: scan.body.sample_id, sample_name: scan.body['sample_name'], until: new Date().toISOString() }];
         scan.body.sample_id = Number(body['sample_id']);

@@ -124,25 +124,27 @@ describe('two scans', () => {
     await page.getByRole('link', { name: 'Compare the two' }).click();
     const row = page.getByTestId('differences').locator('[data-row=theta_r_deg]');
     await row.waitFor();
-    // U of each is 0.085°, so U of the difference 0.120°.
-    expect((await row.innerText()).replace(/\s+/g, ' ')).toContain('0.05° ± 0.12° 0.41 agree');
+    // By the records angles and model are the same, so only counting and reference remain.
+    expect((await row.innerText()).replace(/\s+/g, ' ')).toContain('0.0500° ± 0.0060° 8.27 differ');
     await expect.poll(() => page.getByTestId('compared-curves').locator('canvas').count()).toBe(10);
-    expect(await text('[data-testid=compare]')).toContain('do not cancel here');
-    // With everything but counting shared the same difference is significant.
-    await page.getByText('Shared lines of the budget').click();
-    for (const line of ['reference', 'angles', 'model']) await page.getByLabel(`${line}: same error in all scans`).check();
-    await expect.poll(async () => (await row.innerText()).replace(/\s+/g, ' ')).toContain('differ');
-    await page.reload();
-    await row.waitFor();
-    expect(await row.innerText()).toContain('agree');
+    expect(await text('[data-testid=compare]')).toContain('same error in both scans: 2');
+    // With independent errors the same difference is not significant: U of each is 0.085°.
+    await page.getByText('Lines of the budget of').click();
+    await page.getByText('same rig, sample and poses').first().waitFor();
+    for (const line of ['angles', 'model']) await page.getByLabel(`${line}: same error in all scans`).uncheck();
+    await expect.poll(async () => (await row.innerText()).replace(/\s+/g, ' ')).toContain('0.05° ± 0.12° 0.41 agree');
+    expect(daemon.reads.at(-1)).toBe('/comparisons?scan_id=1&scan_id=2&shared=none');
+    await page.getByRole('button', { name: 'As the records show' }).click();
+    await expect.poll(() => row.innerText()).toContain('differ');
   });
 
   it('of which one has no fit say so, with the way to it', async () => {
     measured(1, 0);
     daemon.addScan(2, 'paper');
     await page.goto(`${url}/#/compare/1,2`);
-    await page.getByText('Scan 2 has no finished fit.').waitFor();
-    await page.getByTestId('compare').getByRole('alert').getByRole('link', { name: 'scan 2' }).click();
+    await page.getByText('A scan has no finished fit.').waitFor();
+    expect(daemon.reads.filter((read) => read.startsWith('/comparisons')).length).toBe(1);
+    await page.getByTestId('compare').getByRole('alert').getByRole('link', { name: 'Scan 2' }).click();
     await page.getByRole('button', { name: 'Fit', exact: true }).waitFor();
   });
 });
@@ -154,20 +156,79 @@ describe('the repeatability of a part', () => {
     for (const id of [1, 2, 3]) await page.getByLabel(`Choose scan ${id}`).check();
     await page.getByRole('link', { name: 'Repeatability of 3' }).click();
     await expect.poll(() => text('[data-testid=repeat-scatter]')).toBe('0.020°');
-    expect(await text('[data-testid=repeat-stated]')).toBe('0.043°');
-    expect(await page.getByTestId('repeat-scans').locator('tbody tr').count()).toBe(3);
-    expect(await text('[data-testid=repeat-verdict]')).toBe('consistent');
     // Counting and reference do not explain it.
-    await page.getByText('Lines of the budget that are the same').click();
-    for (const line of ['angles', 'model']) await page.getByLabel(`${line}: same error in all scans`).check();
-    await expect.poll(() => text('[data-testid=repeat-verdict]')).toBe('scatter too large');
+    expect(await text('[data-testid=repeat-stated]')).toBe('0.0021°');
+    expect(await page.getByTestId('repeat-scans').locator('tbody tr').count()).toBe(3);
+    expect(await text('[data-testid=repeat-verdict]')).toBe('scatter too large');
     expect(await text('[data-testid=repeat-probability]')).toBe('< 0.01 %');
+    await page.getByText('Lines of the budget that are the same').click();
+    for (const line of ['angles', 'model']) await page.getByLabel(`${line}: same error in all scans`).uncheck();
+    await expect.poll(() => text('[data-testid=repeat-verdict]')).toBe('consistent');
+    expect(await text('[data-testid=repeat-stated]')).toBe('0.043°');
+    // One part has no gauge R&R, and the card says what it needs.
+    await page.getByTestId('gauge').getByText('gauge R&R needs several parts').waitFor();
+    // One question for each choice of lines, and the first one.
+    expect(daemon.reads.filter((read) => read.startsWith('/repeatability')).length).toBe(3);
   });
 
-  it('is not that of different samples', async () => {
+  it('of several parts has the components of the scatter, over operators or days', async () => {
+    for (const sample of [1, 1, 2, 2]) measured(sample, 0.01 * sample);
+    await page.goto(`${url}/#/repeat/1,2,3,4`);
+    const gauge = page.getByTestId('gauge');
+    await gauge.getByText('Reproducibility (operators)').waitFor();
+    expect(await text('[data-testid=gauge-percent]')).toContain('20 %');
+    expect(await text('[data-testid=gauge-categories]')).toContain('6 3 to 9');
+    await gauge.getByText('2 operators are too few for an interval').waitFor();
+    await gauge.getByLabel('Reproducibility over').selectOption('day');
+    await gauge.getByText('Reproducibility (days)').waitFor();
+    expect(daemon.reads.some((read) => read.endsWith('scan_id=4&by=day'))).toBe(true);
+  });
+
+  it('needs two results of a part', async () => {
     measured(1, 0);
     measured(2, 0);
     await page.goto(`${url}/#/repeat/1,2`);
-    await page.getByText('These scans are of different samples: traced polymer, model 15°.').waitFor();
+    await page.getByText('No part has two results: traced polymer, model 15°.').waitFor();
+  });
+});
+
+describe('the record of a scan', () => {
+  it('has tags and a note, and is archived with an undo', async () => {
+    measured(1, 0);
+    measured(2, 0);
+    await page.goto(`${url}/#/result/1/record`);
+    const card = page.getByTestId('scan-record');
+    await card.getByLabel('Tags, separated by commas').fill('study 1, night, study 1');
+    await card.getByLabel('Note').fill('scratch at the edge');
+    await card.getByRole('button', { name: 'Save' }).click();
+    await card.getByText('Saved.').waitFor();
+    expect(daemon.requests.at(-1)).toEqual({ method: 'PATCH', path: '/scans/1', body: { tags: ['study 1', 'night'], note: 'scratch at the edge' } });
+    await expect.poll(() => card.getByLabel('Tags, separated by commas').inputValue()).toBe('study 1, night');
+    await card.getByRole('button', { name: 'Archive' }).click();
+    await card.getByTestId('archived').waitFor();
+    await card.getByText('Changes: 2').waitFor();
+    // Lists leave it out; its address still shows it, also after a reload.
+    await page.goto(`${url}/#/measure`);
+    await page.getByText('Last results').first().waitFor();
+    expect(await page.locator('main a[href^="#/result/1"]').count()).toBe(0);
+    await page.goto(`${url}/#/result/1/record`);
+    await page.reload();
+    await card.getByTestId('archived').waitFor();
+    await card.getByRole('button', { name: 'Restore' }).click();
+    await card.getByText('Restored').waitFor();
+    await card.getByRole('button', { name: 'Undo' }).click();
+    await card.getByTestId('archived').waitFor();
+    expect(daemon.requests.at(-1)).toEqual({ method: 'PATCH', path: '/scans/1', body: { archived: true } });
+  });
+
+  it('that is refused says why and keeps what was written', async () => {
+    measured(1, 0);
+    await page.goto(`${url}/#/result/1/record`);
+    const card = page.getByTestId('scan-record');
+    daemon.refusals.set('PATCH /scans/1', { status: 422, body: { status: 422, code: 'invalid-value', title: 'a value is not valid', detail: 'tags: expected tags of 1 to 40 characters, got 50', errors: [{ field: 'tags', message: 'expected tags of 1 to 40 characters, got 50' }] } });
+    await card.getByLabel('Tags, separated by commas').fill('x'.repeat(50));
+    await card.getByRole('button', { name: 'Save' }).click();
+    await card.getByText('1 to 40 characters').waitFor();
+    expect(await card.getByLabel('Tags, separated by commas').inputValue()).toBe('x'.repeat(50));
   });
 });
