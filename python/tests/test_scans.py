@@ -162,11 +162,12 @@ def test_scans_are_compared_and_their_scatter_is_put_beside_the_stated_uncertain
     lab: ridged.Lab, scan: ridged.Scan
 ) -> None:
     again = lab.measure("model 15°", preset="paper").wait(on_step=ridged.confirm, progress=False, timeout_s=120)
+    # The fits follow the scans.
+    first, second = scan.fit.theta_r, again.fit.theta_r
     compared = lab.compare(scan, again.id)
     angle = compared["parameters"][0]
     difference = angle["difference"]
     assert angle["name"] == "theta_r_deg" and difference is not None
-    first, second = scan.fit.theta_r, again.fit.theta_r
     assert difference["value"] == pytest.approx(float(second) - float(first))
     shared = {line["line"] for line in compared["shared_lines"] if line["shared"]}
     assert {"reference", "angles", "model"} <= shared
