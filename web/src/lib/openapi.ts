@@ -2486,8 +2486,8 @@ export interface components {
             /** @description The part of the frame that was measured. */
             readonly area: components["schemas"]["AreaBody"];
             /**
-             * @description Whether the newest dark frames of this rig name the defect pixels. Otherwise a full pixel without full neighbours
-             *     counts as a defect.
+             * @description Whether the newest dark frames of this rig name the defect pixels. Otherwise a lone full pixel counts as a
+             *     defect.
              */
             readonly defects_known: boolean;
             /** @description One frame per exposure, in the order of the request. */
