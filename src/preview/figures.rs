@@ -6,6 +6,9 @@ use crate::frame::Frame;
 /// Bins of the histogram.
 pub const BINS: usize = 64;
 
+/// Least mean above black that has a focus, in read noises.
+const LIGHT_SIGMAS: f64 = 10.0;
+
 /// Figures of the pixels of an area; defect pixels take no part, unless it is stated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figures {
@@ -92,7 +95,8 @@ impl Area {
 /// without the share of shot and read noise, over the mean level above black. It does not depend on the exposure of a linear
 /// camera. Compare it only for one pose and one area.
 ///
-/// An even field gives about 0. `None` where the mean is within the read noise of black, or no pixel has all its neighbours.
+/// An even field gives about 0. `None` where the mean is within [`LIGHT_SIGMAS`] read noises of black, since the fixed pattern
+/// of the sensor would look like focus there, or no pixel has all its neighbours.
 fn focus(
     frame: &Frame,
     area: Area,
@@ -101,7 +105,7 @@ fn focus(
     mean_dn: f64,
 ) -> Option<f64> {
     let level = mean_dn - scale.black_dn;
-    if level <= scale.read_noise_dn.max(1.0) {
+    if level <= LIGHT_SIGMAS * scale.read_noise_dn.max(1.0) {
         return None;
     }
     let width = frame.width_px() as usize;
@@ -230,6 +234,8 @@ pub(super) mod tests {
         assert!((shorter / sharp - 1.0).abs() < 0.05, "{shorter} {sharp}");
         let even = figures(noisy(64, 64, |_, _| 20_200.0)).focus.unwrap();
         assert!(even < 0.05 * sharp, "{even} {sharp}");
-        assert_eq!(figures(noisy(64, 64, |_, _| 200.0)).focus, None);
+        for dark in [200.0, 230.0] {
+            assert_eq!(figures(noisy(64, 64, |_, _| dark)).focus, None);
+        }
     }
 }
