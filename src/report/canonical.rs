@@ -3,7 +3,7 @@
 //! The form is that of RFC 8785 (JSON Canonicalization Scheme): no blanks, the keys of objects sorted by their UTF-16 code
 //! units, numbers as ECMAScript writes them. So any program with a library for it can check a report.
 
-use serde_json::{Map, Value};
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use crate::wording::hex;
@@ -60,85 +60,12 @@ fn hash_of(document: &Value) -> String {
 }
 
 /// Returns the canonical form.
+///
+/// # Panics
+/// Never: the keys of a JSON document are texts, and its numbers are finite.
 #[must_use]
 pub fn canonical(document: &Value) -> String {
-    let mut text = String::new();
-    write(document, &mut text);
-    text
-}
-
-fn write(value: &Value, out: &mut String) {
-    match value {
-        Value::Null => out.push_str("null"),
-        Value::Bool(true) => out.push_str("true"),
-        Value::Bool(false) => out.push_str("false"),
-        Value::Number(number) => out.push_str(&as_ecmascript(number.as_f64().unwrap_or(f64::NAN))),
-        Value::String(text) => write_text(text, out),
-        Value::Array(items) => {
-            out.push('[');
-            for (n, item) in items.iter().enumerate() {
-                if n > 0 {
-                    out.push(',');
-                }
-                write(item, out);
-            }
-            out.push(']');
-        }
-        Value::Object(fields) => write_object(fields, out),
-    }
-}
-
-fn write_object(fields: &Map<String, Value>, out: &mut String) {
-    let mut keys: Vec<&String> = fields.keys().collect();
-    keys.sort_by(|a, b| a.encode_utf16().cmp(b.encode_utf16()));
-    out.push('{');
-    for (n, key) in keys.into_iter().enumerate() {
-        if n > 0 {
-            out.push(',');
-        }
-        write_text(key, out);
-        out.push(':');
-        write(&fields[key], out);
-    }
-    out.push('}');
-}
-
-/// Writes a text as JSON. Both escape the same characters in the same way.
-fn write_text(text: &str, out: &mut String) {
-    out.push_str(&Value::from(text).to_string());
-}
-
-/// Returns a finite number as ECMAScript's `Number.prototype.toString` writes it: the shortest digits that read back as the
-/// same number, as a power of ten below 1e-6 and from 1e21 on.
-fn as_ecmascript(value: f64) -> String {
-    if value == 0.0 {
-        return "0".to_owned();
-    }
-    let shortest = format!("{:e}", value.abs());
-    let (digits, power) = shortest.split_once('e').unwrap_or((&shortest, "0"));
-    let digits: String = digits.chars().filter(|c| *c != '.').collect();
-    let count = digits.len() as i32;
-    // The number is 0.DIGITS times ten to this power.
-    let point = power.parse::<i32>().unwrap_or(0) + 1;
-    let number = match point {
-        _ if count <= point && point <= 21 => {
-            format!("{digits}{}", "0".repeat((point - count) as usize))
-        }
-        1..=21 => {
-            let (whole, rest) = digits.split_at(point as usize);
-            format!("{whole}.{rest}")
-        }
-        -5..=0 => format!("0.{}{digits}", "0".repeat(-point as usize)),
-        _ => {
-            let (first, rest) = digits.split_at(1);
-            let dot = if rest.is_empty() { "" } else { "." };
-            format!("{first}{dot}{rest}e{:+}", point - 1)
-        }
-    };
-    match value < 0.0 {
-        true => format!("-{number}"),
-        false => number,
-    }
+    serde_json_canonicalizer::to_string(document).expect("a JSON document has a canonical form")
 }
 
 #[cfg(test)]
@@ -172,7 +99,7 @@ mod tests {
             (0xbecb_f647_612f_3696, "-0.0000033333333333333333"),
             (0x4314_3ff3_c1cb_0959, "1424953923781206.2"),
         ] {
-            assert_eq!(as_ecmascript(f64::from_bits(bits)), text);
+            assert_eq!(canonical(&json!(f64::from_bits(bits))), text);
         }
     }
 
