@@ -17,12 +17,24 @@ use crate::scan::runner::RunEnd;
 
 mod by_daemon;
 mod by_itself;
+mod order;
 mod record;
 
 pub(super) use by_daemon::followed;
 pub use by_itself::follow;
 
-/// Runs one scan, or changes the record of an earlier one.
+/// What to do with a running or an earlier scan.
+#[derive(Debug, clap::Subcommand)]
+pub enum Action {
+    /// An order to a running scan.
+    #[command(flatten)]
+    Order(order::Order),
+    /// A change of the record of a scan.
+    #[command(flatten)]
+    Record(record::Change),
+}
+
+/// Runs one scan, orders a running one, or changes the record of an earlier one.
 #[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(after_help = "Examples:
@@ -30,12 +42,13 @@ pub use by_itself::follow;
   ridged scan --preset full --calibrate --config rig.toml
   ridged scan docs/example-plan.toml --config rig.toml --sample \"batch 7\"
   ridged scan --recipe PX-1204 --specification \"drawing 4711\" --sample \"Panel B-17\" --lot 4
+  ridged scan pause 12
   ridged scan tag 12 --add study-1
 If a daemon is running on the data folder, it does the scan.")]
 pub struct Args {
-    /// What to do with an earlier scan instead.
+    /// What to do with a running or an earlier scan instead.
     #[command(subcommand)]
-    pub action: Option<record::Action>,
+    pub action: Option<Action>,
     /// Plan (TOML); docs/example-plan.toml shows all keys.
     #[arg(
         value_name = "PLAN.toml",
@@ -123,7 +136,10 @@ fn preset(word: &str) -> Result<Preset, String> {
 pub fn run(args: Args) -> Result<(), CliError> {
     if let Some(action) = &args.action {
         let client = Client::require(&args.data)?.presenting(&args.credentials)?;
-        return record::run(&client, action, args.json);
+        return match action {
+            Action::Order(order) => order::run(&client, order, args.json),
+            Action::Record(change) => record::run(&client, change, args.json),
+        };
     }
     let mut plan = read_plan(&args)?;
     if args.calibrate

@@ -189,7 +189,7 @@ pub(in crate::cli) fn followed(
                 bar.clear();
                 let reason = scan["reason"].as_str().unwrap_or("by another client");
                 return Err(CliError::no_result(anyhow!(
-                    "scan {id} is paused: {reason}; resume it on {}",
+                    "scan {id} is paused: {reason}; resume it on {}, or with `ridged scan resume {id}`",
                     client.url
                 )));
             }
@@ -260,7 +260,7 @@ fn paused(client: &Client, id: i64) -> Result<(), CliError> {
         match state {
             Some(ScanState::Paused) => {
                 say(&format_args!(
-                    "scan {id} is paused, {} of {} frames are kept; resume or abort it on {}",
+                    "scan {id} is paused, {} of {} frames are kept; resume or abort it on {}, or with `ridged scan resume {id}`",
                     scan["progress"]["frames_done"], scan["progress"]["frames_total"], client.url
                 ));
                 return Ok(());

@@ -8,7 +8,7 @@ use crate::cli::output;
 
 /// What to do with the record of a scan. Every change stays on record with who made it.
 #[derive(Debug, clap::Subcommand)]
-pub enum Action {
+pub enum Change {
     /// Write a note on a scan, which replaces the one before; an empty text removes it.
     #[command(after_help = "Examples:
   ridged scan note 12 \"scratch at the edge\"
@@ -61,12 +61,12 @@ pub enum Action {
 ///
 /// # Errors
 /// Bad input for an unknown scan, or a value that is not valid.
-pub(super) fn run(client: &Client, action: &Action, json: bool) -> Result<(), CliError> {
-    let (scan, body) = match action {
-        Action::Note { scan, text } => (*scan, json!({ "note": text })),
-        Action::Archive { scan } => (*scan, json!({ "archived": true })),
-        Action::Restore { scan } => (*scan, json!({ "archived": false })),
-        Action::Tag { scan, add, remove } => {
+pub(super) fn run(client: &Client, change: &Change, json: bool) -> Result<(), CliError> {
+    let (scan, body) = match change {
+        Change::Note { scan, text } => (*scan, json!({ "note": text })),
+        Change::Archive { scan } => (*scan, json!({ "archived": true })),
+        Change::Restore { scan } => (*scan, json!({ "archived": false })),
+        Change::Tag { scan, add, remove } => {
             let before = client.get(&format!("/scans/{scan}"))?;
             (*scan, json!({ "tags": tags(&before["tags"], add, remove) }))
         }
@@ -106,16 +106,19 @@ fn line(scan: &Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::scan::Args;
+    use crate::cli::scan::{Action, Args};
     use crate::cli::{parsed, try_parsed};
 
     #[test]
     fn actions_need_no_plan_and_a_plan_needs_no_action() {
         let args: Args = parsed(&["note", "12", "scratch", "--data", "lab", "--json"]);
-        assert!(matches!(args.action, Some(Action::Note { scan: 12, .. })));
+        assert!(matches!(
+            args.action,
+            Some(Action::Record(Change::Note { scan: 12, .. }))
+        ));
         assert!(args.json && args.data.ends_with("lab"));
         let args: Args = parsed(&["tag", "12", "--add", "a,b"]);
-        let Some(Action::Tag { add, .. }) = args.action else {
+        let Some(Action::Record(Change::Tag { add, .. })) = args.action else {
             panic!("{args:?}");
         };
         assert_eq!(add, ["a", "b"]);
