@@ -15,7 +15,7 @@ build: setup-build web  ## The program with its page, in target/release/ridged
 test: setup-build setup-test web  ## Everything that must hold
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target build-tests test-page check-python docs
 	@$(MAKE) --no-print-directory test-rust
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-vendor test-python
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-vendor test-python test-api
 	@$(MAKE) --no-print-directory test-e2e
 	@echo "all tests passed"
 
@@ -57,6 +57,10 @@ check-python:  ## Types of the Python package (makes its venv)
 test-python: web  ## The Python package with a live daemon, and its notebook
 	cargo test --no-run
 	python/run target/debug/ridged
+
+test-api: web  ## A live daemon against its OpenAPI document: requests and events
+	cargo test --no-run
+	tests/api/run target/debug/ridged
 
 test-web: test-page test-e2e  ## The page's unit tests, and the page in a real browser against the real daemon
 
@@ -101,4 +105,4 @@ setup-build:
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-fit bench-peers-trace bench-results code-figures faults fuzz help demo docs build build-tests test check check-python test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshots setup-build setup-test soak
+.PHONY: bench-peers bench-peers-fit bench-peers-trace bench-results code-figures faults fuzz help demo docs build build-tests test check check-python test-api test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshots setup-build setup-test soak

@@ -42,12 +42,12 @@ def used(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         scene = {"scene": (conftest.ROOT / "scenes/glass.toml").read_text(), "photons": 1000}
         post("/traces", scene)
         for kind in ("maps", "contrasts", "verdicts", "traces"):
-            conftest_wait(http, f"/{kind}/1")
+            ended(http, f"/{kind}/1")
     yield daemon.url
     daemon.kill()
 
 
-def conftest_wait(http: httpx.Client, path: str) -> None:
+def ended(http: httpx.Client, path: str) -> None:
     """Waits for the end of a job."""
     with http.stream("GET", "/events?since=0") as events:
         for _ in events.iter_lines():

@@ -16,6 +16,29 @@ export interface components {
          * @enum {string}
          */
         readonly Activity: "idle" | "moving" | "homing" | "scanning" | "paused" | "not-connected";
+        /** @description A rectangle of a frame. */
+        readonly AreaBody: {
+            /**
+             * Format: int32
+             * @description Rows.
+             */
+            readonly height_px: number;
+            /**
+             * Format: int32
+             * @description First column, from 0.
+             */
+            readonly left_px: number;
+            /**
+             * Format: int32
+             * @description First row, from 0.
+             */
+            readonly top_px: number;
+            /**
+             * Format: int32
+             * @description Columns.
+             */
+            readonly width_px: number;
+        };
         /** @description Both axes. */
         readonly AxesBody: {
             /** @description Sample azimuth φs. */
@@ -51,6 +74,19 @@ export interface components {
             readonly serial?: string | null;
             /** @description Warnings of the controller: code and meaning. */
             readonly warnings: readonly string[];
+        };
+        /** @description What an axis did. */
+        readonly AxisEvent: {
+            /**
+             * Format: double
+             * @description Position read back; `None` when unknown.
+             */
+            readonly position_deg?: number | null;
+            /**
+             * Format: double
+             * @description Where it was sent; `None` when at rest.
+             */
+            readonly target_deg?: number | null;
         };
         /** @description The answer to a request for work that takes longer than the request. */
         readonly Begun: {
@@ -441,6 +477,25 @@ export interface components {
             readonly operator_steps: readonly components["schemas"]["OperatorBody"][];
             /** @description The whole plan without the frames that those calibrations replace. */
             readonly plan: components["schemas"]["Plan"];
+        };
+        /** @description An event: the object in `data`. Its `type` is also the name of the server-sent event. */
+        readonly Event: components["schemas"]["WhatHappened"] & {
+            /** @description When it was recorded, RFC 3339 in UTC. */
+            readonly at: string;
+            /**
+             * Format: int64
+             * @description Number of the event, growing without reuse; negative for an event that the store does not have.
+             */
+            readonly id: number;
+            /** @description Who caused it: the name of a token, `local` or `daemon`. */
+            readonly who?: string | null;
+        };
+        /** @description Positions of both axes. */
+        readonly EventAxes: {
+            /** @description Sample azimuth φs. */
+            readonly phi_s: components["schemas"]["AxisEvent"];
+            /** @description Camera tilt θc. */
+            readonly theta_c: components["schemas"]["AxisEvent"];
         };
         /** @description What is wrong with one value. */
         readonly FieldProblem: {
@@ -1370,6 +1425,16 @@ export interface components {
          * @enum {string}
          */
         readonly GroupedBy: "operator" | "day";
+        /** @description A histogram of 64 bins of equal width. */
+        readonly HistogramBody: {
+            /**
+             * Format: int32
+             * @description Counts per bin, DN. The first bin begins at 0 DN.
+             */
+            readonly bin_dn: number;
+            /** @description Pixels of each bin. */
+            readonly pixels: readonly number[];
+        };
         /** @description Who holds the rig. */
         readonly HolderBody: {
             /** @description Name of the lease, or the scan or motion that holds the rig without one. */
@@ -1478,6 +1543,11 @@ export interface components {
             /** @description Who started it: the name of a token, or `local`. */
             readonly who: string;
         };
+        /**
+         * @description The kind of a job.
+         * @enum {string}
+         */
+        readonly JobKind: "fit" | "map" | "contrast" | "verdict" | "trace";
         /** @description State of a jog. */
         readonly JogAnswer: {
             /** @description Why the axis waits at the end of its way: its limit, or a forbidden region; null while it moves. */
@@ -1505,6 +1575,91 @@ export interface components {
              *     is limited to it.
              */
             readonly speed_deg_s: number;
+        };
+        /** @description The judgement of one limited quantity. */
+        readonly JudgedItem: {
+            /**
+             * Format: double
+             * @description Lower acceptance limit: tolerance limit plus guard band; null where the guard bands of two limits meet.
+             */
+            readonly acceptance_lower?: number | null;
+            /**
+             * Format: double
+             * @description Upper acceptance limit.
+             */
+            readonly acceptance_upper?: number | null;
+            /**
+             * Format: double
+             * @description Probability that the true value conforms.
+             */
+            readonly conformance_probability?: number | null;
+            /**
+             * Format: double
+             * @description Ratio of expanded to standard uncertainty.
+             */
+            readonly coverage_factor?: number | null;
+            /**
+             * Format: double
+             * @description Expanded uncertainty.
+             */
+            readonly expanded?: number | null;
+            /**
+             * Format: double
+             * @description Width of the guard band. With two limits the risks at both count, which widens it where the tolerance is
+             *     only a few standard uncertainties wide.
+             */
+            readonly guard_band?: number | null;
+            /**
+             * Format: double
+             * @description Lower tolerance limit.
+             */
+            readonly lower?: number | null;
+            /** @description Quantity, with its unit in the name. */
+            readonly quantity: string;
+            /** @description The reason for it. */
+            readonly reason: string;
+            /**
+             * Format: double
+             * @description Standard uncertainty.
+             */
+            readonly std?: number | null;
+            /**
+             * Format: double
+             * @description Upper tolerance limit.
+             */
+            readonly upper?: number | null;
+            /**
+             * Format: double
+             * @description Measured value.
+             */
+            readonly value?: number | null;
+            /** @description The result. */
+            readonly verdict: components["schemas"]["VerdictWord"];
+        };
+        /** @description The judgement of one sample. */
+        readonly Judgement: {
+            /**
+             * Format: double
+             * @description Lower bound of the probability that all items conform (Boole's inequality; a positive correlation raises it); null
+             *     where an item is not determined.
+             */
+            readonly conformance_probability_min?: number | null;
+            /** @description The allowed risks. */
+            readonly decision: components["schemas"]["DecisionRule"];
+            /** @description The rule as a sentence. */
+            readonly decision_rule: string;
+            /** @description One per limited quantity. */
+            readonly items: readonly components["schemas"]["JudgedItem"][];
+            /** @description Name of the specification. */
+            readonly specification: string;
+            /** @description Fails if one item fails, passes if all pass. */
+            readonly verdict: components["schemas"]["VerdictWord"];
+            /** @description Sentences for the user, including the warnings of the fit. */
+            readonly warnings: readonly string[];
+            /** @description What would decide the items that are not decided, by quantity. */
+            readonly would_decide?: {
+                readonly [key: string]: components["schemas"]["WouldDecide"];
+            };
         };
         /** @description A lease that was taken. */
         readonly LeaseBody: {
@@ -1892,6 +2047,99 @@ export interface components {
             readonly next_cursor?: string | null;
         };
         /** @description A page of a list. */
+        readonly List_Map: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /**
+                 * Format: double
+                 * @description Usual χ² per degree of freedom; pixels' uncertainties are scaled by its square root.
+                 */
+                readonly chi2_reduced_usual?: number;
+                /** @description When it was accepted, RFC 3339 in UTC. */
+                readonly created_at: string;
+                /** @description Connected areas that differ from the rest, the largest first. */
+                readonly defects?: readonly components["schemas"]["MapDefect"][];
+                /** @description When it ended, RFC 3339 in UTC; null while it runs. */
+                readonly ended_at?: string | null;
+                readonly error?: components["schemas"]["FitError"] | null;
+                /**
+                 * Format: double
+                 * @description Evaluations of all observations per fitted pixel.
+                 */
+                readonly evaluations_per_pixel?: number;
+                /** @description Files written, relative to the output folder. */
+                readonly files?: readonly string[];
+                /** @description The bit of each flag in `flags.tif`; a pixel's value is the sum of its flags' bits. */
+                readonly flag_bits?: {
+                    readonly [key: string]: number;
+                };
+                /** @description Pixels per flag. */
+                readonly flags?: {
+                    readonly [key: string]: number;
+                };
+                readonly forecast?: components["schemas"]["Forecast"] | null;
+                /**
+                 * Format: int64
+                 * @description Number of the job within its kind.
+                 */
+                readonly id: number;
+                /** @description Lean directions that many pixels share. */
+                readonly lean_directions?: readonly components["schemas"]["MapLean"][];
+                /** @description What the model omits, why, and at which cost. */
+                readonly left_out?: readonly components["schemas"]["WorkLeftOut"][];
+                /** @description Poses, which are the observations per pixel without masks. */
+                readonly observations_per_pixel?: number;
+                /** @description By layer name; a lean direction has no median where several are common (`lean_directions`). */
+                readonly parameters?: {
+                    readonly [key: string]: components["schemas"]["MapSpread"];
+                };
+                /** @description Pixels that were fitted. */
+                readonly pixels?: number;
+                /** @description Pixels that were not reached within the time limit. */
+                readonly pixels_left_out?: number;
+                /**
+                 * Format: double
+                 * @description `pixels` over the seconds of the fit, on all cores.
+                 */
+                readonly pixels_per_s?: number;
+                /** @description Pixels that have values. */
+                readonly pixels_with_value?: number;
+                /** @description Name and version of the program. */
+                readonly program?: string;
+                readonly progress?: components["schemas"]["WorkProgress"] | null;
+                /** @description Frames that were rejected. */
+                readonly rejected_frames?: readonly components["schemas"]["FrameRejected"][];
+                /** @description The request, as it was accepted. */
+                readonly request: Record<string, never>;
+                /**
+                 * Format: int64
+                 * @description Number of the sample of that scan.
+                 */
+                readonly sample_id?: number | null;
+                /** @description Name of that sample. */
+                readonly sample_name?: string | null;
+                /**
+                 * Format: int64
+                 * @description Number of its scan; null without one.
+                 */
+                readonly scan_id?: number | null;
+                /** @description What all pixels share. */
+                readonly shared?: components["schemas"]["MapShared"];
+                /** @description State of the job. */
+                readonly state: components["schemas"]["TaskState"];
+                /** @description Seconds per step. */
+                readonly timing_s?: components["schemas"]["MapTiming"];
+                /** @description Warnings for the user. */
+                readonly warnings?: readonly string[];
+                /** @description Who started it: the name of a token, or `local`. */
+                readonly who: string;
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
         readonly List_OrderBody: {
             /** @description Rows of this page that the store cannot read; omitted if there are none. */
             readonly damaged?: readonly components["schemas"]["DamagedBody"][];
@@ -2138,6 +2386,173 @@ export interface components {
             /** @description `cursor` of the next page; null at the end. */
             readonly next_cursor?: string | null;
         };
+        /** @description A page of a list. */
+        readonly List_Trace: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /**
+                 * Format: int64
+                 * @description Number of independent replicates behind the standard errors.
+                 */
+                readonly batches?: number;
+                /** @description When it was accepted, RFC 3339 in UTC. */
+                readonly created_at: string;
+                /** @description When it ended, RFC 3339 in UTC; null while it runs. */
+                readonly ended_at?: string | null;
+                /** @description Fractions of the light. */
+                readonly energy?: components["schemas"]["TraceEnergy"];
+                readonly error?: components["schemas"]["FitError"] | null;
+                readonly forecast?: components["schemas"]["Forecast"] | null;
+                /**
+                 * Format: int64
+                 * @description Number of the job within its kind.
+                 */
+                readonly id: number;
+                /** @description Effects left out, with reason and cost. */
+                readonly left_out?: readonly components["schemas"]["WorkLeftOut"][];
+                /** @description Scope and limits of the standard errors. */
+                readonly notes?: readonly string[];
+                /**
+                 * Format: int64
+                 * @description Photons launched.
+                 */
+                readonly photons?: number;
+                /** @description Whether polarisation was followed. */
+                readonly polarised?: boolean;
+                /** @description Program and version. */
+                readonly program?: string;
+                readonly progress?: components["schemas"]["WorkProgress"] | null;
+                /**
+                 * Format: double
+                 * @description Relative error of the reflected bins, root mean square ([`Totals::relative_error`]).
+                 */
+                readonly relative_error?: number | null;
+                /** @description The request, as it was accepted. */
+                readonly request: Record<string, never>;
+                /** @description Effective ridge angles of the interfaces that have one. */
+                readonly ridge_angles?: readonly components["schemas"]["RidgeAngle"][];
+                /**
+                 * Format: double
+                 * @description Part of `seconds` spent on the photons, set-up included.
+                 */
+                readonly run_seconds?: number | null;
+                /**
+                 * Format: int64
+                 * @description Number of the sample of that scan.
+                 */
+                readonly sample_id?: number | null;
+                /** @description Name of that sample. */
+                readonly sample_name?: string | null;
+                /**
+                 * Format: int64
+                 * @description Number of its scan; null without one.
+                 */
+                readonly scan_id?: number | null;
+                /**
+                 * Format: double
+                 * @description Duration of the run, s, if known.
+                 */
+                readonly seconds?: number | null;
+                /**
+                 * Format: double
+                 * @description Part of `run_seconds` before the first photon: finding the illuminated parts and the
+                 *     analytic part of the result.
+                 */
+                readonly setup_seconds?: number | null;
+                /** @description State of the job. */
+                readonly state: components["schemas"]["TaskState"];
+                /**
+                 * Format: double
+                 * @description Time before `seconds` spent building or reading the surfaces.
+                 */
+                readonly surface_seconds?: number | null;
+                readonly surfaces?: components["schemas"]["TraceSurfaces"] | null;
+                /** @description Who started it: the name of a token, or `local`. */
+                readonly who: string;
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
+        readonly List_Verdict: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /**
+                 * Format: double
+                 * @description Lower bound of the probability that all items conform (Boole's inequality; a positive correlation raises it); null
+                 *     where an item is not determined.
+                 */
+                readonly conformance_probability_min?: number | null;
+                /** @description Tilts over which the contrasts are averaged, degrees; null where no contrast is limited. */
+                readonly contrast_theta_c_deg?: readonly number[] | null;
+                /** @description When it was accepted, RFC 3339 in UTC. */
+                readonly created_at: string;
+                /** @description The allowed risks. */
+                readonly decision?: components["schemas"]["DecisionRule"];
+                /** @description The rule as a sentence. */
+                readonly decision_rule?: string;
+                /** @description When it ended, RFC 3339 in UTC; null while it runs. */
+                readonly ended_at?: string | null;
+                readonly error?: components["schemas"]["FitError"] | null;
+                readonly forecast?: components["schemas"]["Forecast"] | null;
+                /**
+                 * Format: int64
+                 * @description Number of the job within its kind.
+                 */
+                readonly id: number;
+                /** @description One per limited quantity. */
+                readonly items?: readonly components["schemas"]["JudgedItem"][];
+                /** @description Effects that the fit omits, why, and their possible effect on the result. */
+                readonly left_out?: readonly components["schemas"]["WorkLeftOut"][];
+                /** @description Name and version of the program. */
+                readonly program?: string;
+                readonly progress?: components["schemas"]["WorkProgress"] | null;
+                /** @description The plane to which θr and the azimuth refer. */
+                readonly reference_plane?: components["schemas"]["FitReferencePlane"];
+                /** @description Region of the sample. */
+                readonly region?: string | null;
+                /** @description The request, as it was accepted. */
+                readonly request: Record<string, never>;
+                /**
+                 * Format: int64
+                 * @description Number of the sample of that scan.
+                 */
+                readonly sample_id?: number | null;
+                /** @description Name of that sample. */
+                readonly sample_name?: string | null;
+                /**
+                 * Format: int64
+                 * @description Number of its scan; null without one.
+                 */
+                readonly scan_id?: number | null;
+                /** @description Name of the specification. */
+                readonly specification?: string;
+                /** @description State of the job. */
+                readonly state: components["schemas"]["TaskState"];
+                /** @description How the fit ended. */
+                readonly status?: components["schemas"]["FitStatus"];
+                /** @description Seconds of reading, reducing and fitting. */
+                readonly timing_s?: components["schemas"]["FitTiming"];
+                /** @description Variant of the model. */
+                readonly variant?: components["schemas"]["FitVariantName"];
+                /** @description Fails if one item fails, passes if all pass. */
+                readonly verdict?: components["schemas"]["VerdictWord"];
+                /** @description Sentences for the user, including the warnings of the fit. */
+                readonly warnings?: readonly string[];
+                /** @description Who started it: the name of a token, or `local`. */
+                readonly who: string;
+                /** @description What would decide the items that are not decided, by quantity. */
+                readonly would_decide?: {
+                    readonly [key: string]: components["schemas"]["WouldDecide"];
+                };
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
         /** @description A login. */
         readonly LoginRequest: {
             /** @description The token that `ridged token create` printed. */
@@ -2148,6 +2563,164 @@ export interface components {
          * @enum {string}
          */
         readonly Loss: "linear" | "huber" | "tukey";
+        /** @description A map: its request and its state, and the object of `map --json`, once it has completed */
+        readonly Map: {
+            /**
+             * Format: double
+             * @description Usual χ² per degree of freedom; pixels' uncertainties are scaled by its square root.
+             */
+            readonly chi2_reduced_usual?: number;
+            /** @description When it was accepted, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description Connected areas that differ from the rest, the largest first. */
+            readonly defects?: readonly components["schemas"]["MapDefect"][];
+            /** @description When it ended, RFC 3339 in UTC; null while it runs. */
+            readonly ended_at?: string | null;
+            readonly error?: components["schemas"]["FitError"] | null;
+            /**
+             * Format: double
+             * @description Evaluations of all observations per fitted pixel.
+             */
+            readonly evaluations_per_pixel?: number;
+            /** @description Files written, relative to the output folder. */
+            readonly files?: readonly string[];
+            /** @description The bit of each flag in `flags.tif`; a pixel's value is the sum of its flags' bits. */
+            readonly flag_bits?: {
+                readonly [key: string]: number;
+            };
+            /** @description Pixels per flag. */
+            readonly flags?: {
+                readonly [key: string]: number;
+            };
+            readonly forecast?: components["schemas"]["Forecast"] | null;
+            /**
+             * Format: int64
+             * @description Number of the job within its kind.
+             */
+            readonly id: number;
+            /** @description Lean directions that many pixels share. */
+            readonly lean_directions?: readonly components["schemas"]["MapLean"][];
+            /** @description What the model omits, why, and at which cost. */
+            readonly left_out?: readonly components["schemas"]["WorkLeftOut"][];
+            /** @description Poses, which are the observations per pixel without masks. */
+            readonly observations_per_pixel?: number;
+            /** @description By layer name; a lean direction has no median where several are common (`lean_directions`). */
+            readonly parameters?: {
+                readonly [key: string]: components["schemas"]["MapSpread"];
+            };
+            /** @description Pixels that were fitted. */
+            readonly pixels?: number;
+            /** @description Pixels that were not reached within the time limit. */
+            readonly pixels_left_out?: number;
+            /**
+             * Format: double
+             * @description `pixels` over the seconds of the fit, on all cores.
+             */
+            readonly pixels_per_s?: number;
+            /** @description Pixels that have values. */
+            readonly pixels_with_value?: number;
+            /** @description Name and version of the program. */
+            readonly program?: string;
+            readonly progress?: components["schemas"]["WorkProgress"] | null;
+            /** @description Frames that were rejected. */
+            readonly rejected_frames?: readonly components["schemas"]["FrameRejected"][];
+            /** @description The request, as it was accepted. */
+            readonly request: Record<string, never>;
+            /**
+             * Format: int64
+             * @description Number of the sample of that scan.
+             */
+            readonly sample_id?: number | null;
+            /** @description Name of that sample. */
+            readonly sample_name?: string | null;
+            /**
+             * Format: int64
+             * @description Number of its scan; null without one.
+             */
+            readonly scan_id?: number | null;
+            /** @description What all pixels share. */
+            readonly shared?: components["schemas"]["MapShared"];
+            /** @description State of the job. */
+            readonly state: components["schemas"]["TaskState"];
+            /** @description Seconds per step. */
+            readonly timing_s?: components["schemas"]["MapTiming"];
+            /** @description Warnings for the user. */
+            readonly warnings?: readonly string[];
+            /** @description Who started it: the name of a token, or `local`. */
+            readonly who: string;
+        };
+        /** @description A connected area that differs from the rest. */
+        readonly MapDefect: {
+            /**
+             * Format: double
+             * @description Area.
+             */
+            readonly area_mm2: number;
+            /** @description Deviations of every parameter but the lean direction. */
+            readonly deviations: readonly components["schemas"]["MapDeviation"][];
+            /**
+             * Format: double
+             * @description See `width_mm`.
+             */
+            readonly height_mm: number;
+            /**
+             * Format: double
+             * @description Median lean direction.
+             */
+            readonly lean_azimuth_deg?: number | null;
+            /** @description Pixels. */
+            readonly pixels: number;
+            /**
+             * Format: double
+             * @description Extent along x and y.
+             */
+            readonly width_mm: number;
+            /** @description The parameter that deviates most, or `fit` if no single surface explains the area. */
+            readonly worst: string;
+            /**
+             * Format: double
+             * @description Centre of gravity in the sample's axes at φs = 0, from the rotation axis.
+             */
+            readonly x_mm: number;
+            /**
+             * Format: double
+             * @description See `x_mm`.
+             */
+            readonly y_mm: number;
+        };
+        /** @description Difference of an area from the map's median in one parameter. */
+        readonly MapDeviation: {
+            /** @description Name of the layer. */
+            readonly parameter: string;
+            /**
+             * Format: double
+             * @description (value − usual) over the robust standard deviation of the map's pixels.
+             */
+            readonly sigmas?: number | null;
+            /**
+             * Format: double
+             * @description Median over the map.
+             */
+            readonly usual: number;
+            /**
+             * Format: double
+             * @description Median over the area; null if its pixels have no value.
+             */
+            readonly value?: number | null;
+        };
+        /** @description A lean direction that many pixels share. */
+        readonly MapLean: {
+            /**
+             * Format: double
+             * @description Degrees, counter-clockwise from the sample's x at φs = 0.
+             */
+            readonly azimuth_deg: number;
+            /**
+             * Format: double
+             * @description Share of the pixels that a single surface explains.
+             */
+            readonly share: number;
+        };
         /** @description A request for a map. */
         readonly MapRequest: {
             /**
@@ -2165,6 +2738,95 @@ export interface components {
              * @description Largest share of the brightest radiance that a pixel's model may neglect.
              */
             readonly target_error?: number | null;
+        };
+        /** @description Shared quantities in a summary; see [`super::Globals`]. */
+        readonly MapShared: {
+            /**
+             * Format: double
+             * @description Signal units per unit of radiance (the radiance for a lamp irradiance of 1).
+             */
+            readonly gain: number;
+            /**
+             * Format: double
+             * @description Relative standard uncertainty of the gain, 0.01 for 1 %.
+             */
+            readonly gain_relative_std: number;
+            /**
+             * Format: double
+             * @description Stray light, in units of radiance.
+             */
+            readonly stray_radiance: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty, in units of radiance.
+             */
+            readonly stray_radiance_std: number;
+            /**
+             * Format: double
+             * @description Offset Δθc to add to a recorded tilt, degrees.
+             */
+            readonly tilt_offset_deg: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty, degrees.
+             */
+            readonly tilt_offset_deg_std: number;
+        };
+        /** @description Median and percentiles of a parameter over the pixels that have a value. */
+        readonly MapSpread: {
+            /**
+             * Format: double
+             * @description Median; azimuths are counted around their mean direction.
+             */
+            readonly median?: number | null;
+            /**
+             * Format: double
+             * @description 5th percentile.
+             */
+            readonly p5?: number | null;
+            /**
+             * Format: double
+             * @description 95th percentile.
+             */
+            readonly p95?: number | null;
+            /**
+             * Format: double
+             * @description Median of the pixels' own standard uncertainties.
+             */
+            readonly std_median?: number | null;
+            /**
+             * Format: double
+             * @description Standard uncertainty that all pixels have in common (gain, stray light, tilt offset, model error).
+             */
+            readonly std_shared?: number | null;
+        };
+        /** @description Seconds per step. */
+        readonly MapTiming: {
+            /**
+             * Format: double
+             * @description All pixels.
+             */
+            readonly fit: number;
+            /**
+             * Format: double
+             * @description The fit of the pixels' mean, for which frames are read once more.
+             */
+            readonly mean: number;
+            /**
+             * Format: double
+             * @description Darks, flats, frames read and resampled.
+             */
+            readonly read: number;
+            /**
+             * Format: double
+             * @description Shared quantities.
+             */
+            readonly settle: number;
+            /**
+             * Format: double
+             * @description Files.
+             */
+            readonly write: number;
         };
         /** @description Nominal material: complex index N = n + ik with standard uncertainties. */
         readonly MaterialBody: {
@@ -2319,6 +2981,52 @@ export interface components {
              */
             readonly wavelength_nm?: number | null;
         };
+        /** @description A mean and its standard error. */
+        readonly MonteCarloEstimate: {
+            /**
+             * Format: double
+             * @description Its standard error, from the spread of the batches.
+             */
+            readonly std: number;
+            /**
+             * Format: double
+             * @description The mean.
+             */
+            readonly value: number;
+        };
+        /** @description A motion. */
+        readonly MotionBody: {
+            /**
+             * Format: int64
+             * @description Number of the motion.
+             */
+            readonly id: number;
+            /**
+             * Format: double
+             * @description Sample azimuth φs read back at its end, degrees.
+             */
+            readonly phi_s_deg?: number | null;
+            readonly problem?: components["schemas"]["MotionProblem"] | null;
+            /** @description State of the motion. */
+            readonly state: components["schemas"]["MotionState"];
+            /**
+             * Format: double
+             * @description Camera tilt θc read back at its end, degrees; null before, and where the stage did not answer.
+             */
+            readonly theta_c_deg?: number | null;
+        };
+        /** @description Why a motion failed. */
+        readonly MotionProblem: {
+            /** @description Stable word for programs. */
+            readonly code: string;
+            /** @description Cause and remedy. */
+            readonly detail: string;
+        };
+        /**
+         * @description State of a motion.
+         * @enum {string}
+         */
+        readonly MotionState: "moving" | "arrived" | "stopped" | "failed";
         /** @description Target of a motion. */
         readonly MoveBody: {
             /**
@@ -2334,6 +3042,19 @@ export interface components {
              * @description Place among the waiting orders, from 1 (the next one); beyond the last one, the end.
              */
             readonly to: number;
+        };
+        /** @description Targets of a motion; an axis without one stays where it is. */
+        readonly MoveRigBody: {
+            /**
+             * Format: double
+             * @description Sample azimuth φs to move to, degrees.
+             */
+            readonly phi_s_deg?: number | null;
+            /**
+             * Format: double
+             * @description Camera tilt θc to move to, degrees.
+             */
+            readonly theta_c_deg?: number | null;
         };
         /** @description A recipe or specification by its number, or by its name. */
         readonly NameOrId: number | string;
@@ -2535,6 +3256,31 @@ export interface components {
          * @enum {string}
          */
         readonly Phase: "dark" | "flat" | "sample" | "done";
+        /** @description A picture of a frame. */
+        readonly PictureBody: {
+            /**
+             * Format: int32
+             * @description Rows, px.
+             */
+            readonly height_px: number;
+            /**
+             * Format: double
+             * @description Count that is white, DN: 0.2 % of the pixels are brighter.
+             */
+            readonly high_dn: number;
+            /**
+             * Format: double
+             * @description Count that is black, DN: 0.2 % of the pixels are darker.
+             */
+            readonly low_dn: number;
+            /** @description Path of the PNG on this server. */
+            readonly path: string;
+            /**
+             * Format: int32
+             * @description Columns, px.
+             */
+            readonly width_px: number;
+        };
         /** @description One number for both axes, or one for each. */
         readonly Pitch: number | readonly number[];
         /** @description A whole plan, nothing left open. */
@@ -2627,6 +3373,124 @@ export interface components {
          * @enum {string}
          */
         readonly Preset: "paper" | "full";
+        /** @description A preview. */
+        readonly PreviewAnswer: {
+            /** @description The part of the frame that was measured. */
+            readonly area: components["schemas"]["AreaBody"];
+            /**
+             * @description Whether the newest dark frames of this rig name the defect pixels. Otherwise a lone full pixel counts as a
+             *     defect.
+             */
+            readonly defects_known: boolean;
+            /** @description One frame per exposure, in the order of the request. */
+            readonly frames: readonly components["schemas"]["PreviewFrameBody"][];
+            /** @description Whether the lamp was on. */
+            readonly lamp: boolean;
+            /**
+             * Format: double
+             * @description Sample azimuth φs read from the stage, degrees.
+             */
+            readonly phi_s_deg: number;
+            /** @description Whether both angles count from a reference position. False until the axes are homed. */
+            readonly referenced: boolean;
+            readonly suggestion?: components["schemas"]["SuggestionBody"] | null;
+            /**
+             * Format: double
+             * @description Camera tilt θc read from the stage, degrees.
+             */
+            readonly theta_c_deg: number;
+        };
+        /** @description A preview to take. */
+        readonly PreviewBody: {
+            readonly area?: components["schemas"]["AreaBody"] | null;
+            /**
+             * @description Exposures, s: 1 to 8 values, together at most 60 s. Those of the settings if omitted.
+             * @example [
+             *       0.02,
+             *       0.06
+             *     ]
+             */
+            readonly exposures_s?: readonly number[] | null;
+            /**
+             * @description Whether the lamp is on. `false` needs the setting `lamp.off`.
+             * @default true
+             */
+            readonly lamp: boolean;
+            /**
+             * Format: int32
+             * @description Number of exposures to suggest for a scan, 0 to 2; as many as are taken, at most 2, if omitted. The daemon may take
+             *     further frames of up to 10 s to find them.
+             * @example 2
+             */
+            readonly suggest?: number | null;
+        };
+        /** @description A frame of a preview. The figures are those of the area without its defect pixels. */
+        readonly PreviewFrameBody: {
+            /**
+             * Format: int32
+             * @description Defect pixels of the area; they take no part in the other figures.
+             */
+            readonly defect_px: number;
+            /**
+             * Format: double
+             * @description Exposure time, s.
+             */
+            readonly exposure_s: number;
+            /**
+             * Format: double
+             * @description Figure of focus: the change of brightness from pixel to pixel, root mean square, over the mean brightness, without the
+             *     part of the noise. The sharpest picture of one pose and one area has the greatest; null without light.
+             */
+            readonly focus?: number | null;
+            /**
+             * Format: int32
+             * @description Rows of the frame, px.
+             */
+            readonly height_px: number;
+            /** @description Pixels per bin, from 0 DN. */
+            readonly histogram: components["schemas"]["HistogramBody"];
+            /**
+             * Format: int64
+             * @description Number of the frame. Only the newest frames are kept, in memory.
+             */
+            readonly id: number;
+            /** @description Picture of 8 bits and at most 512 px on this server. */
+            readonly image: components["schemas"]["PictureBody"];
+            /**
+             * Format: int32
+             * @description Greatest count, DN.
+             */
+            readonly max_dn: number;
+            /**
+             * Format: double
+             * @description Mean count, DN.
+             */
+            readonly mean_dn: number;
+            /**
+             * Format: int32
+             * @description Median count, DN.
+             */
+            readonly median_dn: number;
+            /**
+             * Format: int32
+             * @description Least count, DN.
+             */
+            readonly min_dn: number;
+            /** @description Path of the 16-bit counts on this server. */
+            readonly pixels: string;
+            /**
+             * Format: int32
+             * @description Pixels at or above the count of a full pixel.
+             */
+            readonly saturated_px: number;
+            /** @description Start of the exposure, RFC 3339 in UTC. */
+            readonly taken_at: string;
+            /**
+             * Format: int32
+             * @description Columns of the frame, px.
+             */
+            readonly width_px: number;
+        };
         /** @description Prior knowledge of a parameter: a value and its standard uncertainty. */
         readonly Prior: {
             /**
@@ -3488,6 +4352,16 @@ export interface components {
             /** @description `cursor` of the next page; null at the end. */
             readonly next_cursor?: string | null;
         };
+        /** @description The effective ridge angle of an interface. */
+        readonly RidgeAngle: {
+            /** @description 1 for the topmost. */
+            readonly interface: number;
+            /**
+             * Format: double
+             * @description Area-weighted median inclination of the parts whose normal leans to +v, degrees.
+             */
+            readonly theta_r_deg: number;
+        };
         /** @description Properties of a height map; lengths in µm. */
         readonly RidgeFacts: {
             /**
@@ -3548,6 +4422,11 @@ export interface components {
              */
             readonly unseen_share?: number;
         };
+        /**
+         * @description What the rig is doing.
+         * @enum {string}
+         */
+        readonly RigActivity: "idle" | "moving" | "homing" | "scanning" | "stopped" | "not-connected";
         /** @description State of the rig. */
         readonly RigBody: {
             /**
@@ -3864,6 +4743,19 @@ export interface components {
             /** @description Why. */
             readonly why: string;
         };
+        /** @description Fitted ridge angle in short. */
+        readonly ShortValue: {
+            /**
+             * Format: double
+             * @description Expanded uncertainty.
+             */
+            readonly expanded: number;
+            /**
+             * Format: double
+             * @description Estimate.
+             */
+            readonly value: number;
+        };
         /** @description Limits and decision rule of one kind of sample. */
         readonly Specification: {
             /** @description Allowed risks. */
@@ -3975,6 +4867,16 @@ export interface components {
              */
             readonly value: number;
         };
+        /** @description Exposures for a scan. */
+        readonly SuggestionBody: {
+            /**
+             * @description Exposures, s, shortest first; empty if there is no suggestion. At the first one the brightest pixel of this pose reaches
+             *     about 70 % of full scale; the second one is three times as long.
+             */
+            readonly exposures_s: readonly number[];
+            /** @description Why there is none, or why the brightest pixel does not reach 70 %; null otherwise. */
+            readonly reason?: string | null;
+        };
         /** @description What a camera's program states with a frame. */
         readonly TagBody: {
             /**
@@ -4020,6 +4922,138 @@ export interface components {
              */
             readonly upper?: number | null;
         };
+        /** @description A trace: its request and its state, and the object of `trace --json`, once it has completed */
+        readonly Trace: {
+            /**
+             * Format: int64
+             * @description Number of independent replicates behind the standard errors.
+             */
+            readonly batches?: number;
+            /** @description When it was accepted, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description When it ended, RFC 3339 in UTC; null while it runs. */
+            readonly ended_at?: string | null;
+            /** @description Fractions of the light. */
+            readonly energy?: components["schemas"]["TraceEnergy"];
+            readonly error?: components["schemas"]["FitError"] | null;
+            readonly forecast?: components["schemas"]["Forecast"] | null;
+            /**
+             * Format: int64
+             * @description Number of the job within its kind.
+             */
+            readonly id: number;
+            /** @description Effects left out, with reason and cost. */
+            readonly left_out?: readonly components["schemas"]["WorkLeftOut"][];
+            /** @description Scope and limits of the standard errors. */
+            readonly notes?: readonly string[];
+            /**
+             * Format: int64
+             * @description Photons launched.
+             */
+            readonly photons?: number;
+            /** @description Whether polarisation was followed. */
+            readonly polarised?: boolean;
+            /** @description Program and version. */
+            readonly program?: string;
+            readonly progress?: components["schemas"]["WorkProgress"] | null;
+            /**
+             * Format: double
+             * @description Relative error of the reflected bins, root mean square ([`Totals::relative_error`]).
+             */
+            readonly relative_error?: number | null;
+            /** @description The request, as it was accepted. */
+            readonly request: Record<string, never>;
+            /** @description Effective ridge angles of the interfaces that have one. */
+            readonly ridge_angles?: readonly components["schemas"]["RidgeAngle"][];
+            /**
+             * Format: double
+             * @description Part of `seconds` spent on the photons, set-up included.
+             */
+            readonly run_seconds?: number | null;
+            /**
+             * Format: int64
+             * @description Number of the sample of that scan.
+             */
+            readonly sample_id?: number | null;
+            /** @description Name of that sample. */
+            readonly sample_name?: string | null;
+            /**
+             * Format: int64
+             * @description Number of its scan; null without one.
+             */
+            readonly scan_id?: number | null;
+            /**
+             * Format: double
+             * @description Duration of the run, s, if known.
+             */
+            readonly seconds?: number | null;
+            /**
+             * Format: double
+             * @description Part of `run_seconds` before the first photon: finding the illuminated parts and the
+             *     analytic part of the result.
+             */
+            readonly setup_seconds?: number | null;
+            /** @description State of the job. */
+            readonly state: components["schemas"]["TaskState"];
+            /**
+             * Format: double
+             * @description Time before `seconds` spent building or reading the surfaces.
+             */
+            readonly surface_seconds?: number | null;
+            readonly surfaces?: components["schemas"]["TraceSurfaces"] | null;
+            /** @description Who started it: the name of a token, or `local`. */
+            readonly who: string;
+        };
+        /** @description A fraction of the light over several surfaces. */
+        readonly TraceBetween: {
+            /**
+             * Format: double
+             * @description Standard error of the mean, as an estimate for all surfaces of these statistics.
+             */
+            readonly std: number;
+            /**
+             * Format: double
+             * @description Standard deviation between surfaces, without the photons' own error.
+             */
+            readonly std_between_surfaces: number;
+            /**
+             * Format: double
+             * @description Part of it that more photons would reduce.
+             */
+            readonly std_by_sampling: number;
+            /**
+             * Format: double
+             * @description Mean over the surfaces.
+             */
+            readonly value: number;
+        };
+        /** @description Fractions of the light; the first four sum to 1. */
+        readonly TraceEnergy: {
+            /** @description Absorbed by metals, layers and diffuse bodies. */
+            readonly absorbed: components["schemas"]["MonteCarloEstimate"];
+            /** @description R1, R2, … and T1, T2, …: by number of interactions. */
+            readonly by_interactions: readonly (readonly [
+                string,
+                {
+                    /**
+                     * Format: double
+                     * @description Its standard error, from the spread of the batches.
+                     */
+                    readonly std: number;
+                    /**
+                     * Format: double
+                     * @description The mean.
+                     */
+                    readonly value: number;
+                }
+            ])[];
+            /** @description Reflected to the upper side. */
+            readonly reflected: components["schemas"]["MonteCarloEstimate"];
+            /** @description Transmitted through the last interface. */
+            readonly transmitted: components["schemas"]["MonteCarloEstimate"];
+            /** @description Given up. */
+            readonly truncated: components["schemas"]["MonteCarloEstimate"];
+        };
         /** @description A request for a trace. */
         readonly TraceRequest: {
             /** @description Trace every path with and without polarisation, and report where the latter is wrong. */
@@ -4051,11 +5085,35 @@ export interface components {
              */
             readonly target_error?: number | null;
         };
+        /** @description Energies over several surfaces. */
+        readonly TraceSurfaces: {
+            /** @description Absorbed by metals, layers and diffuse bodies. */
+            readonly absorbed: components["schemas"]["TraceBetween"];
+            /** @description Number of surfaces; fewer than requested if time ran out. */
+            readonly count: number;
+            /** @description Reflected to the upper side. */
+            readonly reflected: components["schemas"]["TraceBetween"];
+            /** @description Transmitted through the last interface. */
+            readonly transmitted: components["schemas"]["TraceBetween"];
+        };
         /** @description A parameter with its standard uncertainty. */
         readonly UncertainBody: {
             /**
              * Format: double
              * @description Standard uncertainty with all known components, in the same unit.
+             */
+            readonly std: number;
+            /**
+             * Format: double
+             * @description Estimate, in the unit of the parameter's name.
+             */
+            readonly value: number;
+        };
+        /** @description A fitted parameter in passing. */
+        readonly UncertainValue: {
+            /**
+             * Format: double
+             * @description Standard uncertainty with everything known in it.
              */
             readonly std: number;
             /**
@@ -4139,6 +5197,77 @@ export interface components {
          * @enum {string}
          */
         readonly VariantChoice: "paper" | "sawtooth" | "traced" | "auto";
+        /** @description A verdict: its request and its state, and the object of `judge --json`, once it has completed */
+        readonly Verdict: {
+            /**
+             * Format: double
+             * @description Lower bound of the probability that all items conform (Boole's inequality; a positive correlation raises it); null
+             *     where an item is not determined.
+             */
+            readonly conformance_probability_min?: number | null;
+            /** @description Tilts over which the contrasts are averaged, degrees; null where no contrast is limited. */
+            readonly contrast_theta_c_deg?: readonly number[] | null;
+            /** @description When it was accepted, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description The allowed risks. */
+            readonly decision?: components["schemas"]["DecisionRule"];
+            /** @description The rule as a sentence. */
+            readonly decision_rule?: string;
+            /** @description When it ended, RFC 3339 in UTC; null while it runs. */
+            readonly ended_at?: string | null;
+            readonly error?: components["schemas"]["FitError"] | null;
+            readonly forecast?: components["schemas"]["Forecast"] | null;
+            /**
+             * Format: int64
+             * @description Number of the job within its kind.
+             */
+            readonly id: number;
+            /** @description One per limited quantity. */
+            readonly items?: readonly components["schemas"]["JudgedItem"][];
+            /** @description Effects that the fit omits, why, and their possible effect on the result. */
+            readonly left_out?: readonly components["schemas"]["WorkLeftOut"][];
+            /** @description Name and version of the program. */
+            readonly program?: string;
+            readonly progress?: components["schemas"]["WorkProgress"] | null;
+            /** @description The plane to which θr and the azimuth refer. */
+            readonly reference_plane?: components["schemas"]["FitReferencePlane"];
+            /** @description Region of the sample. */
+            readonly region?: string | null;
+            /** @description The request, as it was accepted. */
+            readonly request: Record<string, never>;
+            /**
+             * Format: int64
+             * @description Number of the sample of that scan.
+             */
+            readonly sample_id?: number | null;
+            /** @description Name of that sample. */
+            readonly sample_name?: string | null;
+            /**
+             * Format: int64
+             * @description Number of its scan; null without one.
+             */
+            readonly scan_id?: number | null;
+            /** @description Name of the specification. */
+            readonly specification?: string;
+            /** @description State of the job. */
+            readonly state: components["schemas"]["TaskState"];
+            /** @description How the fit ended. */
+            readonly status?: components["schemas"]["FitStatus"];
+            /** @description Seconds of reading, reducing and fitting. */
+            readonly timing_s?: components["schemas"]["FitTiming"];
+            /** @description Variant of the model. */
+            readonly variant?: components["schemas"]["FitVariantName"];
+            /** @description Fails if one item fails, passes if all pass. */
+            readonly verdict?: components["schemas"]["VerdictWord"];
+            /** @description Sentences for the user, including the warnings of the fit. */
+            readonly warnings?: readonly string[];
+            /** @description Who started it: the name of a token, or `local`. */
+            readonly who: string;
+            /** @description What would decide the items that are not decided, by quantity. */
+            readonly would_decide?: {
+                readonly [key: string]: components["schemas"]["WouldDecide"];
+            };
+        };
         /** @description A request for a verdict. */
         readonly VerdictRequest: {
             /**
@@ -4172,6 +5301,266 @@ export interface components {
             readonly tolerance?: number | null;
             /** @description Variant that the verdict rests on; by default the better one. */
             readonly variant?: components["schemas"]["VariantChoice"];
+        };
+        /**
+         * @description The result for one limit, or for all of them.
+         * @enum {string}
+         */
+        readonly VerdictWord: "pass" | "fail" | "cannot-tell";
+        /** @description A change of the measurement that suffices by itself. */
+        readonly WayToDecide: {
+            /** @enum {string} */
+            readonly change: "repeats";
+            /**
+             * Format: int32
+             * @description Times as many frames per pose, a whole number.
+             */
+            readonly factor: number;
+        } | {
+            /** @enum {string} */
+            readonly change: "poses";
+            /**
+             * Format: int32
+             * @description Poses in addition to the present ones.
+             */
+            readonly more: number;
+            /**
+             * Format: int32
+             * @description Poses in all.
+             */
+            readonly total: number;
+        } | {
+            /** @enum {string} */
+            readonly change: "reference";
+            /**
+             * Format: double
+             * @description The present one.
+             */
+            readonly reflectance_rel_std: number;
+            /**
+             * Format: double
+             * @description Largest relative standard uncertainty of its reflectance.
+             */
+            readonly reflectance_rel_std_max: number;
+        } | {
+            /** @enum {string} */
+            readonly change: "line";
+            /** @description Name of the line. */
+            readonly line: string;
+            /**
+             * Format: double
+             * @description Share of its present size that it may have.
+             */
+            readonly share_max: number;
+        };
+        /** @description What happened, by `type`. */
+        readonly WhatHappened: {
+            /** @description Activity of the rig. */
+            readonly activity: components["schemas"]["RigActivity"];
+            /** @description Its axes. */
+            readonly axes: components["schemas"]["EventAxes"];
+            /** @enum {string} */
+            readonly type: "rig";
+        } | {
+            readonly operator?: components["schemas"]["OperatorBody"] | null;
+            /** @description State before. */
+            readonly previous: components["schemas"]["ScanState"];
+            /** @description Progress of the scan. */
+            readonly progress: components["schemas"]["ProgressBody"];
+            /** @description Reason for the state, if it is not the normal course. */
+            readonly reason?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly scan_id: number;
+            /** @description State now. */
+            readonly state: components["schemas"]["ScanState"];
+            /** @enum {string} */
+            readonly type: "scan";
+        } | {
+            /** @description Whether the point counts. A rejected frame is kept as well. */
+            readonly accepted: boolean;
+            /**
+             * Format: double
+             * @description Exposure time, s.
+             */
+            readonly exposure_s: number;
+            /**
+             * Format: int64
+             * @description Number of the frame.
+             */
+            readonly frame_id: number;
+            /** @description Path of its image. */
+            readonly image: string;
+            /** @description What it shows. */
+            readonly kind: components["schemas"]["FrameKind"];
+            /**
+             * Format: int32
+             * @description Largest count, DN.
+             */
+            readonly max_dn: number;
+            /**
+             * Format: double
+             * @description Mean of all counts, DN.
+             */
+            readonly mean_dn: number;
+            /**
+             * Format: double
+             * @description Sample azimuth φs read back, degrees.
+             */
+            readonly phi_s_deg: number;
+            /** @description Progress of the scan. */
+            readonly progress: components["schemas"]["ProgressBody"];
+            /** @description Why it does not count. */
+            readonly reason?: string | null;
+            /**
+             * Format: int32
+             * @description Number of the repeat, from 0.
+             */
+            readonly repeat: number;
+            /**
+             * Format: int32
+             * @description Pixels at or above the saturation level.
+             */
+            readonly saturated_px: number;
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly scan_id: number;
+            /**
+             * Format: double
+             * @description Camera tilt θc read back, degrees.
+             */
+            readonly theta_c_deg: number;
+            /** @enum {string} */
+            readonly type: "frame";
+        } | {
+            /**
+             * Format: int64
+             * @description Number of the fit.
+             */
+            readonly fit_id: number;
+            /**
+             * Format: int64
+             * @description Scan that it reads.
+             */
+            readonly scan_id?: number | null;
+            /** @description State of the fit. */
+            readonly state: components["schemas"]["TaskState"];
+            /** @description How the fit ended. */
+            readonly status?: string | null;
+            readonly theta_r_deg?: components["schemas"]["ShortValue"] | null;
+            /** @enum {string} */
+            readonly type: "fit";
+            /** @description Chosen variant; the requested one until it is chosen. */
+            readonly variant?: string | null;
+        } | {
+            /**
+             * Format: double
+             * @description Time spent moving and exposing until the newest of its frames, s; without the time that it waited for people.
+             */
+            readonly elapsed_s: number;
+            /**
+             * Format: int32
+             * @description Frames used, dark and white-reference frames included.
+             */
+            readonly n_frames_used: number;
+            /** @description Poses fitted. */
+            readonly n_observations: number;
+            /** @description Parameters that the frames so far determine, by name. */
+            readonly parameters: {
+                readonly [key: string]: components["schemas"]["UncertainValue"];
+            };
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly scan_id: number;
+            /** @description How the fit ended. */
+            readonly status: string;
+            /** @enum {string} */
+            readonly type: "uncertainty";
+            /** @description Variant of the fit. */
+            readonly variant: string;
+        } | {
+            /**
+             * Format: int64
+             * @description Its number within the kind.
+             */
+            readonly calculation_id: number;
+            /** @description Kind of the calculation. */
+            readonly kind: components["schemas"]["JobKind"];
+            /**
+             * Format: int64
+             * @description Scan that it reads.
+             */
+            readonly scan_id?: number | null;
+            /** @description State of the calculation. */
+            readonly state: components["schemas"]["TaskState"];
+            /** @enum {string} */
+            readonly type: "calculation";
+        } | {
+            /** @description The forecast. */
+            readonly forecast: components["schemas"]["Forecast"];
+            /**
+             * Format: int64
+             * @description Its number within the kind.
+             */
+            readonly number: number;
+            /** @description Kind of the calculation. */
+            readonly of: string;
+            /**
+             * Format: int64
+             * @description Scan that it reads.
+             */
+            readonly scan_id?: number | null;
+            /** @enum {string} */
+            readonly type: "forecast";
+        } | {
+            /** @description Whether a person resumed the scan in between. */
+            readonly attended: boolean;
+            /** @description Stable word of the fault, as in its alarm. */
+            readonly code: string;
+            /** @description What happened, and what ended it. */
+            readonly message: string;
+            /** @description Points of the plan that were taken again, by their index. */
+            readonly points: readonly number[];
+            /**
+             * Format: int64
+             * @description Scan concerned.
+             */
+            readonly scan_id?: number | null;
+            /**
+             * Format: double
+             * @description Time from the fault to the first point that counted again, s.
+             */
+            readonly took_s: number;
+            /** @enum {string} */
+            readonly type: "recovered";
+        } | {
+            /** @description The order: pause, resume, abort, continue, or a change of the lease. */
+            readonly order: string;
+            /**
+             * Format: int64
+             * @description Scan concerned.
+             */
+            readonly scan_id?: number | null;
+            /** @enum {string} */
+            readonly type: "order";
+        } | {
+            /** @description Stable word of the fault. */
+            readonly code: string;
+            /** @description What happened and what to do. */
+            readonly message: string;
+            /**
+             * Format: int64
+             * @description Scan concerned.
+             */
+            readonly scan_id?: number | null;
+            /** @enum {string} */
+            readonly type: "alarm";
         };
         /** @description Something that a computation omits. */
         readonly WorkLeftOut: {
@@ -4208,6 +5597,20 @@ export interface components {
              */
             readonly time_left_s?: number | null;
         };
+        /** @description What would decide an item. */
+        readonly WouldDecide: {
+            /** @description The same as sentences. */
+            readonly message: string;
+            /**
+             * Format: double
+             * @description Largest standard uncertainty that gives it, in the unit of the value.
+             */
+            readonly std_max: number;
+            /** @description The verdict at the present value once the uncertainty is small enough. */
+            readonly verdict: components["schemas"]["VerdictWord"];
+            /** @description Changes that suffice, each by itself. */
+            readonly ways: readonly components["schemas"]["WayToDecide"][];
+        };
     };
     responses: never;
     parameters: never;
@@ -4217,8 +5620,10 @@ export interface components {
 }
 export type AcceptStagesBody = components['schemas']['AcceptStagesBody'];
 export type Activity = components['schemas']['Activity'];
+export type AreaBody = components['schemas']['AreaBody'];
 export type AxesBody = components['schemas']['AxesBody'];
 export type AxisBody = components['schemas']['AxisBody'];
+export type AxisEvent = components['schemas']['AxisEvent'];
 export type Begun = components['schemas']['Begun'];
 export type Binary = components['schemas']['Binary'];
 export type CalibrationBody = components['schemas']['CalibrationBody'];
@@ -4245,6 +5650,8 @@ export type Earlier = components['schemas']['Earlier'];
 export type EarlierName = components['schemas']['EarlierName'];
 export type EarlierSample = components['schemas']['EarlierSample'];
 export type EstimateBody = components['schemas']['EstimateBody'];
+export type Event = components['schemas']['Event'];
+export type EventAxes = components['schemas']['EventAxes'];
 export type FieldProblem = components['schemas']['FieldProblem'];
 export type Fit = components['schemas']['Fit'];
 export type FitAcross = components['schemas']['FitAcross'];
@@ -4288,14 +5695,18 @@ export type GaugeSpread = components['schemas']['GaugeSpread'];
 export type GeometryBody = components['schemas']['GeometryBody'];
 export type Grid = components['schemas']['Grid'];
 export type GroupedBy = components['schemas']['GroupedBy'];
+export type HistogramBody = components['schemas']['HistogramBody'];
 export type HolderBody = components['schemas']['HolderBody'];
 export type ImportBody = components['schemas']['ImportBody'];
 export type ImportRequest = components['schemas']['ImportRequest'];
 export type IncidentBody = components['schemas']['IncidentBody'];
 export type IncidentKind = components['schemas']['IncidentKind'];
 export type Job = components['schemas']['Job'];
+export type JobKind = components['schemas']['JobKind'];
 export type JogAnswer = components['schemas']['JogAnswer'];
 export type JogBody = components['schemas']['JogBody'];
+export type JudgedItem = components['schemas']['JudgedItem'];
+export type Judgement = components['schemas']['Judgement'];
 export type LeaseBody = components['schemas']['LeaseBody'];
 export type LeaseRequest = components['schemas']['LeaseRequest'];
 export type LeaseStateBody = components['schemas']['LeaseStateBody'];
@@ -4306,23 +5717,38 @@ export type ListFit = components['schemas']['List_Fit'];
 export type ListFrameBody = components['schemas']['List_FrameBody'];
 export type ListIncidentBody = components['schemas']['List_IncidentBody'];
 export type ListJob = components['schemas']['List_Job'];
+export type ListMap = components['schemas']['List_Map'];
 export type ListOrderBody = components['schemas']['List_OrderBody'];
 export type ListRecipeBody = components['schemas']['List_RecipeBody'];
 export type ListRecordChange = components['schemas']['List_RecordChange'];
 export type ListSampleBody = components['schemas']['List_SampleBody'];
 export type ListScanBody = components['schemas']['List_ScanBody'];
 export type ListSpecificationBody = components['schemas']['List_SpecificationBody'];
+export type ListTrace = components['schemas']['List_Trace'];
+export type ListVerdict = components['schemas']['List_Verdict'];
 export type LoginRequest = components['schemas']['LoginRequest'];
 export type Loss = components['schemas']['Loss'];
+export type Map = components['schemas']['Map'];
+export type MapDefect = components['schemas']['MapDefect'];
+export type MapDeviation = components['schemas']['MapDeviation'];
+export type MapLean = components['schemas']['MapLean'];
 export type MapRequest = components['schemas']['MapRequest'];
+export type MapShared = components['schemas']['MapShared'];
+export type MapSpread = components['schemas']['MapSpread'];
+export type MapTiming = components['schemas']['MapTiming'];
 export type MaterialBody = components['schemas']['MaterialBody'];
 export type MeasuredPart = components['schemas']['MeasuredPart'];
 export type MeasuredScan = components['schemas']['MeasuredScan'];
 export type MeasurementReport = components['schemas']['MeasurementReport'];
 export type MeasuringRig = components['schemas']['MeasuringRig'];
 export type MetalBody = components['schemas']['MetalBody'];
+export type MonteCarloEstimate = components['schemas']['MonteCarloEstimate'];
+export type MotionBody = components['schemas']['MotionBody'];
+export type MotionProblem = components['schemas']['MotionProblem'];
+export type MotionState = components['schemas']['MotionState'];
 export type MoveBody = components['schemas']['MoveBody'];
 export type MoveRequest = components['schemas']['MoveRequest'];
+export type MoveRigBody = components['schemas']['MoveRigBody'];
 export type NameOrId = components['schemas']['NameOrId'];
 export type ObservationBody = components['schemas']['ObservationBody'];
 export type ObservationsBody = components['schemas']['ObservationsBody'];
@@ -4336,11 +5762,15 @@ export type OrderState = components['schemas']['OrderState'];
 export type OrdersRequest = components['schemas']['OrdersRequest'];
 export type OutOfRange = components['schemas']['OutOfRange'];
 export type Phase = components['schemas']['Phase'];
+export type PictureBody = components['schemas']['PictureBody'];
 export type Pitch = components['schemas']['Pitch'];
 export type Plan = components['schemas']['Plan'];
 export type PlanRequest = components['schemas']['PlanRequest'];
 export type PointBody = components['schemas']['PointBody'];
 export type Preset = components['schemas']['Preset'];
+export type PreviewAnswer = components['schemas']['PreviewAnswer'];
+export type PreviewBody = components['schemas']['PreviewBody'];
+export type PreviewFrameBody = components['schemas']['PreviewFrameBody'];
 export type Prior = components['schemas']['Prior'];
 export type Problem = components['schemas']['Problem'];
 export type ProgressBody = components['schemas']['ProgressBody'];
@@ -4363,7 +5793,9 @@ export type ReportedVerdict = components['schemas']['ReportedVerdict'];
 export type Result = components['schemas']['Result'];
 export type ResultOf = components['schemas']['ResultOf'];
 export type ResultsBodyResult = components['schemas']['ResultsBody_Result'];
+export type RidgeAngle = components['schemas']['RidgeAngle'];
 export type RidgeFacts = components['schemas']['RidgeFacts'];
+export type RigActivity = components['schemas']['RigActivity'];
 export type RigBody = components['schemas']['RigBody'];
 export type RigProblem = components['schemas']['RigProblem'];
 export type Role = components['schemas']['Role'];
@@ -4381,25 +5813,37 @@ export type ScatterVerdict = components['schemas']['ScatterVerdict'];
 export type SessionBody = components['schemas']['SessionBody'];
 export type ShapeFile = components['schemas']['ShapeFile'];
 export type SharedLine = components['schemas']['SharedLine'];
+export type ShortValue = components['schemas']['ShortValue'];
 export type Specification = components['schemas']['Specification'];
 export type SpecificationBody = components['schemas']['SpecificationBody'];
 export type SpecificationChange = components['schemas']['SpecificationChange'];
 export type StageController = components['schemas']['StageController'];
 export type StagesBody = components['schemas']['StagesBody'];
 export type StudiedResult = components['schemas']['StudiedResult'];
+export type SuggestionBody = components['schemas']['SuggestionBody'];
 export type TagBody = components['schemas']['TagBody'];
 export type TaskState = components['schemas']['TaskState'];
 export type ToleranceLimits = components['schemas']['ToleranceLimits'];
+export type Trace = components['schemas']['Trace'];
+export type TraceBetween = components['schemas']['TraceBetween'];
+export type TraceEnergy = components['schemas']['TraceEnergy'];
 export type TraceRequest = components['schemas']['TraceRequest'];
+export type TraceSurfaces = components['schemas']['TraceSurfaces'];
 export type UncertainBody = components['schemas']['UncertainBody'];
+export type UncertainValue = components['schemas']['UncertainValue'];
 export type UsedCalibration = components['schemas']['UsedCalibration'];
 export type UsedDefinition = components['schemas']['UsedDefinition'];
 export type Values = components['schemas']['Values'];
 export type VarianceRow = components['schemas']['VarianceRow'];
 export type VarianceSource = components['schemas']['VarianceSource'];
 export type VariantChoice = components['schemas']['VariantChoice'];
+export type Verdict = components['schemas']['Verdict'];
 export type VerdictRequest = components['schemas']['VerdictRequest'];
+export type VerdictWord = components['schemas']['VerdictWord'];
+export type WayToDecide = components['schemas']['WayToDecide'];
+export type WhatHappened = components['schemas']['WhatHappened'];
 export type WorkLeftOut = components['schemas']['WorkLeftOut'];
 export type WorkProgress = components['schemas']['WorkProgress'];
+export type WouldDecide = components['schemas']['WouldDecide'];
 export type $defs = Record<string, never>;
 export type operations = Record<string, never>;

@@ -8,6 +8,8 @@ export interface Filters {
   /** Number of the sample. */
   readonly sample: string;
   readonly lot: string;
+  /** A tag of the scan. */
+  readonly tag: string;
   readonly recipe: string;
   readonly specification: string;
   /** Words of the verdict, separated by commas; `none` for scans that were not judged. */
@@ -21,15 +23,17 @@ export interface Filters {
   readonly theta_max: string;
   /** `true`: only the newest fitted scan of each part. */
   readonly latest: string;
+  /** `all`: archived scans too. */
+  readonly archived: string;
 }
 
-export const NO_FILTERS: Filters = { search: '', sample: '', lot: '', recipe: '', specification: '', verdict: '', state: '', from: '', to: '', theta_min: '', theta_max: '', latest: '' };
+export const NO_FILTERS: Filters = { search: '', sample: '', lot: '', tag: '', recipe: '', specification: '', verdict: '', state: '', from: '', to: '', theta_min: '', theta_max: '', latest: '', archived: '' };
 
 /** Order of the rows if the address names none: the newest scan first. */
 export const NEWEST_FIRST = '-scan_id';
 
 /** Columns of a row of the list; without the others it is shorter. */
-export const ROW_FIELDS = 'scan_id,region,fit_id,part,lot,recipe,recipe_version,external_id,operator_name,origin,state,status,theta_r_deg,theta_r_deg_expanded,coverage_factor,verdict,specification,created_at';
+export const ROW_FIELDS = 'scan_id,region,fit_id,part,lot,recipe,recipe_version,external_id,operator_name,origin,state,status,theta_r_deg,theta_r_deg_expanded,coverage_factor,verdict,specification,created_at,tags,archived';
 
 export const VERDICT_CHOICES: readonly (readonly [string, string])[] = [
   ['', 'any or none'],
@@ -49,7 +53,7 @@ export function filtersOf(query: string): Filters {
     const text = params.get(name) ?? '';
     return valid(text) ? text : '';
   };
-  const plainText = ['search', 'lot', 'recipe', 'specification', 'state', 'theta_min', 'theta_max'] as const;
+  const plainText = ['search', 'lot', 'tag', 'recipe', 'specification', 'state', 'theta_min', 'theta_max'] as const;
   return {
     ...NO_FILTERS,
     ...Object.fromEntries(plainText.map((name) => [name, read(name)])),
@@ -58,6 +62,7 @@ export function filtersOf(query: string): Filters {
     from: read('from', isDay),
     to: read('to', isDay),
     latest: read('latest', (text) => text === 'true'),
+    archived: read('archived', (text) => text === 'all'),
   };
 }
 
@@ -87,6 +92,7 @@ export function resultsQuery(filters: Filters): URLSearchParams {
   set('search', filters.search.trim());
   set('sample_id', filters.sample);
   set('lot', filters.lot.trim());
+  set('tags', filters.tag.trim());
   set('recipe', filters.recipe.trim());
   set('specification', filters.specification.trim());
   if (filters.verdict === 'none') params.set('verdict', '');
@@ -99,6 +105,7 @@ export function resultsQuery(filters: Filters): URLSearchParams {
     if (value !== null && Number.isFinite(value)) params.set(name, String(value));
   }
   set('latest', filters.latest);
+  set('archived', filters.archived);
   return params;
 }
 
@@ -110,6 +117,7 @@ export function filterWords(filters: Filters, sampleName: string | undefined): s
     filters.recipe && `recipe ${filters.recipe}`,
     filters.specification && `specification ${filters.specification}`,
     filters.lot && `lot ${filters.lot}`,
+    filters.tag && `tag ${filters.tag}`,
     filters.search && `“${filters.search}”`,
     filters.verdict && `verdict: ${verdict}`,
     filters.state && `state: ${filters.state}`,
@@ -118,6 +126,7 @@ export function filterWords(filters: Filters, sampleName: string | undefined): s
     filters.theta_min && `θr ≥ ${filters.theta_min}°`,
     filters.theta_max && `θr ≤ ${filters.theta_max}°`,
     filters.latest && 'newest scan of each part',
+    filters.archived && 'archived scans too',
   ].filter((word) => word !== '');
   return words.length === 0 ? 'all scans' : words.join(', ');
 }

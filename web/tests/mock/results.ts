@@ -38,7 +38,7 @@ function compared(a: unknown, b: unknown): number {
   return typeof a === 'number' && typeof b === 'number' ? a - b : String(a).localeCompare(String(b));
 }
 
-const OTHERS = ['sort', 'limit', 'cursor', 'count', 'fields', 'format', 'latest'];
+const OTHERS = ['sort', 'limit', 'cursor', 'count', 'fields', 'format', 'latest', 'archived'];
 
 /** The answer to a query. */
 export function resultsPage(all: readonly Json[], query: URLSearchParams): { items: Json[]; next_cursor: string | null; count: number } {

@@ -31,5 +31,7 @@ describe('the filters of the records', () => {
   it('are said in words', () => {
     expect(filterWords(NO_FILTERS, undefined)).toBe('all scans');
     expect(filterWords({ ...NO_FILTERS, sample: '3', lot: '7', verdict: 'fail,cannot-tell' }, 'A-1')).toBe('part A-1, lot 7, verdict: does not pass');
+    expect([...resultsQuery({ ...NO_FILTERS, tag: ' study-1 ', archived: 'all' })]).toEqual([['tags', 'study-1'], ['archived', 'all']]);
+    expect(filtersOf('tag=study-1&archived=all')).toEqual({ ...NO_FILTERS, tag: 'study-1', archived: 'all' });
   });
 });
