@@ -8,9 +8,10 @@ use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use futures::stream::{self, StreamExt as _};
 use serde::Serialize;
+use serde_json::Value;
 use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::schema::{
-    ArrayBuilder, KnownFormat, ObjectBuilder, Schema, SchemaFormat, Type,
+    ArrayBuilder, KnownFormat, ObjectBuilder, Schema, SchemaFormat, SchemaType, Type,
 };
 use utoipa::openapi::{RefOr, Required};
 
@@ -133,15 +134,26 @@ fn of_column(column: &Column) -> Vec<Parameter> {
     list
 }
 
-fn of_kind(kind: Kind) -> ObjectBuilder {
+fn type_of(kind: Kind) -> (Type, Option<SchemaFormat>) {
     let (schema, format) = match kind {
         Kind::Flag => (Type::Boolean, None),
         Kind::Id => (Type::Integer, Some(KnownFormat::Int64)),
         Kind::Real { .. } => (Type::Number, Some(KnownFormat::Double)),
         Kind::Text | Kind::Word(_) | Kind::Time | Kind::Tags => (Type::String, None),
     };
-    let object = ObjectBuilder::new().schema_type(schema);
-    object.format(format.map(SchemaFormat::KnownFormat))
+    (schema, format.map(SchemaFormat::KnownFormat))
+}
+
+fn of_kind(kind: Kind) -> ObjectBuilder {
+    let (schema, format) = type_of(kind);
+    ObjectBuilder::new().schema_type(schema).format(format)
+}
+
+/// Any column may have no value.
+fn of_kind_or_null(kind: Kind) -> ObjectBuilder {
+    let (schema, format) = type_of(kind);
+    let schema = SchemaType::from_iter([schema, Type::Null]);
+    ObjectBuilder::new().schema_type(schema).format(format)
 }
 
 /// A row, for the description.
@@ -162,9 +174,12 @@ impl utoipa::PartialSchema for ResultRowBody {
                 row = row.property(column.name, Schema::Array(list.build()));
                 continue;
             }
-            let field = of_kind(column.kind).description(Some(column.about));
+            let field = of_kind_or_null(column.kind).description(Some(column.about));
             let field = match column.kind {
-                Kind::Word(words) => field.enum_values(Some(words.iter().copied())),
+                Kind::Word(words) => {
+                    let words = words.iter().map(|word| Value::from(*word));
+                    field.enum_values(Some(words.chain([Value::Null])))
+                }
                 _ => field,
             };
             row = row.property(column.name, Schema::Object(field.build()));

@@ -258,7 +258,7 @@ pub struct ScanParams {
     tag: Option<String>,
     /// true: only archived scans; false, or omitted: only others; all: both.
     #[serde(default)]
-    #[param(value_type = Option<Archived>)]
+    #[param(inline, value_type = Option<Archived>)]
     archived: Archived,
     /// Rows at most, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]

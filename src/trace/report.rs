@@ -63,6 +63,7 @@ pub struct Energy {
     pub truncated: MonteCarloEstimate,
     /// R1, R2, … and T1, T2, …: by number of interactions.
     #[serde(serialize_with = "as_map")]
+    #[schema(value_type = std::collections::BTreeMap<String, MonteCarloEstimate>)]
     pub by_interactions: Vec<(String, MonteCarloEstimate)>,
 }
 

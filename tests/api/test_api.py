@@ -37,9 +37,9 @@ def used(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         scan = lab.measure("model 15°", recipe="quick", specification="lid")
         scan.wait(on_step=ridged.confirm, progress=False, timeout_s=WAIT_S)
         post("/queue/orders", {"orders": [{"sample_id": 1, "recipe": "quick"}]})
-        post("/maps", {"scan_id": scan.id})
+        post("/maps", {"scan_id": scan.id, "max_seconds": 2})
         post("/contrasts", {"scan_id": scan.id})
-        scene = {"scene": (conftest.ROOT / "scenes/glass.toml").read_text(), "photons": 1000}
+        scene = {"scene": (conftest.ROOT / "scenes/glass-over-diamond.toml").read_text(), "photons": 1000}
         post("/traces", scene)
         for kind in ("maps", "contrasts", "verdicts", "traces"):
             ended(http, f"/{kind}/1")
