@@ -3898,210 +3898,210 @@ export interface components {
              * Format: double
              * @description Roughness along the ridges, tangent of a slope
              */
-            readonly alpha_u?: number;
+            readonly alpha_u?: number | null;
             /**
              * Format: double
              * @description Its standard uncertainty (k = 1)
              */
-            readonly alpha_u_std?: number;
+            readonly alpha_u_std?: number | null;
             /**
              * Format: double
              * @description Roughness across the ridges, tangent of a slope
              */
-            readonly alpha_v?: number;
+            readonly alpha_v?: number | null;
             /**
              * Format: double
              * @description Its standard uncertainty (k = 1)
              */
-            readonly alpha_v_std?: number;
+            readonly alpha_v_std?: number | null;
             /** @description Whether the scan is archived; without this filter, rows of archived scans are left out */
-            readonly archived?: boolean;
+            readonly archived?: boolean | null;
             /**
              * Format: double
              * @description Δφs, degrees
              */
-            readonly azimuth_offset_deg?: number;
+            readonly azimuth_offset_deg?: number | null;
             /**
              * Format: double
              * @description Its standard uncertainty (k = 1), degrees
              */
-            readonly azimuth_offset_deg_std?: number;
+            readonly azimuth_offset_deg_std?: number | null;
             /**
              * Format: double
              * @description Stray light B
              */
-            readonly background?: number;
+            readonly background?: number | null;
             /**
              * Format: double
              * @description Its standard uncertainty (k = 1)
              */
-            readonly background_std?: number;
+            readonly background_std?: number | null;
             /**
              * Format: double
              * @description k of the expanded uncertainty: U = k·u
              */
-            readonly coverage_factor?: number;
+            readonly coverage_factor?: number | null;
             /** @description When the scan was started or imported */
-            readonly created_at?: string;
+            readonly created_at?: string | null;
             /**
              * Format: double
              * @description Radius of the crests divided by the length of the facets
              */
-            readonly crest_radius?: number;
+            readonly crest_radius?: number | null;
             /**
              * Format: double
              * @description Its standard uncertainty (k = 1)
              */
-            readonly crest_radius_std?: number;
+            readonly crest_radius_std?: number | null;
             /** @description When it ended; null while it can go on */
-            readonly ended_at?: string;
+            readonly ended_at?: string | null;
             /**
              * Format: double
              * @description Index of refraction n of the material
              */
-            readonly eta?: number;
+            readonly eta?: number | null;
             /** @description Number of the part or order in another system */
-            readonly external_id?: string;
+            readonly external_id?: string | null;
             /**
              * Format: int64
              * @description Number of the newest completed fit
              */
-            readonly fit_id?: number;
+            readonly fit_id?: number | null;
             /** @description When the fit ended */
-            readonly fitted_at?: string;
+            readonly fitted_at?: string | null;
             /**
              * Format: double
              * @description Extinction coefficient k of the material; 0 for a dielectric
              */
-            readonly k?: number;
+            readonly k?: number | null;
             /** @description Lot of the part */
-            readonly lot?: string;
+            readonly lot?: string | null;
             /**
              * @description Kind of the sample's material
-             * @enum {string}
+             * @enum {string|null}
              */
-            readonly material?: "dielectric" | "conductor";
+            readonly material?: "dielectric" | "conductor" | null;
             /** @description Note on the scan */
-            readonly note?: string;
+            readonly note?: string | null;
             /** @description The person at the rig */
-            readonly operator_name?: string;
+            readonly operator_name?: string | null;
             /**
              * @description Scan of the rig, or imported series
-             * @enum {string}
+             * @enum {string|null}
              */
-            readonly origin?: "rig" | "import";
+            readonly origin?: "rig" | "import" | null;
             /** @description Name of the sample */
-            readonly part?: string;
+            readonly part?: string | null;
             /** @description Name of the recipe that the scan was started with */
-            readonly recipe?: string;
+            readonly recipe?: string | null;
             /**
              * Format: int64
              * @description Version of that recipe
              */
-            readonly recipe_version?: number;
+            readonly recipe_version?: number | null;
             /** @description Region of a sample that has several; omitted from an object if there is none */
-            readonly region?: string;
+            readonly region?: string | null;
             /**
              * Format: double
              * @description Diffuse reflectance
              */
-            readonly rho_d?: number;
+            readonly rho_d?: number | null;
             /**
              * Format: double
              * @description Its standard uncertainty (k = 1)
              */
-            readonly rho_d_std?: number;
+            readonly rho_d_std?: number | null;
             /**
              * Format: double
              * @description Residual (rms) as a share of the largest observation
              */
-            readonly rms_residual?: number;
+            readonly rms_residual?: number | null;
             /**
              * Format: int64
              * @description Number of the sample
              */
-            readonly sample_id?: number;
+            readonly sample_id?: number | null;
             /**
              * Format: double
              * @description Gain g of the signals; 1 with a white reference
              */
-            readonly scale?: number;
+            readonly scale?: number | null;
             /**
              * Format: double
              * @description Its standard uncertainty (k = 1)
              */
-            readonly scale_std?: number;
+            readonly scale_std?: number | null;
             /**
              * Format: int64
              * @description Number of the scan
              */
-            readonly scan_id?: number;
+            readonly scan_id?: number | null;
             /** @description Name of the specification of that verdict */
-            readonly specification?: string;
+            readonly specification?: string | null;
             /**
              * @description State of the scan
-             * @enum {string}
+             * @enum {string|null}
              */
-            readonly state?: "planned" | "waiting-for-operator" | "running" | "pausing" | "paused" | "interrupted" | "completed" | "aborted" | "failed";
+            readonly state?: "planned" | "waiting-for-operator" | "running" | "pausing" | "paused" | "interrupted" | "completed" | "aborted" | "failed" | null;
             /**
              * @description How the fit ended
-             * @enum {string}
+             * @enum {string|null}
              */
-            readonly status?: "converged" | "at-bound" | "rank-deficient" | "stalled" | "not-finite" | "too-few-observations" | "cancelled";
+            readonly status?: "converged" | "at-bound" | "rank-deficient" | "stalled" | "not-finite" | "too-few-observations" | "cancelled" | null;
             /** @description Tags of the scan */
             readonly tags?: readonly string[];
             /**
              * Format: double
              * @description Ridge angle θr, degrees; null where the data do not determine it
              */
-            readonly theta_r_deg?: number;
+            readonly theta_r_deg?: number | null;
             /**
              * Format: double
              * @description Expanded uncertainty U of θr, degrees
              */
-            readonly theta_r_deg_expanded?: number;
+            readonly theta_r_deg_expanded?: number | null;
             /**
              * Format: double
              * @description Standard uncertainty u of θr (k = 1), degrees
              */
-            readonly theta_r_deg_std?: number;
+            readonly theta_r_deg_std?: number | null;
             /**
              * Format: double
              * @description Δθc, degrees
              */
-            readonly tilt_offset_deg?: number;
+            readonly tilt_offset_deg?: number | null;
             /**
              * Format: double
              * @description Its standard uncertainty (k = 1), degrees
              */
-            readonly tilt_offset_deg_std?: number;
+            readonly tilt_offset_deg_std?: number | null;
             /**
              * Format: double
              * @description Share of the body's light that leaves evenly over the ridges
              */
-            readonly translucency?: number;
+            readonly translucency?: number | null;
             /**
              * Format: double
              * @description Its standard uncertainty (k = 1)
              */
-            readonly translucency_std?: number;
+            readonly translucency_std?: number | null;
             /**
              * @description Variant of the model that the fit reports
-             * @enum {string}
+             * @enum {string|null}
              */
-            readonly variant?: "paper" | "sawtooth" | "traced";
+            readonly variant?: "paper" | "sawtooth" | "traced" | null;
             /**
              * @description Newest verdict; null where the scan was not judged
-             * @enum {string}
+             * @enum {string|null}
              */
-            readonly verdict?: "pass" | "fail" | "cannot-tell";
+            readonly verdict?: "pass" | "fail" | "cannot-tell" | null;
             /**
              * Format: int64
              * @description Number of that verdict
              */
-            readonly verdict_id?: number;
+            readonly verdict_id?: number | null;
             /** @description Who started the scan: the name of a token, or `local` */
-            readonly who?: string;
+            readonly who?: string | null;
         };
         /** @description The scan and fit of a result. */
         readonly ResultOf: {
@@ -4144,210 +4144,210 @@ export interface components {
                  * Format: double
                  * @description Roughness along the ridges, tangent of a slope
                  */
-                readonly alpha_u?: number;
+                readonly alpha_u?: number | null;
                 /**
                  * Format: double
                  * @description Its standard uncertainty (k = 1)
                  */
-                readonly alpha_u_std?: number;
+                readonly alpha_u_std?: number | null;
                 /**
                  * Format: double
                  * @description Roughness across the ridges, tangent of a slope
                  */
-                readonly alpha_v?: number;
+                readonly alpha_v?: number | null;
                 /**
                  * Format: double
                  * @description Its standard uncertainty (k = 1)
                  */
-                readonly alpha_v_std?: number;
+                readonly alpha_v_std?: number | null;
                 /** @description Whether the scan is archived; without this filter, rows of archived scans are left out */
-                readonly archived?: boolean;
+                readonly archived?: boolean | null;
                 /**
                  * Format: double
                  * @description Δφs, degrees
                  */
-                readonly azimuth_offset_deg?: number;
+                readonly azimuth_offset_deg?: number | null;
                 /**
                  * Format: double
                  * @description Its standard uncertainty (k = 1), degrees
                  */
-                readonly azimuth_offset_deg_std?: number;
+                readonly azimuth_offset_deg_std?: number | null;
                 /**
                  * Format: double
                  * @description Stray light B
                  */
-                readonly background?: number;
+                readonly background?: number | null;
                 /**
                  * Format: double
                  * @description Its standard uncertainty (k = 1)
                  */
-                readonly background_std?: number;
+                readonly background_std?: number | null;
                 /**
                  * Format: double
                  * @description k of the expanded uncertainty: U = k·u
                  */
-                readonly coverage_factor?: number;
+                readonly coverage_factor?: number | null;
                 /** @description When the scan was started or imported */
-                readonly created_at?: string;
+                readonly created_at?: string | null;
                 /**
                  * Format: double
                  * @description Radius of the crests divided by the length of the facets
                  */
-                readonly crest_radius?: number;
+                readonly crest_radius?: number | null;
                 /**
                  * Format: double
                  * @description Its standard uncertainty (k = 1)
                  */
-                readonly crest_radius_std?: number;
+                readonly crest_radius_std?: number | null;
                 /** @description When it ended; null while it can go on */
-                readonly ended_at?: string;
+                readonly ended_at?: string | null;
                 /**
                  * Format: double
                  * @description Index of refraction n of the material
                  */
-                readonly eta?: number;
+                readonly eta?: number | null;
                 /** @description Number of the part or order in another system */
-                readonly external_id?: string;
+                readonly external_id?: string | null;
                 /**
                  * Format: int64
                  * @description Number of the newest completed fit
                  */
-                readonly fit_id?: number;
+                readonly fit_id?: number | null;
                 /** @description When the fit ended */
-                readonly fitted_at?: string;
+                readonly fitted_at?: string | null;
                 /**
                  * Format: double
                  * @description Extinction coefficient k of the material; 0 for a dielectric
                  */
-                readonly k?: number;
+                readonly k?: number | null;
                 /** @description Lot of the part */
-                readonly lot?: string;
+                readonly lot?: string | null;
                 /**
                  * @description Kind of the sample's material
-                 * @enum {string}
+                 * @enum {string|null}
                  */
-                readonly material?: "dielectric" | "conductor";
+                readonly material?: "dielectric" | "conductor" | null;
                 /** @description Note on the scan */
-                readonly note?: string;
+                readonly note?: string | null;
                 /** @description The person at the rig */
-                readonly operator_name?: string;
+                readonly operator_name?: string | null;
                 /**
                  * @description Scan of the rig, or imported series
-                 * @enum {string}
+                 * @enum {string|null}
                  */
-                readonly origin?: "rig" | "import";
+                readonly origin?: "rig" | "import" | null;
                 /** @description Name of the sample */
-                readonly part?: string;
+                readonly part?: string | null;
                 /** @description Name of the recipe that the scan was started with */
-                readonly recipe?: string;
+                readonly recipe?: string | null;
                 /**
                  * Format: int64
                  * @description Version of that recipe
                  */
-                readonly recipe_version?: number;
+                readonly recipe_version?: number | null;
                 /** @description Region of a sample that has several; omitted from an object if there is none */
-                readonly region?: string;
+                readonly region?: string | null;
                 /**
                  * Format: double
                  * @description Diffuse reflectance
                  */
-                readonly rho_d?: number;
+                readonly rho_d?: number | null;
                 /**
                  * Format: double
                  * @description Its standard uncertainty (k = 1)
                  */
-                readonly rho_d_std?: number;
+                readonly rho_d_std?: number | null;
                 /**
                  * Format: double
                  * @description Residual (rms) as a share of the largest observation
                  */
-                readonly rms_residual?: number;
+                readonly rms_residual?: number | null;
                 /**
                  * Format: int64
                  * @description Number of the sample
                  */
-                readonly sample_id?: number;
+                readonly sample_id?: number | null;
                 /**
                  * Format: double
                  * @description Gain g of the signals; 1 with a white reference
                  */
-                readonly scale?: number;
+                readonly scale?: number | null;
                 /**
                  * Format: double
                  * @description Its standard uncertainty (k = 1)
                  */
-                readonly scale_std?: number;
+                readonly scale_std?: number | null;
                 /**
                  * Format: int64
                  * @description Number of the scan
                  */
-                readonly scan_id?: number;
+                readonly scan_id?: number | null;
                 /** @description Name of the specification of that verdict */
-                readonly specification?: string;
+                readonly specification?: string | null;
                 /**
                  * @description State of the scan
-                 * @enum {string}
+                 * @enum {string|null}
                  */
-                readonly state?: "planned" | "waiting-for-operator" | "running" | "pausing" | "paused" | "interrupted" | "completed" | "aborted" | "failed";
+                readonly state?: "planned" | "waiting-for-operator" | "running" | "pausing" | "paused" | "interrupted" | "completed" | "aborted" | "failed" | null;
                 /**
                  * @description How the fit ended
-                 * @enum {string}
+                 * @enum {string|null}
                  */
-                readonly status?: "converged" | "at-bound" | "rank-deficient" | "stalled" | "not-finite" | "too-few-observations" | "cancelled";
+                readonly status?: "converged" | "at-bound" | "rank-deficient" | "stalled" | "not-finite" | "too-few-observations" | "cancelled" | null;
                 /** @description Tags of the scan */
                 readonly tags?: readonly string[];
                 /**
                  * Format: double
                  * @description Ridge angle θr, degrees; null where the data do not determine it
                  */
-                readonly theta_r_deg?: number;
+                readonly theta_r_deg?: number | null;
                 /**
                  * Format: double
                  * @description Expanded uncertainty U of θr, degrees
                  */
-                readonly theta_r_deg_expanded?: number;
+                readonly theta_r_deg_expanded?: number | null;
                 /**
                  * Format: double
                  * @description Standard uncertainty u of θr (k = 1), degrees
                  */
-                readonly theta_r_deg_std?: number;
+                readonly theta_r_deg_std?: number | null;
                 /**
                  * Format: double
                  * @description Δθc, degrees
                  */
-                readonly tilt_offset_deg?: number;
+                readonly tilt_offset_deg?: number | null;
                 /**
                  * Format: double
                  * @description Its standard uncertainty (k = 1), degrees
                  */
-                readonly tilt_offset_deg_std?: number;
+                readonly tilt_offset_deg_std?: number | null;
                 /**
                  * Format: double
                  * @description Share of the body's light that leaves evenly over the ridges
                  */
-                readonly translucency?: number;
+                readonly translucency?: number | null;
                 /**
                  * Format: double
                  * @description Its standard uncertainty (k = 1)
                  */
-                readonly translucency_std?: number;
+                readonly translucency_std?: number | null;
                 /**
                  * @description Variant of the model that the fit reports
-                 * @enum {string}
+                 * @enum {string|null}
                  */
-                readonly variant?: "paper" | "sawtooth" | "traced";
+                readonly variant?: "paper" | "sawtooth" | "traced" | null;
                 /**
                  * @description Newest verdict; null where the scan was not judged
-                 * @enum {string}
+                 * @enum {string|null}
                  */
-                readonly verdict?: "pass" | "fail" | "cannot-tell";
+                readonly verdict?: "pass" | "fail" | "cannot-tell" | null;
                 /**
                  * Format: int64
                  * @description Number of that verdict
                  */
-                readonly verdict_id?: number;
+                readonly verdict_id?: number | null;
                 /** @description Who started the scan: the name of a token, or `local` */
-                readonly who?: string;
+                readonly who?: string | null;
             }[];
             /** @description `cursor` of the next page; null at the end. */
             readonly next_cursor?: string | null;
@@ -5032,21 +5032,9 @@ export interface components {
             /** @description Absorbed by metals, layers and diffuse bodies. */
             readonly absorbed: components["schemas"]["MonteCarloEstimate"];
             /** @description R1, R2, … and T1, T2, …: by number of interactions. */
-            readonly by_interactions: readonly (readonly [
-                string,
-                {
-                    /**
-                     * Format: double
-                     * @description Its standard error, from the spread of the batches.
-                     */
-                    readonly std: number;
-                    /**
-                     * Format: double
-                     * @description The mean.
-                     */
-                    readonly value: number;
-                }
-            ])[];
+            readonly by_interactions: {
+                readonly [key: string]: components["schemas"]["MonteCarloEstimate"];
+            };
             /** @description Reflected to the upper side. */
             readonly reflected: components["schemas"]["MonteCarloEstimate"];
             /** @description Transmitted through the last interface. */
