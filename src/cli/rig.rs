@@ -47,7 +47,7 @@ pub enum Action {
     #[command(after_help = "Example:\n  ridged rig home")]
     Home,
     /// Move one axis or both to absolute positions, and wait until they arrive.
-    #[command(after_help = "Example:\n  ridged rig move --theta-c-deg 20 --phi-s-deg -90")]
+    #[command(after_help = "Example:\n  ridged rig move --theta-c-deg 20 --phi-s-deg 90")]
     Move(MoveArgs),
     /// Unpark axes that another program parked, without moving them.
     #[command(after_help = "Example:\n  ridged rig unpark")]

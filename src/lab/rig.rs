@@ -1,12 +1,15 @@
 //! Rig operations: status, motions, homing, and the stop, which is never refused.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use tokio::sync::oneshot;
 
+use super::motions::Motion;
 use super::rig_work;
 use super::{AxisName, Holder, Lab, LabError, RigSide};
 use crate::bench::stage::{Stage, StageIdentity};
+use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{CommandRequest, ScanCommand};
 use crate::scan::visit::stage_code;
@@ -222,6 +225,63 @@ impl Lab {
     /// [`LabError::NoRig`], [`LabError::Busy`], or [`LabError::Stage`].
     pub async fn have_rig(&self) -> Result<(), LabError> {
         self.request(rig_work::Work::Connect).await
+    }
+
+    /// Starts a motion and returns its number, just before a stage moves.
+    pub(super) async fn begin_motion(&self, work: rig_work::Work) -> Result<i64, LabError> {
+        let side = self.side()?;
+        let now_ns = side.sink.clock.utc().unix_timestamp_nanos();
+        let id = side
+            .motions
+            .add(i64::try_from(now_ns / 1000).unwrap_or_default());
+        match self.request_as(work, Some(id)).await {
+            Ok(()) => Ok(id),
+            Err(error) => {
+                side.motions.forget(id);
+                Err(error)
+            }
+        }
+    }
+
+    /// Starts to move both axes; returns the number of the motion, just before a stage moves. They move at the same time, or
+    /// one after the other where only this is free of forbidden regions. An axis without a target stays where it is.
+    ///
+    /// # Errors
+    /// As [`Lab::move_axis`]; [`LabError::Invalid`] without a target.
+    pub async fn move_rig(
+        &self,
+        theta_c: Option<Angle>,
+        phi_s: Option<Angle>,
+    ) -> Result<i64, LabError> {
+        let finite = |target: Option<Angle>, field: &str| match target {
+            Some(angle) if !angle.is_finite() => Err(LabError::Invalid {
+                field: field.into(),
+                problem: "must be a finite number".into(),
+            }),
+            _ => Ok(()),
+        };
+        finite(theta_c, "theta_c_deg")?;
+        finite(phi_s, "phi_s_deg")?;
+        match (theta_c, phi_s) {
+            (Some(theta_c), Some(phi_s)) => {
+                let target = Pose { theta_c, phi_s };
+                self.begin_motion(rig_work::Work::MoveBoth { target }).await
+            }
+            (Some(theta_c), None) => self.move_axis(AxisName::ThetaC, theta_c).await,
+            (None, Some(phi_s)) => self.move_axis(AxisName::PhiS, phi_s).await,
+            (None, None) => Err(LabError::Invalid {
+                field: "theta_c_deg".into(),
+                problem: "is missing; expected theta_c_deg, phi_s_deg or both".into(),
+            }),
+        }
+    }
+
+    /// Returns a motion, once it has ended or after a time; `None` if it is not remembered.
+    ///
+    /// # Errors
+    /// [`LabError::NoRig`].
+    pub async fn motion(&self, id: i64, wait: Duration) -> Result<Option<Motion>, LabError> {
+        Ok(self.side()?.motions.once_ended(id, wait).await)
     }
 
     /// Starts to move an axis; returns the number of the motion, just before the stage moves.

@@ -28,7 +28,7 @@ async fn both_axes_move_in_one_order_that_a_caller_waits_for() {
         get(&router, &path).await.body
     };
 
-    let both = json!({ "theta_c_deg": 20.0, "phi_s_deg": -90.0 });
+    let both = json!({ "theta_c_deg": 20.0, "phi_s_deg": 90.0 });
     is_problem(&order(both.clone()).await, 409, "stage-not-referenced");
     is_problem(&order(json!({})).await, 422, "invalid-value");
     let homing = post(&router, "/api/v1/rig/home", "").await;
@@ -36,7 +36,7 @@ async fn both_axes_move_in_one_order_that_a_caller_waits_for() {
     assert_eq!(ended(&homing.body["id"]).await["state"], "arrived");
 
     // The rig is free as soon as the caller knows that it has arrived.
-    for (theta_c_deg, phi_s_deg) in [(20.0, -90.0), (0.0, 45.0), (-30.0, 0.0)] {
+    for (theta_c_deg, phi_s_deg) in [(20.0, 90.0), (0.0, 45.0), (-30.0, 0.0)] {
         let moving = order(json!({ "theta_c_deg": theta_c_deg, "phi_s_deg": phi_s_deg })).await;
         assert_eq!(moving.status, 202, "{}", moving.body);
         let motion = ended(&moving.body["id"]).await;
@@ -58,7 +58,7 @@ async fn both_axes_move_in_one_order_that_a_caller_waits_for() {
         422,
         "outside-limits",
     );
-    let long = order(json!({ "theta_c_deg": 30.0, "phi_s_deg": -180.0 })).await;
+    let long = order(json!({ "theta_c_deg": 30.0, "phi_s_deg": 360.0 })).await;
     let path = format!("/api/v1/rig/motions/{}", long.body["id"]);
     assert_eq!(get(&router, &path).await.body["state"], "moving");
     lab.stop().await.unwrap();
