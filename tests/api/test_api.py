@@ -92,4 +92,4 @@ def test_every_answer_is_one_that_the_document_lists(used: str, tmp_path: Path) 
     run = subprocess.run(command, capture_output=True, text=True, timeout=REQUESTS_S, check=False)
     assert run.returncode == 0, run.stdout[-8000:] + run.stderr[-2000:]
     assert "passed" in run.stdout or "No issues found" in run.stdout, run.stdout[-2000:]
-    assert httpx.get(f"{used}/healthz").text == "ok"
+    assert httpx.get(f"{used}/healthz").text.strip() == "ok"
