@@ -11,6 +11,12 @@ demo: setup-build web  ## A simulated rig scans a sample, fits it, and the page 
 build: setup-build web  ## The program with its page, in target/release/ridged
 	cargo build --release
 
+dist: build  ## The stripped program and a Debian package with unit, udev rule, manual pages and completions, in target/dist
+	tools/dist
+
+test-dist: dist  ## The package in a fresh Debian folder: installed, used, upgraded, removed (needs root)
+	tests/dist/run
+
 # What needs no program runs beside the build of the Rust tests.
 test: setup-build setup-test web  ## Everything that must hold
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target build-tests test-page check-python docs
@@ -105,4 +111,4 @@ setup-build:
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-fit bench-peers-trace bench-results code-figures faults fuzz help demo docs build build-tests test check check-python test-api test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshots setup-build setup-test soak
+.PHONY: bench-peers bench-peers-fit bench-peers-trace bench-results code-figures faults fuzz help demo dist docs build build-tests test check check-python test-api test-dist test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshots setup-build setup-test soak
