@@ -9,6 +9,8 @@ const SUGGESTED_SHARE = 0.7;
 const DIM_SHARE = 0.03;
 
 class PreviewState {
+  /** Whether Measure shows the camera. Its card is read when it is opened. */
+  open = $state(false);
   last = $state.raw<Preview | null>(null);
   /** Exposure at which the brightest pixel of the last look would be full, s; null if no look has shown it. */
   full_s = $state<number | null>(null);

@@ -7,10 +7,16 @@ import { chooseSample, daemon, page, text, url } from './stage';
 const camera = '[data-testid=camera]';
 const looks = (): unknown[] => daemon.requests.filter((r) => r.path === '/rig/preview').map((r) => r.body);
 
+/** Opens Measure and its camera. */
+async function openCamera(): Promise<void> {
+  await page.goto(url);
+  await page.getByRole('button', { name: 'Camera' }).click();
+  await page.getByRole('button', { name: 'Take a look' }).waitFor();
+}
+
 describe('the camera', () => {
   it('shows a look only when it is asked to, with picture, histogram and figures', async () => {
-    await page.goto(url);
-    await page.getByRole('button', { name: 'Take a look' }).waitFor();
+    await openCamera();
     expect(looks()).toEqual([]);
     await page.getByRole('button', { name: 'Take a look' }).click();
     await page.locator(`${camera} img[data-shown="1"]`).waitFor();
@@ -25,7 +31,7 @@ describe('the camera', () => {
   });
 
   it('suggests exposures, which the form of the scan takes', async () => {
-    await page.goto(url);
+    await openCamera();
     await chooseSample();
     await page.getByRole('button', { name: 'Suggest exposures' }).click();
     await page.getByText('Set for the next scan: 35 ms and 0.1 s.').waitFor();
@@ -38,7 +44,7 @@ describe('the camera', () => {
   });
 
   it('warns about exposures that the last look shows to be absurd', async () => {
-    await page.goto(url);
+    await openCamera();
     await chooseSample();
     await page.getByRole('button', { name: 'Suggest exposures' }).click();
     const field = page.getByLabel('Exposures, ms');
@@ -82,7 +88,7 @@ describe('the camera', () => {
 describe('the newest frame of a running scan', () => {
   it('is a small picture, not the whole file', async () => {
     daemon.frameMs = 120;
-    await page.goto(url);
+    await openCamera();
     await chooseSample();
     await page.getByRole('button', { name: 'Start scan' }).click();
     for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
