@@ -50,6 +50,9 @@ CREATE TABLE results (
     verdict_id          INTEGER,            -- number of the verdict
     verdict             TEXT,
     specification       TEXT,
+    archived            INTEGER NOT NULL,   -- 1: left out of lists
+    tags                TEXT,               -- JSON list; NULL without tags
+    note                TEXT,
     PRIMARY KEY (scan_id, region)
 ) WITHOUT ROWID;
 
@@ -70,7 +73,8 @@ SELECT scan_id, region, sample_id, part, lot, recipe, recipe_version, external_i
     report ->> '$.parameters.translucency.value', report ->> '$.parameters.translucency.std',
     report ->> '$.parameters.crest_radius.value', report ->> '$.parameters.crest_radius.std',
     report ->> '$.rms_residual',
-    verdict_id, judgement ->> '$.verdict', judgement ->> '$.specification'
+    verdict_id, judgement ->> '$.verdict', judgement ->> '$.specification',
+    archived, tags, note
 FROM (
     SELECT s.id AS scan_id, COALESCE(f.region, '') AS region, w.sample_id AS sample_id, n.name AS part,
         s.lot AS lot, d.name AS recipe, r.version AS recipe_version, s.external_id AS external_id,
@@ -81,7 +85,8 @@ FROM (
         f.number AS fit_id, fe.at AS fitted_at, fe.variant AS variant, fe.status AS status,
         CASE WHEN json_valid(fe.result) THEN fe.result END AS report,
         v.number AS verdict_id,
-        CASE WHEN json_valid(ve.result) THEN ve.result END AS judgement
+        CASE WHEN json_valid(ve.result) THEN ve.result END AS judgement,
+        COALESCE(c.archived, 0) AS archived, NULLIF(c.tags, '[]') AS tags, c.note AS note
     FROM scans s
     JOIN scan_now w ON w.scan_id = s.id
     JOIN sample_now n ON n.sample_id = w.sample_id
@@ -89,6 +94,7 @@ FROM (
     LEFT JOIN definition_versions r ON r.id = s.recipe_version_id
     LEFT JOIN definitions d ON d.id = r.definition_id
     JOIN scan_states t ON t.id = (SELECT MAX(id) FROM scan_states WHERE scan_id = s.id)
+    LEFT JOIN scan_records c ON c.id = (SELECT MAX(id) FROM scan_records WHERE scan_id = s.id)
     LEFT JOIN job_region f ON f.scan_id = s.id AND f.kind = 'fit' AND f.id = (
         SELECT MAX(j.id) FROM job_region j JOIN job_ends e ON e.job_id = j.id
         WHERE j.scan_id = s.id AND j.kind = 'fit' AND j.region = f.region AND e.state = 'completed')
@@ -116,6 +122,9 @@ END;
 CREATE TRIGGER results_of_assignments AFTER INSERT ON scan_samples BEGIN
     DELETE FROM results WHERE scan_id = NEW.scan_id;
     INSERT INTO results SELECT * FROM result_now WHERE scan_id = NEW.scan_id;
+END;
+CREATE TRIGGER results_of_records AFTER INSERT ON scan_records BEGIN
+    UPDATE results SET archived = NEW.archived, tags = NULLIF(NEW.tags, '[]'), note = NEW.note WHERE scan_id = NEW.scan_id;
 END;
 CREATE TRIGGER results_of_names AFTER INSERT ON sample_names BEGIN
     UPDATE results SET part = NEW.name WHERE sample_id = NEW.sample_id;

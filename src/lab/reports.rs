@@ -18,10 +18,10 @@ use crate::reduction::FrameSource;
 use crate::repeatability::{Repeatability, StudyChoice};
 use crate::report::{
     Earlier, FORM, FrameHash, FrameHashes, MeasuredPart, MeasuredScan, MeasurementReport,
-    MeasuringRig, ReportedCurve, ReportedFit, ReportedIncident, ReportedObservation,
-    ReportedVerdict, StageController, UsedCalibration, UsedDefinition,
+    MeasuringRig, ReportedCurve, ReportedFit, ReportedObservation, ReportedVerdict,
+    StageController, UsedCalibration, UsedDefinition,
 };
-use crate::scan::{Event, RecordedEvent};
+use crate::scan::Incident;
 use crate::series::{FrameReadError, Series};
 use crate::store::definitions::DefinitionRef;
 use crate::store::jobs::JobFilter;
@@ -355,50 +355,19 @@ async fn repeats(
     }
 }
 
-async fn incidents(store: &Store, scan_id: i64) -> Result<Vec<ReportedIncident>, LabError> {
+async fn incidents(store: &Store, scan_id: i64) -> Result<Vec<Incident>, LabError> {
     let mut all = Vec::new();
     let mut after = 0;
     loop {
         let found = store.incidents(scan_id, after, ROWS.limit).await?;
         let Some(last) = found.last() else { break };
         after = last.id;
-        all.extend(found.into_iter().filter_map(incident));
+        all.extend(found.into_iter().filter_map(|recorded| {
+            let at = utc_text(recorded.at);
+            Incident::of(recorded, at)
+        }));
     }
     Ok(all)
-}
-
-fn incident(recorded: RecordedEvent) -> Option<ReportedIncident> {
-    let (id, at) = (recorded.id, utc_text(recorded.at));
-    match recorded.event {
-        Event::Alarm { code, message, .. } => Some(ReportedIncident {
-            id,
-            at,
-            kind: "alarm",
-            code,
-            message,
-            took_s: None,
-            points: Vec::new(),
-            attended: None,
-        }),
-        Event::Recovered {
-            code,
-            message,
-            took_s,
-            points,
-            attended,
-            ..
-        } => Some(ReportedIncident {
-            id,
-            at,
-            kind: "recovered",
-            code,
-            message,
-            took_s: Some(took_s),
-            points,
-            attended: Some(attended),
-        }),
-        _ => None,
-    }
 }
 
 fn observations(set: &ObservationSet) -> Vec<ReportedObservation> {

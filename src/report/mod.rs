@@ -23,7 +23,7 @@ use crate::frame::FrameKind;
 use crate::judge::VerdictReport;
 use crate::material::Material;
 use crate::repeatability::Repeatability;
-use crate::scan::{Plan, ScanState};
+use crate::scan::{Incident, Plan, ScanState};
 use crate::series::{CameraFacts, FlatFacts, RigFacts};
 use crate::wording::hex;
 
@@ -62,7 +62,7 @@ pub struct MeasurementReport {
     /// Scatter of the scans of this part by the same version of the recipe, this scan and the earlier ones; null below three.
     pub repeatability: Option<Repeatability>,
     /// Faults during the scan and their ends, oldest first.
-    pub incidents: Vec<ReportedIncident>,
+    pub incidents: Vec<Incident>,
     /// The frames, by their content.
     pub frames: FrameHashes,
     /// Curves to draw through the observations. They follow from the fit.
@@ -253,28 +253,6 @@ pub struct ReportedVerdict {
     #[serde(flatten)]
     #[schema(value_type = Object)]
     pub result: VerdictReport,
-}
-
-/// A fault or its end.
-#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
-pub struct ReportedIncident {
-    /// Number of the event.
-    pub id: i64,
-    /// When it was recorded, RFC 3339 in UTC.
-    pub at: String,
-    /// `alarm` or `recovered`.
-    #[schema(value_type = String)]
-    pub kind: &'static str,
-    /// Stable word of the fault.
-    pub code: String,
-    /// What happened.
-    pub message: String,
-    /// Time from the fault to the first point that counted again, s; null for an alarm.
-    pub took_s: Option<f64>,
-    /// Points of the plan that were taken again.
-    pub points: Vec<u32>,
-    /// Whether a person resumed the scan in between; null for an alarm.
-    pub attended: Option<bool>,
 }
 
 /// Frames by their content.

@@ -8,6 +8,7 @@ use super::{Earlier, MeasurementReport, UsedCalibration};
 use crate::fit::FitReport;
 use crate::frame::FrameKind;
 use crate::material::Material;
+use crate::scan::IncidentKind;
 use crate::series::FlatFacts;
 use crate::wording::{counted, percent};
 
@@ -367,7 +368,10 @@ pub(super) fn incidents(page: &mut Markup, report: &MeasurementReport) {
         page.tags("<tr>")
             .cell(|p| p.text(&time(&incident.at)))
             .cell(|p| {
-                p.text(incident.kind);
+                p.text(match incident.kind {
+                    IncidentKind::Alarm => "alarm",
+                    IncidentKind::Recovered => "recovered",
+                });
                 if incident.attended == Some(true) {
                     p.text(" by a person");
                 }

@@ -8,6 +8,7 @@ pub mod event;
 pub mod faults;
 mod frame_history;
 pub mod frame_rules;
+mod incident;
 pub mod look;
 pub mod plan;
 pub mod recorder;
@@ -21,6 +22,7 @@ pub mod visit;
 
 pub use crate::bench::stage::StageLink;
 pub use event::{Event, OperatorAction, Progress, RecordedEvent};
+pub use incident::{Incident, IncidentKind};
 pub use plan::{Plan, PlanError, PlanRequest, Shot, Step, TravelLimits};
 pub use rig::Rig;
 pub use stage_access::StageAccess;

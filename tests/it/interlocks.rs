@@ -10,12 +10,11 @@ use ridged::bench::stage::{
 };
 use ridged::clock::{Clock, ScaledClock};
 use ridged::geometry::Pose;
-use ridged::lab::{Lab, LabError, RigParts, ScanRequest};
+use ridged::lab::{LabError, RigParts, ScanRequest};
 use ridged::scan::event::RigActivity;
 use ridged::scan::{Rig as ScanRig, StageLink};
 use ridged::sim::controller::Controller;
 use ridged::sim::faults::ScriptedFaults;
-use ridged::sim::rig::{SimulatedRig, Simulation};
 use ridged::sim::server::{PtyServer, serve_pty};
 use ridged::sim::world::{AxisFault, World, WorldSettings};
 use ridged::store::disk::RealDisk;
@@ -24,7 +23,7 @@ use serde_json::json;
 use tokio::sync::watch;
 
 use crate::bench_in_a_box::{BenchInABox, small};
-use crate::http::{is_problem, request, router_of, send};
+use crate::http::{is_problem, opened_in, request, send};
 use crate::stage::{Rig, assert_at, settings};
 
 fn guarded(mut settings: StageSettings) -> StageSettings {
@@ -290,15 +289,7 @@ async fn an_axis_without_reference_is_not_jogged() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_jog_of_a_client_is_renewed_by_its_number_and_a_stop_ends_it_for_good() {
     let folder = tempfile::tempdir().unwrap();
-    let simulation = Simulation {
-        time_scale: 20.0,
-        ..Simulation::default()
-    };
-    let (rig, parts) = SimulatedRig::build(simulation).unwrap();
-    let clock = Arc::clone(&rig.clock);
-    let lab = Lab::open(folder.path(), Arc::new(RealDisk), clock, Some(parts)).await;
-    let (lab, _) = lab.unwrap();
-    let router = router_of(&lab);
+    let (rig, lab, router) = opened_in(folder.path(), 20.0).await;
     let jog = async |body: serde_json::Value| {
         let asked = request("POST", "/api/v1/rig/jog")
             .header("content-type", "application/json")

@@ -30,6 +30,7 @@ use tower::ServiceExt;
 use ridged::api::{self, Access};
 use ridged::lab::Lab;
 use ridged::scan::Event;
+use ridged::sim::rig::{SimulatedRig, Simulation};
 use ridged::store::disk::RealDisk;
 
 use crate::bench_in_a_box::BenchInABox;
@@ -39,6 +40,20 @@ pub(crate) async fn opened() -> (BenchInABox, Router) {
     let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
     let router = router_of(&bench.lab);
     (bench, router)
+}
+
+/// A lab in a folder with a simulated rig that is this many times faster than a real one, and the interface to it.
+pub(crate) async fn opened_in(folder: &Path, time_scale: f64) -> (SimulatedRig, Lab, Router) {
+    let simulation = Simulation {
+        time_scale,
+        ..Simulation::default()
+    };
+    let (rig, parts) = SimulatedRig::build(simulation).unwrap();
+    let clock = Arc::clone(&rig.clock);
+    let lab = Lab::open(folder, Arc::new(RealDisk), clock, Some(parts)).await;
+    let (lab, _) = lab.unwrap();
+    let router = router_of(&lab);
+    (rig, lab, router)
 }
 
 /// The interface of a lab to callers on this machine, who may import the series that come with the tests and others in

@@ -1,26 +1,13 @@
 //! Moves of both axes in one order, and waiting for a motion by its number.
 
-use std::sync::Arc;
-
-use ridged::lab::Lab;
-use ridged::sim::rig::{SimulatedRig, Simulation};
-use ridged::store::disk::RealDisk;
 use serde_json::json;
 
-use super::{get, is_problem, post, router_of};
+use super::{get, is_problem, opened_in, post};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn both_axes_move_in_one_order_that_a_caller_waits_for() {
     let folder = tempfile::tempdir().unwrap();
-    let simulation = Simulation {
-        time_scale: 50.0,
-        ..Simulation::default()
-    };
-    let (rig, parts) = SimulatedRig::build(simulation).unwrap();
-    let clock = Arc::clone(&rig.clock);
-    let lab = Lab::open(folder.path(), Arc::new(RealDisk), clock, Some(parts)).await;
-    let (lab, _) = lab.unwrap();
-    let router = router_of(&lab);
+    let (_rig, lab, router) = opened_in(folder.path(), 50.0).await;
     let order =
         async |body: serde_json::Value| post(&router, "/api/v1/rig/move", &body.to_string()).await;
     let ended = async |id: &serde_json::Value| {
