@@ -22,7 +22,11 @@ fn body(app: &App, job: Job) -> Result<JobBody, StoreError> {
     let parsed = |text: &str, table| -> Result<Value, StoreError> {
         serde_json::from_str(text).map_err(|e| StoreError::bad_row(table, e))
     };
-    let (progress, forecast) = app.lab.job_progress(job.id());
+    // A job leaves the running ones a moment after its last row; its result then has the forecast.
+    let (progress, forecast) = match job.state {
+        JobState::Running => app.lab.job_progress(job.id()),
+        _ => (None, None),
+    };
     let request = parsed(&job.request, "jobs")?;
     let result = match (&job.result, job.kind) {
         (Some(result), JobKind::Contrast) => result_of_today(parsed(result, "job_ends")?),

@@ -218,7 +218,7 @@ impl Lab {
         })
     }
 
-    /// Returns the progress and the forecast of a job; none where it has ended or has not reported yet.
+    /// Returns the progress and the forecast of a running job; none where it has not reported yet, or was removed at its end.
     #[must_use]
     pub fn job_progress(&self, id: JobId) -> (Option<JobProgress>, Option<Forecast>) {
         match self.inner.jobs.progress(id) {
