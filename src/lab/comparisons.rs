@@ -1,6 +1,7 @@
 //! Comparisons of two scans, and the repeatability of several: their results and circumstances, read from the store.
 
 use super::chosen_fit::{ReportChoice, chosen};
+use super::request_checks::invalid;
 use super::series::plan_of_rows;
 use super::{LabError, StoredSeries};
 use crate::comparison::shared::{Circumstances, SharedChoice, WhiteReferenceOf};
@@ -15,13 +16,6 @@ use crate::store::{Store, utc_of, utc_text};
 
 /// Most scans of a study.
 pub const SCANS_MAX: usize = 200;
-
-fn invalid(field: &str, problem: impl Into<String>) -> LabError {
-    LabError::Invalid {
-        field: field.into(),
-        problem: problem.into(),
-    }
-}
 
 /// Compares the newest fits of two scans of a store.
 ///

@@ -12,6 +12,7 @@ use super::preview_work::{
     PREVIEW_EXPOSURES_MAX, PREVIEW_TIME_S_MAX, PreviewFrame, PreviewRequest, PreviewView,
     PreviewWork, SUGGESTED_MAX,
 };
+use super::request_checks::invalid;
 use super::rig_work::Work;
 use super::scan_run::RigContext;
 use super::{Holder, Lab, LabError};
@@ -70,13 +71,6 @@ impl Lab {
     #[must_use]
     pub fn preview_counts(&self, id: u64) -> Option<Arc<Frame>> {
         Some(self.inner.rig.as_ref()?.previews.kept(id)?.0)
-    }
-}
-
-fn invalid(field: impl Into<String>, problem: String) -> LabError {
-    LabError::Invalid {
-        field: field.into(),
-        problem,
     }
 }
 
@@ -315,7 +309,7 @@ async fn measure(
             _ => defects::isolated(&frame, &scale).into(),
         };
         let figures = Figures::of(&frame, area, &masked, &scale)
-            .ok_or_else(|| invalid("area", "has only defect pixels; make it larger".into()))?;
+            .ok_or_else(|| invalid("area", "has only defect pixels; make it larger"))?;
         let picture = Picture::of(&frame, SIDE_PX_MAX, Some(&masked))
             .map_err(|error| LabError::Camera(error.into()))?;
         Ok(Measured {

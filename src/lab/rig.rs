@@ -6,6 +6,7 @@ use std::time::Duration;
 use tokio::sync::oneshot;
 
 use super::motions::Motion;
+use super::request_checks::invalid;
 use super::rig_work;
 use super::{AxisName, Holder, Lab, LabError, RigSide};
 use crate::bench::stage::{Stage, StageIdentity};
@@ -254,10 +255,7 @@ impl Lab {
         phi_s: Option<Angle>,
     ) -> Result<i64, LabError> {
         let finite = |target: Option<Angle>, field: &str| match target {
-            Some(angle) if !angle.is_finite() => Err(LabError::Invalid {
-                field: field.into(),
-                problem: "must be a finite number".into(),
-            }),
+            Some(angle) if !angle.is_finite() => Err(invalid(field, "must be a finite number")),
             _ => Ok(()),
         };
         finite(theta_c, "theta_c_deg")?;
@@ -269,10 +267,10 @@ impl Lab {
             }
             (Some(theta_c), None) => self.move_axis(AxisName::ThetaC, theta_c).await,
             (None, Some(phi_s)) => self.move_axis(AxisName::PhiS, phi_s).await,
-            (None, None) => Err(LabError::Invalid {
-                field: "theta_c_deg".into(),
-                problem: "is missing; expected theta_c_deg, phi_s_deg or both".into(),
-            }),
+            (None, None) => Err(invalid(
+                "theta_c_deg",
+                "is missing; expected theta_c_deg, phi_s_deg or both",
+            )),
         }
     }
 
@@ -290,10 +288,7 @@ impl Lab {
     /// [`LabError::Busy`], [`LabError::NoRig`], or [`LabError::Stage`], also for a position outside the limits.
     pub async fn move_axis(&self, axis: AxisName, target: Angle) -> Result<i64, LabError> {
         if !target.is_finite() {
-            return Err(LabError::Invalid {
-                field: "position_deg".into(),
-                problem: "must be a finite number".into(),
-            });
+            return Err(invalid("position_deg", "must be a finite number"));
         }
         self.begin_motion(rig_work::Work::Move { axis, target })
             .await
