@@ -140,10 +140,16 @@ pub(super) async fn visit(
         tags,
         clock,
     } = context;
-    let arrived = match shot.target {
-        // The stage checks the limits before it moves.
-        Some(target) => stage.move_pose(target).await.map_err(VisitError::Stage)?,
-        None => stage.status().await.map_err(VisitError::Stage)?.pose(),
+    let (arrived, before) = match shot.target {
+        // The stage checks the limits before it moves, and a move clears the flags of an earlier interruption.
+        Some(target) => {
+            let arrived = stage.move_pose(target).await.map_err(VisitError::Stage)?;
+            (arrived, None)
+        }
+        None => {
+            let before = stage.status().await.map_err(VisitError::Stage)?;
+            (before.pose(), Some(before))
+        }
     };
     let at_rest_utc = clock.utc();
     let pose = in_the_plans_turn(arrived, shot);
@@ -215,7 +221,7 @@ pub(super) async fn visit(
     let still = stage.status().await.map_err(VisitError::Stage)?;
     stage.check_slip().await.map_err(VisitError::Stage)?;
     let moved = displacement(stage, arrived, &still);
-    let pushed = disturbance(&still)?;
+    let pushed = disturbance(before.as_ref(), &still)?;
     let rejected = moved
         .or(pushed)
         .or(wrong)
@@ -280,14 +286,22 @@ fn displacement(stage: &Stage, arrived: Pose, now: &StageStatus) -> Option<Rejec
 
 /// Returns why frames do not count that were taken while these flags came up; `None` if no flag concerns them.
 ///
+/// `before` holds the flags that stood before the frames where no move cleared them. An interruption or a push among them is an
+/// earlier one: a stop of a move leaves its flag raised until the axis moves again.
+///
 /// # Errors
 /// A flag after which the position cannot be trusted, or which says that the axis was moved.
-fn disturbance(after: &StageStatus) -> Result<Option<Rejected>, VisitError> {
+fn disturbance(
+    before: Option<&StageStatus>,
+    after: &StageStatus,
+) -> Result<Option<Rejected>, VisitError> {
     let mut pushed = None;
     for axis in AxisName::ALL {
         let status = after.axis(axis);
+        let stood = |flag| before.is_some_and(|before| before.axis(axis).flags.contains(&flag));
         for flag in status.flags.iter().copied() {
             match flag.class() {
+                FlagClass::Interrupted | FlagClass::Informational if stood(flag) => {}
                 FlagClass::Fault => {
                     return Err(VisitError::Stage(StageError::Fault { axis, flag }));
                 }
@@ -351,7 +365,7 @@ mod tests {
 
     #[test]
     fn flags_that_come_up_in_an_exposure_decide_about_its_frames() {
-        let with = |flags: &[Flag]| {
+        let status = |flags: &[Flag]| {
             let axis = |flags: &[Flag]| AxisStatus {
                 position: Angle::ZERO,
                 moving: false,
@@ -360,11 +374,12 @@ mod tests {
                 flags: flags.to_vec(),
                 serial: 1,
             };
-            disturbance(&StageStatus {
+            StageStatus {
                 theta_c: axis(&[]),
                 phi_s: axis(flags),
-            })
+            }
         };
+        let with = |flags: &[Flag]| disturbance(None, &status(flags));
         assert!(with(&[]).unwrap().is_none());
         assert!(with(&[Flag::ControllerHot]).unwrap().is_none());
         for pushed in [Flag::Displaced, Flag::StallRecovered] {
@@ -388,6 +403,12 @@ mod tests {
             lost,
             VisitError::Stage(StageError::PowerCycled { .. })
         ));
+        for earlier in [Flag::MovementInterrupted, Flag::Displaced] {
+            let stood = disturbance(Some(&status(&[earlier])), &status(&[earlier]));
+            assert!(stood.unwrap().is_none(), "{earlier}");
+        }
+        let fault = status(&[Flag::EncoderError]);
+        assert!(disturbance(Some(&fault), &fault).is_err());
     }
 
     #[test]

@@ -13,6 +13,7 @@ use ridged::clock::{Clock, ScaledClock};
 use ridged::lab::ScanRequest;
 use ridged::scan::Event;
 use ridged::scan::runner::ScanCommand;
+use ridged::sim::rig::SimulatedRig;
 use ridged::store::disk::{Disk, RealDisk};
 use ridged::units::Angle;
 
@@ -23,6 +24,8 @@ use crate::stop::{disturbed_on, idle};
 /// 50 ms, and as much again three times, since tests share the machine.
 const ON_THE_WIRE: Duration = Duration::from_millis(200);
 const ANSWERED: Duration = Duration::from_secs(1);
+/// No wait of these tests is as long.
+const LONGEST: Duration = Duration::from_secs(60);
 
 /// Notes when a stop is written to the port.
 #[derive(Clone, Default)]
@@ -92,6 +95,7 @@ async fn a_stop_is_on_the_wire_at_once_and_answered_within_a_second_in_every_sta
         idle(&mut events).await;
     }
     lab.move_axis(PhiS, Angle::from_deg(350.0)).await.unwrap();
+    moves(&rig).await;
     assert_eq!(stop("moving").await, 200);
     idle(&mut events).await;
     assert!(!rig.world.is_moving());
@@ -119,9 +123,7 @@ async fn a_stop_is_on_the_wire_at_once_and_answered_within_a_second_in_every_sta
     let hands = rig.operate(&lab, true);
     lab.order(scan.id, ScanCommand::Continue).await.unwrap();
     until(&mut events, |event| matches!(event, Event::Frame { .. })).await;
-    while !rig.world.is_moving() {
-        tokio::task::yield_now().await;
-    }
+    moves(&rig).await;
     assert_eq!(stop("scanning").await, 200);
     assert!(!rig.world.is_moving());
     until(&mut events, paused).await;
@@ -139,7 +141,28 @@ async fn until(
     events: &mut tokio::sync::broadcast::Receiver<Arc<ridged::scan::RecordedEvent>>,
     wanted: impl Fn(&Event) -> bool,
 ) {
-    while !wanted(&events.recv().await.unwrap().event) {}
+    let mut seen = Vec::new();
+    let waiting = async {
+        loop {
+            let event = events.recv().await.unwrap();
+            if wanted(&event.event) {
+                return;
+            }
+            seen.push(event);
+        }
+    };
+    let found = tokio::time::timeout(LONGEST, waiting).await;
+    assert!(found.is_ok(), "not among {seen:#?}");
+}
+
+async fn moves(rig: &SimulatedRig) {
+    let waiting = async {
+        while !rig.world.is_moving() {
+            tokio::task::yield_now().await;
+        }
+    };
+    let moved = tokio::time::timeout(LONGEST, waiting).await;
+    assert!(moved.is_ok(), "nothing moved");
 }
 
 /// A disk that stops answering, as a network drive whose server is gone.
