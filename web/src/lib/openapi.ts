@@ -2939,7 +2939,7 @@ export interface components {
             /** @description The frames, by their content. */
             readonly frames: components["schemas"]["FrameHashes"];
             /** @description Faults during the scan and their ends, oldest first. */
-            readonly incidents: readonly components["schemas"]["ReportedIncident"][];
+            readonly incidents: readonly components["schemas"]["IncidentBody"][];
             /** @description The observations that were fitted. */
             readonly observations: readonly components["schemas"]["ReportedObservation"][];
             /** @description What was measured. */
@@ -3822,31 +3822,6 @@ export interface components {
             readonly request: Record<string, never>;
             /** @description Who started it. */
             readonly who?: string | null;
-        };
-        /** @description A fault or its end. */
-        readonly ReportedIncident: {
-            /** @description When it was recorded, RFC 3339 in UTC. */
-            readonly at: string;
-            /** @description Whether a person resumed the scan in between; null for an alarm. */
-            readonly attended?: boolean | null;
-            /** @description Stable word of the fault. */
-            readonly code: string;
-            /**
-             * Format: int64
-             * @description Number of the event.
-             */
-            readonly id: number;
-            /** @description `alarm` or `recovered`. */
-            readonly kind: string;
-            /** @description What happened. */
-            readonly message: string;
-            /** @description Points of the plan that were taken again. */
-            readonly points: readonly number[];
-            /**
-             * Format: double
-             * @description Time from the fault to the first point that counted again, s; null for an alarm.
-             */
-            readonly took_s?: number | null;
         };
         /** @description An observation. */
         readonly ReportedObservation: {
@@ -5775,7 +5750,6 @@ export type RecordChange = components['schemas']['RecordChange'];
 export type RenameBody = components['schemas']['RenameBody'];
 export type Repeatability = components['schemas']['Repeatability'];
 export type ReportedFit = components['schemas']['ReportedFit'];
-export type ReportedIncident = components['schemas']['ReportedIncident'];
 export type ReportedObservation = components['schemas']['ReportedObservation'];
 export type ReportedVerdict = components['schemas']['ReportedVerdict'];
 export type Result = components['schemas']['Result'];
