@@ -182,6 +182,7 @@ export const api = {
 
   rig: (): Promise<Rig> => get('/rig'),
   move: (axis: AxisName, position_deg: number): Promise<unknown> => post(`/rig/axes/${axis}/move`, { position_deg }),
+  moveBoth: (pose: { readonly theta_c_deg: number; readonly phi_s_deg: number }): Promise<unknown> => post('/rig/move', pose),
   home: (axis: AxisName): Promise<unknown> => post(`/rig/axes/${axis}/home`),
   /** Homes both axes in the order of the settings. */
   homeBoth: (): Promise<unknown> => post('/rig/home'),

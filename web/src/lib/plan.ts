@@ -10,8 +10,11 @@ export type PlanRequest = Recipe['plan'];
 
 export const REPEATS_MAX = 100;
 
-/** Grids by name, as the daemon knows them: numbers of tilts and azimuths. */
-export const PRESETS = { paper: { name: 'quick', tilts: 5, azimuths: 3 }, full: { name: 'full', tilts: 9, azimuths: 12 } } as const;
+/** Grids by name, as the daemon knows them: tilts and azimuths, degrees. */
+export const PRESETS = {
+  paper: { name: 'quick', tilts: [-20, -10, 0, 10, 20], azimuths: [0, 90, 180] },
+  full: { name: 'full', tilts: [-20, -15, -10, -5, 0, 5, 10, 15, 20], azimuths: [0, 30, 60, 90, 120, 150, 180, 210, 240, 270, 300, 330] },
+} as const;
 
 /** Poses and exposures as typed. */
 export interface GridDraft {
@@ -77,6 +80,15 @@ export function valuesOf(values: Values | null | undefined): readonly number[] {
   return Array.from({ length: Math.floor((to - from) / step + 1e-9) + 1 }, (_, i) => Number((from + i * step).toPrecision(12)));
 }
 
+/** The tilts and azimuths of a plan, degrees. It may take those of a preset and state its own others. */
+export function posesOf(plan: PlanRequest): { readonly tilts: readonly number[]; readonly azimuths: readonly number[] } {
+  const preset = PRESETS[plan.preset ?? 'full'];
+  return {
+    tilts: plan.theta_c_deg == null ? preset.tilts : valuesOf(plan.theta_c_deg),
+    azimuths: plan.phi_s_deg == null ? preset.azimuths : valuesOf(plan.phi_s_deg),
+  };
+}
+
 /** Seconds as milliseconds in the form of the fields. */
 export const exposuresText = (seconds: readonly number[] | null | undefined): string => (seconds ?? []).map((s) => Number((1000 * s).toPrecision(6))).join(', ');
 
@@ -85,12 +97,11 @@ export function gridOf(plan: PlanRequest): GridDraft {
   const { preset } = plan;
   const named = preset != null && plan.theta_c_deg == null && plan.phi_s_deg == null;
   const fresh = newGrid();
-  // A plan may take the tilts of a preset and state its own azimuths.
-  const listed = (own: Values | null | undefined, full: string, quick: string): string => (own != null ? printList(valuesOf(own)) : preset === 'paper' ? quick : full);
+  const { tilts, azimuths } = posesOf(plan);
   return {
     grid: named ? preset : 'custom',
-    tilts: named ? fresh.tilts : listed(plan.theta_c_deg, '-20:5:20', '-20:10:20'),
-    azimuths: named ? fresh.azimuths : listed(plan.phi_s_deg, '0:30:330', '0:90:180'),
+    tilts: named ? fresh.tilts : printList(tilts),
+    azimuths: named ? fresh.azimuths : printList(azimuths),
     exposures: exposuresText(plan.exposures_s),
     repeats: String(plan.repeats ?? 1),
   };
@@ -98,12 +109,10 @@ export function gridOf(plan: PlanRequest): GridDraft {
 
 /** Poses and exposures in one line: `5 tilts × 3 azimuths × 3 exposures, 2 frames of each`. */
 export function planWords(plan: PlanRequest, rigExposures: number): string {
-  const preset = plan.preset == null ? null : PRESETS[plan.preset];
-  const tilts = plan.theta_c_deg == null ? (preset?.tilts ?? 0) : valuesOf(plan.theta_c_deg).length;
-  const azimuths = plan.phi_s_deg == null ? (preset?.azimuths ?? 0) : valuesOf(plan.phi_s_deg).length;
+  const { tilts, azimuths } = posesOf(plan);
   const exposures = plan.exposures_s?.length ?? rigExposures;
   const repeats = plan.repeats ?? 1;
-  return `${counted(tilts, 'tilt')} × ${counted(azimuths, 'azimuth')}${exposures > 0 ? ` × ${counted(exposures, 'exposure')}` : ''}${repeats > 1 ? `, ${repeats} frames of each` : ''}`;
+  return `${counted(tilts.length, 'tilt')} × ${counted(azimuths.length, 'azimuth')}${exposures > 0 ? ` × ${counted(exposures, 'exposure')}` : ''}${repeats > 1 ? `, ${repeats} frames of each` : ''}`;
 }
 
 /** What a recipe does, in one line. */

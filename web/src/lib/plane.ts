@@ -1,6 +1,6 @@
 // Curves over the plane of incidence, as panels of lines with error bars.
 
-import type { TracePlane } from './types';
+import type { Estimated, TracePlane } from './types';
 
 /** A point of a line; `half` is its standard error. */
 export interface LinePoint {
@@ -24,6 +24,34 @@ const DOLP_STD_MAX = 0.25;
 const AOP_STD_MAX_DEG = 15;
 const DIFFERENCE_STD_MAX = 0.03;
 const DECADES = 4;
+
+type PlanePoint = NonNullable<TracePlane['points']>[number];
+
+/** What the ellipsometer reads in one direction for one state of the lamp; null where the trace has not settled a ratio. */
+export interface PlaneReading {
+  /** I, Q, U, V, sr⁻¹. */
+  readonly stokes: readonly Estimated[];
+  readonly dolp: Estimated | null;
+  readonly aop_deg: Estimated | null;
+}
+
+/** The readings of a direction, one for each state of the lamp. */
+export function readingsOf(point: PlanePoint): PlaneReading[] {
+  return point.readings.map(({ stokes, stokes_std, dolp, dolp_std, aop_deg, aop_std_deg }) => {
+    const known = (value: number | null, std: number | null | undefined, most: number): Estimated | null => (value === null || std == null || std >= most ? null : { value, std });
+    return {
+      stokes: stokes.map((value, i) => ({ value, std: stokes_std[i] ?? null })),
+      dolp: known(dolp, dolp_std, DOLP_STD_MAX),
+      aop_deg: known(aop_deg, aop_std_deg, AOP_STD_MAX_DEG),
+    };
+  });
+}
+
+/** The place of the direction with the most light of the first state of the lamp. */
+export function brightest(points: readonly PlanePoint[]): number {
+  const light = points.map((p) => p.readings[0]?.stokes[0] ?? 0);
+  return light.indexOf(Math.max(...light));
+}
 
 /** DOLP, AOP and brightness for a state of the lamp; polarised and scalar if both were traced. */
 export function panelsOf(plane: TracePlane, state: number): PlanePanel[] {

@@ -7,7 +7,7 @@ import type { Material, Sample } from './types';
 export const MATERIALS = {
   dielectric: 'plastic, glass (index n)',
   metal: 'metal, by name',
-  conductor: 'metal, by n and k',
+  conductor: 'metal, by n and κ',
 } as const;
 export type MaterialChoice = keyof typeof MATERIALS;
 
@@ -79,9 +79,9 @@ export function sampleRequest(fields: SampleFields): SampleRequest {
   return { name, metal: { name: fields.metal, ...(nm === null ? {} : { wavelength_nm: nm }) } };
 }
 
-/** `n 1.54`, `n 3.12, k 3.33`. */
+/** `n 1.54`, `n 3.12, κ 3.33`. */
 export function indexWords(material: Material): string {
-  return `n ${plain(material.eta, 4)}${material.kind === 'conductor' ? `, k ${plain(material.k, 4)}` : ''}`;
+  return `n ${plain(material.eta, 4)}${material.kind === 'conductor' ? `, κ ${plain(material.k, 4)}` : ''}`;
 }
 
 /** A sample in a list. Samples with the same name and index are distinguished by their numbers. */

@@ -4,19 +4,25 @@ import crystals from '../../../scenes/sandpaper.toml?raw';
 import diamond from '../../../scenes/glass-over-diamond.toml?raw';
 import gold from '../../../scenes/glass-over-gold.toml?raw';
 import ridges from '../../../scenes/ridged-plastic.toml?raw';
+import { significant, withUncertainty } from './format';
+import { newScene, type SceneDraft } from './sceneform';
 import type { Estimated } from './types';
 
 export interface Example {
   readonly name: string;
   readonly text: string;
+  /** The fields that make it; null if the form cannot make it. */
+  readonly draft: SceneDraft | null;
 }
 
-/** The first one fills an empty form. */
+/** A rough layer of glass over a rough surface, as in Wang et al. 2017. */
+const GLASS: SceneDraft = { ...newScene(), surface: 'rough', alphaU: '0.1', rhoD: '', layer: true, layerN: '1.5', layerAlpha: '0.1', azimuth: '180' };
+
 export const EXAMPLES: readonly Example[] = [
-  { name: 'rough glass over gold', text: withoutCommands(gold) },
-  { name: 'rough glass over diamond', text: withoutCommands(diamond) },
-  { name: 'ridges on plastic', text: withoutCommands(ridges) },
-  { name: 'gold-coated sandpaper', text: withoutCommands(crystals) },
+  { name: 'ridges on plastic', text: withoutCommands(ridges), draft: newScene() },
+  { name: 'rough glass over gold', text: withoutCommands(gold), draft: { ...GLASS, material: 'Au', angles: '60' } },
+  { name: 'rough glass over diamond', text: withoutCommands(diamond), draft: { ...GLASS, n: '2.4', angles: '65' } },
+  { name: 'gold-coated sandpaper', text: withoutCommands(crystals), draft: null },
 ];
 
 /** A scene without the comments about the command line. */
@@ -60,6 +66,15 @@ export function traceFaults(read: Readonly<Record<TraceField, number | null>>): 
 /** Whether a scene has ridges, so that an effective angle is defined. */
 export function hasRidges(scene: unknown): boolean {
   return /shape"?\s*[=:]\s*["'](ridges|profile|file)["']/.test(typeof scene === 'string' ? scene : JSON.stringify(scene ?? null));
+}
+
+/** A mean with U (k = 2), of which an estimate states the standard error. */
+export function estimateWords({ value, std }: Estimated): string {
+  if (value === 0 && !std) return '0';
+  if (std === null || std <= 0) return significant(value, 4);
+  if (std < 1e-8) return `${significant(value, 6)} ± ${significant(2 * std, 1)}`;
+  const both = withUncertainty(value, 2 * std);
+  return `${both.value} ± ${both.uncertainty}`;
 }
 
 export interface Order {

@@ -120,7 +120,7 @@ export function identifiability(parameter: Parameter, known: KnownOfParameter = 
   // A note beside a value states what fixes it.
   if (held || parameter.std === 0 || detail !== '') return { word: 'fixed', tone: 'plain', detail };
   if (parameter.std === null) return { word: 'determined, without an uncertainty', tone: 'bad', detail };
-  return { word: 'determined by the data', tone: 'good', detail };
+  return { word: 'yes', tone: 'good', detail };
 }
 
 /** What the request and the sample say of a parameter of a fit. */

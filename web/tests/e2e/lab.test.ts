@@ -216,6 +216,7 @@ describe('a lab’s day', () => {
     await openView(page, 'Lab');
     const card = page.getByTestId('traces');
     const form = card.getByTestId('trace-form');
+    await form.getByText('As TOML').click();
     await form.getByLabel('Scene, TOML').fill('[[interface]]\nshape = "flat"\nbelow = { n = 0 }\n');
     await form.getByRole('button', { name: 'Trace' }).click();
     await form.getByRole('alert').filter({ hasText: 'below.n' }).waitFor();

@@ -466,6 +466,15 @@ export class MockDaemon {
       axis.moving = Number(body['speed_deg_s']) !== 0;
       return send(200, { jog: 1, ended: !axis.moving, at_end: null });
     }
+    if (path === '/rig/move') {
+      const to = { theta_c: Number(body['theta_c_deg']), phi_s: Number(body['phi_s_deg']) };
+      for (const axis of Object.values(this.axes)) axis.moving = true;
+      this.#after(400, () => {
+        for (const name of ['theta_c', 'phi_s'] as const) Object.assign(this.axes[name], { moving: false, position_deg: to[name] });
+        this.event('rig', {});
+      });
+      return send(202, { id: 1, state: 'moving' });
+    }
     const axisMatch = /^\/rig\/axes\/(theta_c|phi_s)\/(move|home)$/.exec(path);
     if (axisMatch) {
       const axis = this.axes[axisMatch[1] as 'theta_c' | 'phi_s'];

@@ -43,6 +43,21 @@ describe('the camera', () => {
     await expect.poll(() => page.locator(camera).count()).toBe(0);
   });
 
+  it('goes to the pose of the grid that is brightest for the newest ridge angle', async () => {
+    daemon.axes.theta_c.position_deg = -60;
+    await openCamera();
+    await page.getByText('A flat sample is brightest at θc 0°, φs 0° of the grid.').waitFor();
+    daemon.addFit(daemon.addScan(2, 'paper'));
+    daemon.axes.theta_c.position_deg = -60;
+    await page.reload();
+    await page.getByRole('button', { name: 'Camera' }).click();
+    await page.getByText('Ridges of 15°, as in the newest result, are brightest at θc 10°, φs 0° of the grid.').waitFor();
+    await page.getByRole('button', { name: 'Go there' }).click();
+    await page.getByText('φs 0° of the grid: the rig is there.').waitFor();
+    expect(daemon.requests.find((r) => r.path === '/rig/move')?.body).toEqual({ theta_c_deg: 10, phi_s_deg: 0 });
+    expect(await page.getByRole('button', { name: 'Go there' }).isDisabled()).toBe(true);
+  });
+
   it('warns about exposures that the last look shows to be absurd', async () => {
     await openCamera();
     await chooseSample();

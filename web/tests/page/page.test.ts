@@ -335,7 +335,7 @@ describe('the form of a new scan', () => {
     await form.getByRole('combobox', { name: 'Metal', exact: true }).selectOption('Cu');
     await form.getByRole('button', { name: 'Add sample' }).click();
     await expect.poll(sent).toEqual({ name: 'die 4', metal: { name: 'Cu' } });
-    await expect.poll(() => sample.locator('option:checked').innerText()).toBe('die 4 (n 3.12, k 3.33)');
+    await expect.poll(() => sample.locator('option:checked').innerText()).toBe('die 4 (n 3.12, κ 3.33)');
   });
 });
 

@@ -19,7 +19,7 @@ const VIEWS: readonly (readonly [string, string])[] = [
   ['result/1/map', 'The fit of every pixel'],
   ['result/1/contrast', 'turned by 90°'],
   ['result/1/frames', 'automatic levels'],
-  ['result/1/record', 'Variants tried'],
+  ['result/1/record', 'Models tried'],
   ['result/1/fits', 'of all scans'],
   ['records', 'Search'],
   ['compare/1,2', 'open dots'],

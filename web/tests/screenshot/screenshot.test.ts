@@ -101,6 +101,7 @@ it('makes the picture of the virtual ellipsometer', async () => {
   const page = await openPage();
   await page.goto(`${daemon.url}/#/lab`);
   const card = page.getByTestId('traces');
+  await card.getByLabel('Start from an example').selectOption('rough glass over gold');
   await card.getByTestId('trace-form').getByLabel('Photons').fill('1e6');
   await card.getByRole('button', { name: 'Trace', exact: true }).click();
   await card.getByTestId('plane-curves').waitFor({ timeout: SCAN_MS_MAX });

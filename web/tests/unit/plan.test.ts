@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { gridOf, newGrid, planWords, readGrid, recipeWords, valuesOf, type GridDraft, type PlanRequest } from '../../src/lib/plan';
+import { gridOf, newGrid, planWords, posesOf, readGrid, recipeWords, valuesOf, type GridDraft, type PlanRequest } from '../../src/lib/plan';
 
 const draft = (change: Partial<GridDraft>): GridDraft => ({ ...newGrid(), ...change });
 
@@ -38,6 +38,12 @@ describe('a plan', () => {
     expect(planWords({ preset: 'full' }, 3)).toBe('9 tilts × 12 azimuths × 3 exposures');
     expect(planWords({ theta_c_deg: { from: -20, to: 21, step: 10 }, phi_s_deg: [0], exposures_s: [0.1], repeats: 2 }, 3)).toBe('5 tilts × 1 azimuth × 1 exposure, 2 frames of each');
     expect(recipeWords({ name: 'x', plan: { preset: 'paper' }, target_expanded_deg: 0.05 }, 0)).toBe('5 tilts × 3 azimuths · target U(θr) ≤ 0.05°');
+  });
+
+  it('has the poses of its preset, or its own', () => {
+    expect(posesOf({ preset: 'paper', phi_s_deg: { from: 0, to: 90, step: 45 } })).toEqual({ tilts: [-20, -10, 0, 10, 20], azimuths: [0, 45, 90] });
+    expect(posesOf({ preset: 'full' }).azimuths).toHaveLength(12);
+    expect(posesOf({ theta_c_deg: [5], phi_s_deg: [0] })).toEqual({ tilts: [5], azimuths: [0] });
   });
 
   it('has the values of a range without the errors of a running sum', () => {

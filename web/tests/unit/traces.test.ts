@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 
-import { panelsOf, strokes } from '../../src/lib/plane';
-import { traceFaults, EXAMPLES, hasRidges, ordersOf, titleOf, typedCount, withoutCommands } from '../../src/lib/scenes';
+import { brightest, panelsOf, readingsOf, strokes } from '../../src/lib/plane';
+import { estimateWords, traceFaults, EXAMPLES, hasRidges, ordersOf, titleOf, typedCount, withoutCommands } from '../../src/lib/scenes';
 import type { TracePlane } from '../../src/lib/types';
 
 describe('an example', () => {
@@ -73,6 +73,20 @@ describe('the plane of incidence', () => {
     expect(lobe?.range).toEqual([0.01, 1]);
     expect(d?.lines[0]?.points.map((p) => [p.x, Number(p.y.toFixed(6))])).toEqual([[40, -20]]);
     expect(d?.range).toEqual([-20, 20]);
+  });
+
+  it('has readings with uncertainties, without ratios that are not settled', () => {
+    const points = [
+      { theta_s_deg: 1, readings: [{ stokes: [0.2, -0.1, 0, 0], stokes_std: [0.001, null, 0, 0], dolp: 0.5, dolp_std: 0.005, aop_deg: 90, aop_std_deg: 0.3 }] },
+      { theta_s_deg: 3, readings: [{ stokes: [0.3, 0, 0, 0], stokes_std: [0.001, 0.001, 0, 0], dolp: 0.001, dolp_std: 0.003, aop_deg: 12, aop_std_deg: 50 }] },
+      { theta_s_deg: 5, readings: [{ stokes: [0.1, 0, 0, 0], stokes_std: [0.1, 0, 0, 0], dolp: 1, dolp_std: null, aop_deg: 0, aop_std_deg: null }] },
+    ] as const;
+    expect(brightest(points)).toBe(1);
+    const [settled, unpolarised, dark] = points.map((p) => readingsOf(p)[0]);
+    expect(settled?.stokes.map(estimateWords)).toEqual(['0.2000 ± 0.0020', '−0.1000', '0', '0']);
+    expect([settled?.dolp, settled?.aop_deg]).toEqual([{ value: 0.5, std: 0.005 }, { value: 90, std: 0.3 }]);
+    expect([unpolarised?.dolp, unpolarised?.aop_deg]).toEqual([{ value: 0.001, std: 0.003 }, null]);
+    expect([dark?.dolp, dark?.aop_deg]).toEqual([null, null]);
   });
 
   it('starts a new line at gaps and where an angle wraps', () => {
