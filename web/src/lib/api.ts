@@ -3,7 +3,7 @@
 import type { FitOptions } from './fitoptions';
 import type { PlanRequest } from './plan';
 import { Problem, problemOf } from './problems';
-import type { SampleRequest } from './sample';
+import type { SampleRequest } from './newsample';
 import type { ShapeRequest } from './shape';
 import type {
   Accuracy,

@@ -4,7 +4,7 @@
 import { angle, plain } from './format';
 import { parseList, type ListOutcome } from './grid';
 import { typed } from './limits';
-import { METALS } from './sample';
+import { METALS } from './newsample';
 
 export const SURFACES = { ridges: 'ridges', rough: 'rough, random heights', flat: 'flat and smooth' } as const;
 export type SurfaceChoice = keyof typeof SURFACES;

@@ -46,14 +46,14 @@ describe('the camera', () => {
   it('goes to the pose of the grid that is brightest for the newest ridge angle', async () => {
     daemon.axes.theta_c.position_deg = -60;
     await openCamera();
-    await page.getByText('A flat sample is brightest at θc 0°, φs 0° of the grid.').waitFor();
+    await page.getByText('The next scan is brightest at θc 0°, φs 0°, for a flat sample.').waitFor();
     daemon.addFit(daemon.addScan(2, 'paper'));
     daemon.axes.theta_c.position_deg = -60;
     await page.reload();
     await page.getByRole('button', { name: 'Camera' }).click();
-    await page.getByText('Ridges of 15°, as in the newest result, are brightest at θc 10°, φs 0° of the grid.').waitFor();
+    await page.getByText('The next scan is brightest at θc 10°, φs 0°, for ridges of 15° as in the newest result.').waitFor();
     await page.getByRole('button', { name: 'Go there' }).click();
-    await page.getByText('φs 0° of the grid: the rig is there.').waitFor();
+    await page.getByText('The rig is there.').waitFor();
     expect(daemon.requests.find((r) => r.path === '/rig/move')?.body).toEqual({ theta_c_deg: 10, phi_s_deg: 0 });
     expect(await page.getByRole('button', { name: 'Go there' }).isDisabled()).toBe(true);
   });
@@ -109,7 +109,7 @@ describe('the newest frame of a running scan', () => {
     for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
     await page.getByText(/^sample, [1-9]\d* of/).waitFor();
     await page.getByTestId('newest-frame').locator('canvas').waitFor();
-    expect(await text('[data-testid=newest-frame]')).toContain('brightest 0.2 % of the pixels from 36 % of it');
+    expect(await text('[data-testid=newest-frame]')).toContain('the brightest 0.2 % of the pixels are above 36 % of full scale');
     expect(daemon.reads.some((path) => path.includes('/preview.png?width=256'))).toBe(true);
     expect(daemon.reads.filter((path) => path.endsWith('/image.png'))).toEqual([]);
   });

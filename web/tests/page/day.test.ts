@@ -235,3 +235,16 @@ describe('recipes and specifications', () => {
     await specification.getByRole('alert').getByText('Version 2 is the newest.').waitFor();
   });
 });
+
+it('says where a scan that has no fit is fitted, and that its verdict follows the fit', async () => {
+  daemon.specifications.add({ name: 'drawing 7', limits: { theta_r_deg: { lower: 9, upper: 11 } } });
+  daemon.addScan(1, 'paper');
+  Object.assign(daemon.scans[0]?.body ?? {}, { specification: daemon.specifications.named('drawing 7')?.ref });
+  await page.goto(url);
+  await page.getByText('Not fitted yet. Open the result and press Fit for the ridge angle and its uncertainty.').waitFor();
+  expect(await text('[data-testid=verdict-banner]')).toBe('verdict after the fit drawing 7');
+  await page.getByRole('link', { name: 'Open the result' }).click();
+  await page.getByText('Not fitted yet. Press Fit for the ridge angle and its uncertainty.').waitFor();
+  await page.getByTestId('fit-form').getByRole('button', { name: 'Fit', exact: true }).click();
+  await page.getByTestId('verdict-banner').getByText('pass').waitFor();
+});

@@ -435,7 +435,7 @@ describe('the answer', () => {
     const card = page.getByTestId('certainty');
     const field = card.getByLabel('Target: expanded uncertainty of the ridge angle, degrees');
     await field.fill('0.05');
-    await expect.poll(() => text('[data-testid=target]')).toBe('target not reached U(θr) is 0.080°, 0.05° is wanted.');
+    await expect.poll(() => text('[data-testid=target]')).toBe('target not reached U(θr) is 0.080°, above the target of 0.05°.');
     await field.fill('0,1');
     await expect.poll(() => text('[data-testid=target]')).toBe('target reached after 6 poses.');
     await field.fill('-1');

@@ -10,6 +10,7 @@ describe('the queue', () => {
     await page.goto(url);
     const form = page.getByTestId('next-part');
     const card = page.getByTestId('queue');
+    await card.getByText('No part waits. Add to queue puts the next part here.').waitFor();
     await form.getByLabel('Lot').fill('4');
     for (const [sample, part, number] of [['traced polymer (n 1.54)', 'traced polymer', 'A-1'], ['model 15° (n 1.54)', 'model 15°', 'A-2']] as const) {
       await chooseSample(sample);

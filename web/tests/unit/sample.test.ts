@@ -1,6 +1,7 @@
 import { describe, expect, it } from 'vitest';
 
-import { sampleProblems, sampleRequest, sampleWords, type SampleFields } from '../../src/lib/sample';
+import { sampleProblems, sampleRequest, type SampleFields } from '../../src/lib/newsample';
+import { sampleWords } from '../../src/lib/sample';
 import type { Sample } from '../../src/lib/types';
 
 const fields: SampleFields = { name: ' part 7 ', material: 'dielectric', eta: '1,54', etaStd: '0.02', k: '', kStd: '', metal: 'Cr', wavelength: '' };
