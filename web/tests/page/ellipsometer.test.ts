@@ -2,7 +2,7 @@
 
 import { describe, expect, it } from 'vitest';
 
-import { daemon, page, posts, url } from './stage';
+import { axeViolations, daemon, page, posts, url } from './stage';
 
 /** Opens Lab and the scene as TOML. */
 async function openToml(): Promise<void> {
@@ -87,6 +87,7 @@ describe('the virtual ellipsometer', () => {
     await form.getByText('Give an angle above 0° and up to 85°.').waitFor();
     expect(await angle.getAttribute('aria-invalid')).toBe('true');
     expect(await form.getByRole('button', { name: 'Trace' }).isDisabled()).toBe(true);
+    expect(await axeViolations()).toEqual([]);
     await angle.fill('15');
     await form.getByLabel('Number of random surfaces').fill('4');
     await form.getByText('No surface of this scene is random.').waitFor();
@@ -114,6 +115,7 @@ describe('the virtual ellipsometer', () => {
     await toml.fill((await toml.inputValue()).replace('seed = 1', 'seed = 7'));
     await form.getByText('The fields do not describe it.').waitFor();
     expect(await form.getByLabel('Ridge angle').isDisabled()).toBe(true);
+    expect(await axeViolations()).toEqual([]);
     await form.getByRole('button', { name: 'Trace', exact: true }).click();
     await expect.poll(() => traced().length).toBe(1);
     expect(traced()[0]?.['scene']).toContain('seed = 7');
@@ -179,6 +181,7 @@ describe('the virtual ellipsometer', () => {
     const readings = card.getByTestId('plane-readings');
     expect((await readings.locator('tbody tr').first().innerText()).split('\t')).toEqual(['unpolarised', '0.2000 ± 0.0020', '−0.1000 ± 0.0020', '0.0000 ± 0.0020', '0.0000 ± 0.0020', '0.500 ± 0.012', '90.00 ± 0.60°']);
     await card.getByRole('combobox', { name: 'Angle of reflection' }).selectOption({ label: '40°, mirror direction' });
+    expect(await axeViolations()).toEqual([]);
     await card.getByRole('button', { name: 'Mueller' }).click();
     expect(await card.locator('[data-component]').count()).toBe(16);
     await card.getByRole('button', { name: 'Against scalar' }).click();
