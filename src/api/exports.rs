@@ -1,4 +1,4 @@
-//! `/scans/{id}/frames.tif` and `/scans/{id}/brdf.json`: a scan for other programs.
+//! `/scans/{id}/frames.tif`, `/scans/{id}/brdf.json` and `/scans/{id}/surface.bsdf`: a scan for other programs.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use super::App;
 use super::document::Binary;
 use super::extract::{Id, Params};
 use super::status::{ApiError, Problem};
-use crate::lab::{FrameStack, LabError};
+use crate::lab::{FrameStack, LabError, ReportChoice};
 
 /// Region of the observations.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -40,6 +40,39 @@ pub(super) async fn brdf(
 ) -> Result<impl IntoResponse, ApiError> {
     let file: Value = app.lab.bird_file(id, params.region.as_deref()).await?;
     Ok((attachment(id, "brdf.json"), Json(file)))
+}
+
+/// Which fit has the surface.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct SurfaceParams {
+    /// Number of the fit; the newest completed one if omitted.
+    fit_id: Option<i64>,
+    /// Region of a sample with several regions: the newest fit of it.
+    region: Option<String>,
+}
+
+/// The fitted surface of a scan as a measured material of the RGL database, which Mitsuba 3 reads: the closed form at the fitted
+/// parameters, f cos θo over a hemisphere of directions of incidence.
+#[utoipa::path(get, path = "/api/v1/scans/{id}/surface.bsdf", tag = "fits", params(("id" = i64, Path, description = "Number of the scan"), SurfaceParams), responses(
+    (status = 200, description = "The tensor file with one wavelength, about 22 MB", content_type = "application/octet-stream", body = Binary),
+    (status = 404, description = "There is no such scan or fit", body = Problem),
+    (status = 409, description = "The scan has no completed fit (`no-fit`)", body = Problem),
+    (status = 422, description = "The fit does not determine the surface, or belongs to another scan", body = Problem),
+))]
+pub(super) async fn surface(
+    State(app): State<App>,
+    Id(id): Id,
+    Params(params): Params<SurfaceParams>,
+) -> Result<impl IntoResponse, ApiError> {
+    let choice = ReportChoice {
+        fit_id: params.fit_id,
+        region: params.region,
+    };
+    let file = app.lab.surface_file(id, &choice).await?;
+    let kind = [(header::CONTENT_TYPE, "application/octet-stream")];
+    Ok((kind, attachment(id, "surface.bsdf"), file.bytes))
 }
 
 /// All frames of a scan, calibrations included, as one 16-bit TIFF with a page per frame. The description of each page is JSON

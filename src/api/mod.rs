@@ -255,6 +255,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(observations::of_scan))
         .routes(routes!(exports::brdf))
         .routes(routes!(exports::stack))
+        .routes(routes!(exports::surface))
         .routes(routes!(frames::get))
         .routes(routes!(frames::image))
         .routes(routes!(frames::preview))

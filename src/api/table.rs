@@ -105,6 +105,7 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/scans/{id}/observations", READ),
     ("GET", "/api/v1/scans/{id}/brdf.json", READ),
     ("GET", "/api/v1/scans/{id}/frames.tif", READ),
+    ("GET", "/api/v1/scans/{id}/surface.bsdf", READ),
     ("GET", "/api/v1/calibrations", READ),
     ("POST", "/api/v1/calibrations", Need::Rig),
     ("GET", "/api/v1/calibrations/{id}", READ),

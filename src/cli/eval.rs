@@ -6,6 +6,7 @@
 
 mod brdf;
 mod mueller;
+mod sawtooth;
 mod stack;
 mod visibility;
 
@@ -42,6 +43,9 @@ pub enum Kind {
     /// theta_i, phi_i, theta_o, phi_o, theta_r (rad), alpha_u, alpha_v, rho_d, eta, k → f, d, g,
     /// fresnel of the printed BRDF.
     Brdf,
+    /// theta_i, phi_i, theta_o, phi_o, theta_r (rad), alpha_u, alpha_v, rho_d, eta, k, theta_l (rad), translucency, tail,
+    /// crest_radius → f of the sawtooth.
+    Sawtooth,
     /// theta_r_deg, theta_i_proj_deg, theta_o_proj_deg → visible_and_lit_fraction of the sawtooth.
     Visibility,
     /// n, k, alpha, theta_i_deg, theta_s_deg, phi_s_deg → m00…m33 of the unmasked single bounce.
@@ -57,6 +61,7 @@ impl Kind {
             Kind::Brdf => {
                 "risers, diffuse walls and light that bounces twice (the lobe as printed), averages over cones"
             }
+            Kind::Sawtooth => "more than two reflections, and averages over cones",
             Kind::Visibility => "nothing: the geometry of an ideal sawtooth is exact",
             Kind::Mueller => {
                 "masking, shadowing and all bounces after the first (by definition of this form)"
@@ -70,6 +75,7 @@ impl Kind {
     fn table(self) -> Table {
         match self {
             Kind::Brdf => brdf::TABLE,
+            Kind::Sawtooth => sawtooth::TABLE,
             Kind::Visibility => visibility::TABLE,
             Kind::Mueller => mueller::TABLE,
             Kind::Stack => stack::TABLE,
@@ -293,6 +299,27 @@ mod tests {
             );
             assert_eq!(&row[20], "");
         }
+    }
+
+    #[test]
+    fn the_sawtooth_is_answered_with_and_without_the_terms_of_real_samples() {
+        let head = "theta_i,phi_i,theta_o,phi_o,theta_r,alpha_u,alpha_v,rho_d,eta,k,theta_l,translucency,tail,crest_radius";
+        let flat = "0.3,1.5,0.3,-1.6415926535897931,0,0.1,0.1,0,1.5,0,0.2,0";
+        let rows = run_on(
+            Kind::Sawtooth,
+            format!(
+                "{head}\n{flat},0,0\n{flat},1,0\n{flat},9,0\n0,0,2,0,0,0.1,0.1,0,1.5,0,0.2,0,0,0\n"
+            ),
+        );
+        let f = |row: usize| rows[row][14].parse::<f64>().unwrap();
+        // A mirror's angle on a flat surface: D F/(4 cos² θ), with D = 1/(π α²).
+        let fresnel = crate::model::fresnel::reflectance(0.3f64.cos(), 1.5, 0.0);
+        let expected = fresnel / (4.0 * std::f64::consts::PI * 0.01 * 0.3f64.cos().powi(2));
+        assert!((f(1) / expected - 1.0).abs() < 1e-9, "{} {expected}", f(1));
+        // All slope distributions have this peak.
+        assert!((f(2) / expected - 1.0).abs() < 1e-9, "{} {expected}", f(2));
+        assert_eq!(&rows[3][15], "tail = 9 is not within 0 and 1.5");
+        assert!(rows[4][15].contains("above the surface"));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use anyhow::anyhow;
 use super::CliError;
 use super::interrupt;
 use super::runtime;
-use crate::lab::{self, Exported, FrameStack, LabError, StoredSeries};
+use crate::lab::{self, Exported, FrameStack, LabError, ReportChoice, StoredSeries};
 use crate::reduction;
 use crate::store::disk::RealDisk;
 use crate::store::{Store, StoreError};
@@ -21,7 +21,8 @@ use crate::wording::counted;
 #[command(after_help = "Examples:
   ridged export --scan 1 --out series && ridged fit series
   ridged export --scan 1 --format bird --out brdf.json
-  ridged export --scan 1 --format tiff --out frames.tif")]
+  ridged export --scan 1 --format tiff --out frames.tif
+  ridged export --scan 1 --format rgl --out surface.bsdf")]
 pub struct Args {
     /// Number of the scan.
     #[arg(long, value_name = "ID")]
@@ -32,9 +33,12 @@ pub struct Args {
     /// New or empty folder of the series, or new file.
     #[arg(long, value_name = "PATH")]
     pub out: PathBuf,
-    /// Region of a sample with several, for bird.
+    /// Region of a sample with several, for bird and rgl.
     #[arg(long, value_name = "NAME")]
     pub region: Option<String>,
+    /// Number of the fit, for rgl. Default: the newest completed fit of the scan.
+    #[arg(long, value_name = "ID")]
+    pub fit: Option<i64>,
     /// Leave out frames whose files are missing or damaged, instead of writing nothing (series only).
     #[arg(long)]
     pub skip_unreadable: bool,
@@ -52,6 +56,8 @@ pub enum Format {
     Bird,
     /// All frames as one 16-bit TIFF, a page per frame.
     Tiff,
+    /// The fitted surface as a measured material that Mitsuba 3 reads (the RGL database's .bsdf).
+    Rgl,
 }
 
 /// Runs the command, also beside a running daemon.
@@ -65,9 +71,14 @@ pub fn run(args: Args) -> Result<(), CliError> {
             "--skip-unreadable belongs to --format series"
         )));
     }
-    if args.format != Format::Bird && args.region.is_some() {
+    if args.region.is_some() && !matches!(args.format, Format::Bird | Format::Rgl) {
         return Err(CliError::bad_input(anyhow!(
-            "--region belongs to --format bird: a series and a stack have whole frames"
+            "--region belongs to --format bird and rgl: a series and a stack have whole frames"
+        )));
+    }
+    if args.fit.is_some() && args.format != Format::Rgl {
+        return Err(CliError::bad_input(anyhow!(
+            "--fit belongs to --format rgl: the other forms do not depend on a fit"
         )));
     }
     let cancel = interrupt::flag()?;
@@ -80,6 +91,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             Format::Series => series(&store, &args, cancel).await,
             Format::Bird => bird(&store, &args, &cancel).await,
             Format::Tiff => tiff(&store, &args, &cancel).await,
+            Format::Rgl => rgl(&store, &args, &cancel).await,
         };
         store.close().await;
         let done = written?;
@@ -157,6 +169,26 @@ async fn tiff(store: &Store, args: &Args, cancel: &AtomicBool) -> Result<String,
         "{} of scan {}",
         counted(stack.n_pages(), "frame"),
         args.scan
+    ))
+}
+
+async fn rgl(store: &Store, args: &Args, cancel: &AtomicBool) -> Result<String, CliError> {
+    let choice = ReportChoice {
+        fit_id: args.fit,
+        region: args.region.clone(),
+    };
+    let surface = lab::surface_file(store, args.scan, &choice).await;
+    let surface = surface.map_err(runtime::lab_error)?;
+    if cancel.load(Ordering::Relaxed) {
+        return Err(CliError::Interrupted);
+    }
+    new_file(&args.out, |out| {
+        out.write_all(&surface.bytes)
+            .map_err(|error| unwritten(&args.out, &error))
+    })?;
+    Ok(format!(
+        "surface of fit {} of scan {}",
+        surface.fit_id, args.scan
     ))
 }
 

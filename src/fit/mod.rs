@@ -22,7 +22,8 @@
 //!   `leftover` (the residual that they use), [`profile`] and [`intervals`] (intervals without the linear
 //!   approximation).
 //! - The answer: [`variants`] (selection), [`reporting`] (estimate to report), `parameter_covariance`, [`report`] (its form),
-//!   [`joint`] (several scans), [`trail`] (progress against time), [`outlook`] (forecast of the duration).
+//!   [`fitted_surface`] (report to BRDF), [`joint`] (several scans), [`trail`] (progress against time), [`outlook`]
+//!   (forecast of the duration).
 //!
 //! This module uses no frames, no files and no clock.
 
@@ -44,6 +45,7 @@ pub mod drift;
 mod edges;
 pub mod estimate;
 pub mod findings;
+pub mod fitted_surface;
 mod full;
 pub mod intervals;
 pub mod joint;

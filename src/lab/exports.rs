@@ -1,14 +1,20 @@
-//! Files that other programs read, made of a stored scan: its frames as one TIFF, its observations as BRDF.
+//! Files that other programs read, made of a stored scan: its frames as one TIFF, its observations as BRDF, its fitted surface
+//! as a material.
 
 use serde_json::{Value, json};
 
+use super::chosen_fit::{ReportChoice, chosen};
+use super::tasks::blocking;
 use super::{Lab, LabError, StoredSeries};
+use crate::fit::FitReport;
+use crate::fit::fitted_surface::fitted_surface;
 use crate::frame::tiff_stack::TiffStack;
 use crate::observation::ObservationSet;
 use crate::reduction::FrameSource;
 use crate::store::scans::Scan;
 use crate::store::{PROGRAM, Store};
 use crate::tables::bird_out::{self, BirdFacts};
+use crate::tables::rgl_out;
 
 /// The frames of a scan as one TIFF, page by page.
 #[derive(Debug, Clone)]
@@ -98,6 +104,70 @@ pub fn bird_file(
     bird_out::file(set, &facts).map_err(|error| not_for_this(scan.id, &error.to_string()))
 }
 
+/// Wavelength in a file of a scan whose rig states none; the file has one value for all wavelengths.
+const WAVELENGTH_NM: f64 = 550.0;
+
+/// The fitted surface of a scan as a file that renderers read.
+#[derive(Debug, Clone)]
+pub struct SurfaceFile {
+    /// Number of the fit.
+    pub fit_id: i64,
+    /// The file.
+    pub bytes: Vec<u8>,
+}
+
+/// Returns the fitted surface of a scan as a measured material of the RGL database.
+///
+/// # Errors
+/// An unknown scan or fit, [`LabError::NoReport`] without a completed fit, [`LabError::Invalid`] for a fit that does not
+/// determine a surface, or a store error.
+pub async fn surface_file(
+    store: &Store,
+    scan_id: i64,
+    choice: &ReportChoice,
+) -> Result<SurfaceFile, LabError> {
+    let scan = store.scan(scan_id).await?;
+    let (job, report, set_id) = chosen(store, &scan, choice).await?;
+    let set = store.observations(set_id).await?;
+    let manifest = StoredSeries::open(store, scan_id).await?.manifest().clone();
+    let brdf = fitted_surface(&report, &set).map_err(|error| LabError::Invalid {
+        field: format!("fit {}", job.number),
+        problem: error.to_string(),
+    })?;
+    let wavelength_nm = manifest.rig.wavelength_nm;
+    let description = described(&scan, job.number, &report, wavelength_nm);
+    let wavelength_nm = wavelength_nm.unwrap_or(WAVELENGTH_NM);
+    let bytes = blocking(move || rgl_out::file(&brdf, wavelength_nm, &description)).await?;
+    Ok(SurfaceFile {
+        fit_id: job.number,
+        bytes,
+    })
+}
+
+/// Describes a file of a surface in one line.
+fn described(scan: &Scan, fit_id: i64, report: &FitReport, wavelength_nm: Option<f64>) -> String {
+    let value = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.4}"));
+    let p = &report.parameters;
+    let region = report.region.as_ref();
+    let region = region.map_or_else(String::new, |region| format!(", region {region}"));
+    let wavelength = match wavelength_nm {
+        Some(nm) => format!("{nm} nm"),
+        None => format!("wavelength not stated, {WAVELENGTH_NM} nm in the file"),
+    };
+    format!(
+        "{}{region}: scan {}, fit {fit_id} ({}) by {PROGRAM}; theta_r {} deg, U {} deg (k = 2), alpha_u {}, alpha_v {}, rho_d {}; \
+         {wavelength}; x along the ridges, y the direction in which the facets lean",
+        scan.sample_name,
+        scan.id,
+        report.variant,
+        value(p.theta_r_deg.value),
+        value(p.theta_r_deg.expanded),
+        value(p.alpha_u.value),
+        value(p.alpha_v.value),
+        value(p.rho_d.value),
+    )
+}
+
 /// The error for a scan that cannot have this form.
 fn not_for_this(scan_id: i64, problem: &str) -> LabError {
     LabError::Invalid {
@@ -116,5 +186,17 @@ impl Lab {
         let scan = self.store().scan(scan_id).await?;
         let series = StoredSeries::open(self.store(), scan_id).await?;
         bird_file(&scan, &series, &reduced.set)
+    }
+
+    /// Returns the fitted surface of a scan as a measured material of the RGL database.
+    ///
+    /// # Errors
+    /// As [`surface_file`].
+    pub async fn surface_file(
+        &self,
+        scan_id: i64,
+        choice: &ReportChoice,
+    ) -> Result<SurfaceFile, LabError> {
+        surface_file(self.store(), scan_id, choice).await
     }
 }

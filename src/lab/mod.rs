@@ -92,7 +92,7 @@ pub use definitions::NameOrId;
 pub use error::{Holder, LabError};
 use event_sink::EventSink;
 pub use export::{Exported, export, export_readable};
-pub use exports::{FrameStack, bird_file};
+pub use exports::{FrameStack, SurfaceFile, bird_file, surface_file};
 pub use fit_at_end::{FIT_NOT_STARTED, NOT_JUDGED};
 use fits::Reductions;
 pub use fits::{FitRequest, Reduced};

@@ -32,6 +32,7 @@ pub mod quadrature;
 pub mod rough_boundary;
 pub mod sawtooth;
 pub mod single_bounce;
+pub mod surface_brdf;
 mod third_bounce;
 
 #[cfg(test)]

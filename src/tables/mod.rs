@@ -8,8 +8,11 @@
 
 mod bird;
 pub mod bird_out;
+mod half_vectors;
 mod manifest;
+pub mod rgl_out;
 mod rows;
+mod tensor_file;
 
 use std::path::Path;
 

@@ -10,7 +10,7 @@ use tiff::decoder::{Decoder, DecodingResult};
 use tiff::tags::Tag;
 use tower::ServiceExt;
 
-use crate::http::{get, imported, is_problem, opened, polymer, request};
+use crate::http::{download, ended, get, imported, is_problem, opened, polymer, post, request};
 use crate::tables::against;
 
 #[tokio::test]
@@ -87,10 +87,34 @@ async fn the_stack_of_a_scan_has_its_frames_bit_for_bit() {
     }
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_surface_of_a_fit_is_a_tensor_file_that_states_where_it_comes_from() {
+    let (bench, router) = opened().await;
+    imported(&router).await;
+    let path = "/api/v1/scans/1/surface.bsdf";
+    is_problem(&get(&router, path).await, 409, "no-fit");
+    let paper = json!({ "scan_id": 1, "variant": "paper" }).to_string();
+    let begun = post(&router, "/api/v1/fits", &paper).await;
+    let fit = ended(&router, &begun).await;
+    assert_eq!(fit["state"], "completed", "{fit}");
+    let file = download(&router, path).await;
+    assert_eq!(&file[..18], b"tensor_file\0\x01\x00\x0a\x00\x00\x00");
+    let angle = &fit["parameters"]["theta_r_deg"]["value"];
+    let angle = angle.as_f64().unwrap();
+    let origin = format!("scan 1, fit 1 (paper) by ridged 0.1.0; theta_r {angle:.4} deg");
+    let text = String::from_utf8_lossy(&file[..4000]);
+    assert!(text.contains(&origin), "{text}");
+    let of_fit = download(&router, &format!("{path}?fit_id=1")).await;
+    assert!(of_fit == file, "the newest fit is fit 1");
+    let other = get(&router, &format!("{path}?fit_id=2")).await;
+    is_problem(&other, 404, "not-found");
+    bench.end().await;
+}
+
 #[tokio::test]
 async fn a_scan_that_does_not_exist_has_no_files() {
     let (_bench, router) = opened().await;
-    for path in ["brdf.json", "frames.tif"] {
+    for path in ["brdf.json", "frames.tif", "surface.bsdf"] {
         let refused = get(&router, &format!("/api/v1/scans/9/{path}")).await;
         is_problem(&refused, 404, "not-found");
     }

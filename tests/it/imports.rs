@@ -64,6 +64,7 @@ const RULES: &[(&str, &[&str])] = &[
             "units",
             "geometry",
             "material",
+            "model",
             "observation",
             "robust",
             "series",

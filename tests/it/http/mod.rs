@@ -111,7 +111,7 @@ pub(crate) async fn get(router: &Router, path: &str) -> Answer {
     send(router, request("GET", path).body(Body::empty()).unwrap()).await
 }
 
-async fn download(router: &Router, path: &str) -> Vec<u8> {
+pub(crate) async fn download(router: &Router, path: &str) -> Vec<u8> {
     let request = request("GET", path).body(Body::empty()).unwrap();
     let response = router.clone().oneshot(request).await.unwrap();
     assert_eq!(response.status(), StatusCode::OK, "{path}");
@@ -119,7 +119,7 @@ async fn download(router: &Router, path: &str) -> Vec<u8> {
     bytes.to_vec()
 }
 
-async fn post(router: &Router, path: &str, body: &str) -> Answer {
+pub(crate) async fn post(router: &Router, path: &str, body: &str) -> Answer {
     let request = request("POST", path)
         .header("content-type", "application/json")
         .body(Body::from(body.to_owned()))
@@ -159,7 +159,7 @@ pub(crate) async fn imported(router: &Router) -> Answer {
 }
 
 /// Asks until something that was begun has ended.
-async fn ended(router: &Router, begun: &Answer) -> Value {
+pub(crate) async fn ended(router: &Router, begun: &Answer) -> Value {
     assert_eq!(begun.status, 202, "{}", begun.body);
     let location = begun.location.clone().unwrap();
     loop {

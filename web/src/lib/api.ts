@@ -264,6 +264,9 @@ export const api = {
 
   reportUrl: (scan: number, fit: number, format: 'html' | 'json'): string => `${PREFIX}/scans/${scan}/report?fit_id=${fit}&format=${format}`,
 
+  /** The fitted surface as a material for renderers. */
+  surfaceUrl: (scan: number, fit: number): string => `${PREFIX}/scans/${scan}/surface.bsdf?fit_id=${fit}`,
+
   /** Imports a recorded series from a folder of the daemon's machine. */
   importSeries: (folder: string, skip_unreadable: boolean): Promise<{ readonly scan_id: number; readonly n_frames: number; readonly skipped: readonly string[]; /** A scan that already holds the same series. */ readonly same_as_scan_id?: number | null; /** A scan that holds the same frames under a different description. */ readonly like_scan_id?: number | null; readonly differences?: readonly string[] }> =>
     post('/imports', { folder, skip_unreadable }),
