@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+import io
+import json
 import math
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import h5py
 import mitsuba
 import numpy
 import pytest
@@ -136,3 +139,57 @@ def test_the_samples_of_mitsuba_have_the_density_of_the_file(scan: ridged.Scan, 
         values = surface.brdf(grid, tmp_path) * numpy.repeat(cosines, 2 * n)
         reflectance = float(values.mean() * 2 * math.pi)
         assert numpy.mean(drawn) == pytest.approx(reflectance, rel=0.03)
+
+
+def test_h5py_reads_frames_poses_observations_and_fit(scan: ridged.Scan, daemon: Daemon, tmp_path: Path) -> None:
+    from PIL import Image
+
+    fit = scan.fit
+    file = export(daemon, scan, "nexus", tmp_path / "scan.nxs")
+    with h5py.File(file) as nexus:
+        assert (nexus.attrs["NX_class"], nexus.attrs["default"]) == ("NXroot", "entry")
+        entry = nexus["entry"]
+        classes = {name: group.attrs["NX_class"] for name, group in entry.items() if isinstance(group, h5py.Group)}
+        assert classes == {
+            "fit": "NXprocess",
+            "frames": "NXdata",
+            "instrument": "NXinstrument",
+            "observations": "NXdata",
+            "sample": "NXsample",
+            "user": "NXuser",
+        }
+        assert entry.attrs["default"] == "observations"
+        assert entry["sample/name"].asstr()[()] == "model 15°"
+
+        frames = entry["frames"]
+        assert (frames.attrs["signal"], list(frames.attrs["axes"])) == ("data", ["frame", ".", "."])
+        data = frames["data"]
+        rows = [row for row in scan.frames() if row["accepted"]]
+        assert (data.dtype, data.compression, data.shape[0], data.chunks[0]) == (numpy.uint16, "gzip", len(rows), 1)
+        detector = entry["instrument/detector"]
+        assert (detector.attrs["NX_class"], detector["count_time"].attrs["units"]) == ("NXdetector", "s")
+        kinds = {"sample": 0, "flat": 1, "dark": 2}
+        names = list(detector["file_name"].asstr()[:])
+        for row in rows:
+            k = names.index(row["file"])
+            assert detector["image_key"][k] == kinds[row["kind"]]
+            assert detector["count_time"][k] == row["exposure_s"]
+            if row["kind"] == "sample":
+                assert frames["camera_tilt"][k] == row["theta_c_deg"]
+                assert frames["sample_rotation"][k] == row["phi_s_deg"]
+        for row in rows[::11]:
+            pixels = numpy.array(Image.open(io.BytesIO(scan.image(row["id"]))))
+            assert numpy.array_equal(data[names.index(row["file"])], pixels)
+
+        observations = entry["observations"]
+        assert (observations.attrs["signal"], observations["signal"].attrs["units"]) == ("signal", "1/sr")
+        own = [(row["signal"], row["sigma"]) for row in scan.observations(rows=True)]
+        assert list(zip(observations["signal"], observations["signal_errors"], strict=True)) == own
+
+        theta_r = entry["fit/parameters/theta_r_deg"]
+        assert (theta_r[()], theta_r.attrs["units"]) == (fit.theta_r.value, "deg")
+        assert theta_r.attrs["standard_uncertainty"] == fit.theta_r.u
+        assert theta_r.attrs["expanded_uncertainty"] == fit.theta_r.U
+        n = len(entry["fit/covariance/parameters"])
+        assert entry["fit/covariance/values"].shape == (n, n)
+        assert json.loads(entry["fit/report/data"].asstr()[()])["variant"] == fit.result["variant"]

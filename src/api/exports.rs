@@ -1,4 +1,4 @@
-//! `/scans/{id}/frames.tif`, `/scans/{id}/brdf.json` and `/scans/{id}/surface.bsdf`: a scan for other programs.
+//! `/scans/{id}/frames.tif`, `brdf.json`, `surface.bsdf` and `scan.nxs`: a scan for other programs.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use super::App;
 use super::document::Binary;
 use super::extract::{Id, Params};
 use super::status::{ApiError, Problem};
-use crate::lab::{FrameStack, LabError, ReportChoice};
+use crate::lab::{FrameStack, LabError, NexusDownload, ReportChoice};
 
 /// Region of the observations.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -73,6 +73,23 @@ pub(super) async fn surface(
     let file = app.lab.surface_file(id, &choice).await?;
     let kind = [(header::CONTENT_TYPE, "application/octet-stream")];
     Ok((kind, attachment(id, "surface.bsdf"), file.bytes))
+}
+
+/// A scan as a NeXus file (HDF5): all frames (16 bits, compressed) with poses, exposure and time, the observations with their
+/// uncertainty, and the newest completed fit.
+#[utoipa::path(get, path = "/api/v1/scans/{id}/scan.nxs", tag = "frames", params(("id" = i64, Path, description = "Number of the scan")), responses(
+    (status = 200, description = "The file", content_type = "application/x-hdf5", body = Binary),
+    (status = 404, description = "There is no such scan", body = Problem),
+    (status = 422, description = "The scan has no frames, or the file cannot be written", body = Problem),
+))]
+pub(super) async fn nexus(State(app): State<App>, Id(id): Id) -> Result<Response, ApiError> {
+    let file = app.lab.nexus_download(id).await?;
+    let kind = [
+        (header::CONTENT_TYPE, "application/x-hdf5".to_owned()),
+        (header::CONTENT_LENGTH, file.bytes().to_string()),
+    ];
+    let parts = stream::try_unfold(file, NexusDownload::next);
+    Ok((kind, attachment(id, "frames.nxs"), Body::from_stream(parts)).into_response())
 }
 
 /// All frames of a scan, calibrations included, as one 16-bit TIFF with a page per frame. The description of each page is JSON

@@ -256,6 +256,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(exports::brdf))
         .routes(routes!(exports::stack))
         .routes(routes!(exports::surface))
+        .routes(routes!(exports::nexus))
         .routes(routes!(frames::get))
         .routes(routes!(frames::image))
         .routes(routes!(frames::preview))

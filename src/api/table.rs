@@ -106,6 +106,7 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/scans/{id}/brdf.json", READ),
     ("GET", "/api/v1/scans/{id}/frames.tif", READ),
     ("GET", "/api/v1/scans/{id}/surface.bsdf", READ),
+    ("GET", "/api/v1/scans/{id}/scan.nxs", READ),
     ("GET", "/api/v1/calibrations", READ),
     ("POST", "/api/v1/calibrations", Need::Rig),
     ("GET", "/api/v1/calibrations/{id}", READ),

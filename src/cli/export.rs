@@ -10,7 +10,7 @@ use anyhow::anyhow;
 use super::CliError;
 use super::interrupt;
 use super::runtime;
-use crate::lab::{self, Exported, FrameStack, LabError, ReportChoice, StoredSeries};
+use crate::lab::{self, Exported, FrameStack, LabError, NexusFile, ReportChoice, StoredSeries};
 use crate::reduction;
 use crate::store::disk::RealDisk;
 use crate::store::{Store, StoreError};
@@ -22,7 +22,8 @@ use crate::wording::counted;
   ridged export --scan 1 --out series && ridged fit series
   ridged export --scan 1 --format bird --out brdf.json
   ridged export --scan 1 --format tiff --out frames.tif
-  ridged export --scan 1 --format rgl --out surface.bsdf")]
+  ridged export --scan 1 --format rgl --out surface.bsdf
+  ridged export --scan 1 --format nexus --out scan.nxs")]
 pub struct Args {
     /// Number of the scan.
     #[arg(long, value_name = "ID")]
@@ -58,6 +59,8 @@ pub enum Format {
     Tiff,
     /// The fitted surface as a measured material that Mitsuba 3 reads (the RGL database's .bsdf).
     Rgl,
+    /// Frames, poses, observations and fit as a NeXus file (HDF5).
+    Nexus,
 }
 
 /// Runs the command, also beside a running daemon.
@@ -73,7 +76,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     }
     if args.region.is_some() && !matches!(args.format, Format::Bird | Format::Rgl) {
         return Err(CliError::bad_input(anyhow!(
-            "--region belongs to --format bird and rgl: a series and a stack have whole frames"
+            "--region belongs to --format bird and rgl: the other forms have whole frames"
         )));
     }
     if args.fit.is_some() && args.format != Format::Rgl {
@@ -92,6 +95,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             Format::Bird => bird(&store, &args, &cancel).await,
             Format::Tiff => tiff(&store, &args, &cancel).await,
             Format::Rgl => rgl(&store, &args, &cancel).await,
+            Format::Nexus => nexus(&store, &args, &cancel).await,
         };
         store.close().await;
         let done = written?;
@@ -192,10 +196,39 @@ async fn rgl(store: &Store, args: &Args, cancel: &AtomicBool) -> Result<String, 
     ))
 }
 
+async fn nexus(store: &Store, args: &Args, cancel: &AtomicBool) -> Result<String, CliError> {
+    let nexus = NexusFile::open(store, args.scan).await;
+    let nexus = nexus.map_err(runtime::lab_error)?;
+    new_path(&args.out, |part| {
+        nexus
+            .write(part, || Ok(()), cancel)
+            .map_err(runtime::lab_error)
+    })?;
+    Ok(format!(
+        "{} of scan {}",
+        counted(nexus.n_frames(), "frame"),
+        args.scan
+    ))
+}
+
 /// Writes a new file whole or not at all.
 fn new_file(
     path: &Path,
     fill: impl FnOnce(&mut dyn Write) -> Result<(), CliError>,
+) -> Result<(), CliError> {
+    new_path(path, |part| {
+        let file = std::fs::File::create(part).map_err(|error| unwritten(path, &error))?;
+        let mut out = std::io::BufWriter::new(file);
+        fill(&mut out)?;
+        let kept = out.flush().and_then(|()| out.get_ref().sync_all());
+        kept.map_err(|error| unwritten(path, &error))
+    })
+}
+
+/// The same for a file that is written by its name.
+fn new_path(
+    path: &Path,
+    write: impl FnOnce(&Path) -> Result<(), CliError>,
 ) -> Result<(), CliError> {
     if path.exists() {
         return Err(CliError::bad_input(anyhow!(
@@ -207,19 +240,12 @@ fn new_file(
     name.push(path.file_name().unwrap_or("export".as_ref()));
     name.push(format!("-{}.part", std::process::id()));
     let part = path.with_file_name(name);
-    let file = std::fs::File::create(&part).map_err(|error| unwritten(path, &error))?;
-    let mut out = std::io::BufWriter::new(file);
-    let filled = fill(&mut out).and_then(|()| {
-        let moved = out
-            .flush()
-            .and_then(|()| out.get_ref().sync_all())
-            .and_then(|()| std::fs::rename(&part, path));
-        moved.map_err(|error| unwritten(path, &error))
-    });
-    if filled.is_err() {
+    let written = write(&part)
+        .and_then(|()| std::fs::rename(&part, path).map_err(|error| unwritten(path, &error)));
+    if written.is_err() {
         std::fs::remove_file(&part).ok();
     }
-    filled
+    written
 }
 
 fn unwritten(path: &Path, error: &std::io::Error) -> CliError {

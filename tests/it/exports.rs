@@ -111,10 +111,36 @@ async fn the_surface_of_a_fit_is_a_tensor_file_that_states_where_it_comes_from()
     bench.end().await;
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_nexus_file_of_a_scan_is_hdf5_and_leaves_nothing_in_the_data_folder() {
+    let (bench, router) = opened().await;
+    imported(&router).await;
+    let files = || {
+        let entries = std::fs::read_dir(bench.lab.store().folder()).unwrap();
+        let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name()).collect();
+        names.sort();
+        names
+    };
+    let before = files();
+    let asked = request("GET", "/api/v1/scans/1/scan.nxs").body(Body::empty());
+    let answer = router.clone().oneshot(asked.unwrap()).await.unwrap();
+    assert_eq!(answer.status(), 200);
+    let length: usize = answer.headers()["content-length"]
+        .to_str()
+        .unwrap()
+        .parse()
+        .unwrap();
+    let bytes = to_bytes(answer.into_body(), usize::MAX).await.unwrap();
+    assert_eq!(bytes.len(), length);
+    assert_eq!(&bytes[..8], b"\x89HDF\r\n\x1a\n");
+    assert_eq!(files(), before);
+    bench.end().await;
+}
+
 #[tokio::test]
 async fn a_scan_that_does_not_exist_has_no_files() {
     let (_bench, router) = opened().await;
-    for path in ["brdf.json", "frames.tif", "surface.bsdf"] {
+    for path in ["brdf.json", "frames.tif", "surface.bsdf", "scan.nxs"] {
         let refused = get(&router, &format!("/api/v1/scans/9/{path}")).await;
         is_problem(&refused, 404, "not-found");
     }

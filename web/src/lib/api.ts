@@ -264,6 +264,8 @@ export const api = {
 
   reportUrl: (scan: number, fit: number, format: 'html' | 'json'): string => `${PREFIX}/scans/${scan}/report?fit_id=${fit}&format=${format}`,
 
+  /** Frames, poses, observations and fit as one file. */
+  nexusUrl: (scan: number): string => `${PREFIX}/scans/${scan}/scan.nxs`,
   /** The fitted surface as a material for renderers. */
   surfaceUrl: (scan: number, fit: number): string => `${PREFIX}/scans/${scan}/surface.bsdf?fit_id=${fit}`,
 
