@@ -12,17 +12,14 @@
 //! A sample with several regions has observations and a fit for each, with the name of the region behind an underscore.
 //! Frames are read, compressed and written one by one.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use rust_hdf5::{Hdf5Error, VarLenUnicode};
 
 use super::chosen_fit::{ReportChoice, chosen};
 use super::hdf5_group::Group;
-use super::tasks::blocking;
-use super::{Lab, LabError, RESERVE_BYTES, StoredSeries};
+use super::{Lab, LabError, StoredSeries};
 use crate::fit::FitReport;
 use crate::fit::report::ParameterCovariance;
 use crate::frame::FrameKind;
@@ -494,76 +491,4 @@ fn write_covariance(group: &Group, covariance: &ParameterCovariance) -> Result<(
         .shape([n, n])
         .create("values")?
         .write_raw(&values)
-}
-
-/// Bytes of a part of a file that is sent.
-const PART_BYTES: u64 = 1 << 20;
-
-/// A NeXus file that is sent part by part. It has no name, so it is gone when it is dropped.
-#[derive(Debug)]
-pub struct NexusDownload {
-    file: File,
-    bytes: u64,
-}
-
-impl NexusDownload {
-    /// Size of the file.
-    #[must_use]
-    pub fn bytes(&self) -> u64 {
-        self.bytes
-    }
-
-    /// Reads the next part; `None` at the end.
-    ///
-    /// # Errors
-    /// The disk cannot be read.
-    pub async fn next(mut self) -> Result<Option<(Vec<u8>, NexusDownload)>, LabError> {
-        blocking(move || {
-            let mut part = Vec::new();
-            let read = (&mut self.file).take(PART_BYTES).read_to_end(&mut part);
-            read.map_err(|error| {
-                LabError::Export(format!("the NeXus file cannot be read: {error}"))
-            })?;
-            Ok((!part.is_empty()).then_some((part, self)))
-        })
-        .await?
-    }
-}
-
-impl Lab {
-    /// Writes a scan as a NeXus file beside the store, to be sent.
-    ///
-    /// # Errors
-    /// As [`NexusFile::open`] and [`NexusFile::write`]; [`LabError::Export`] if the disk has no room.
-    pub async fn nexus_download(&self, scan_id: i64) -> Result<NexusDownload, LabError> {
-        static NEXT: AtomicU64 = AtomicU64::new(0);
-        let nexus = NexusFile::open(self.store(), scan_id).await?;
-        let (needed, free) = (nexus.bytes_max(), self.store().free_bytes().await?);
-        if free < needed.saturating_add(RESERVE_BYTES) {
-            return Err(LabError::Export(format!(
-                "the disk is full: the NeXus file needs up to {} MB beside {} MB of reserve, {} MB are free; free some space, or \
-                 use `ridged export --format nexus` with a file on another disk",
-                needed / 1_000_000,
-                RESERVE_BYTES / 1_000_000,
-                free / 1_000_000
-            )));
-        }
-        let number = NEXT.fetch_add(1, Ordering::Relaxed);
-        let name = format!(".nexus-{}-{number}.part", std::process::id());
-        let path = self.store().folder().join(name);
-        blocking(move || {
-            let mut opened = None;
-            // The name goes at once: a daemon that is killed leaves nothing behind.
-            let created = || {
-                opened = Some(File::open(&path)?);
-                std::fs::remove_file(&path)
-            };
-            nexus.write(&path, created, &AtomicBool::new(false))?;
-            let unread = || LabError::Export("the NeXus file cannot be read back".to_owned());
-            let file = opened.ok_or_else(unread)?;
-            let bytes = file.metadata().map_err(|_| unread())?.len();
-            Ok(NexusDownload { file, bytes })
-        })
-        .await?
-    }
 }
