@@ -119,6 +119,20 @@ pub enum SpecificationError {
     },
 }
 
+impl SpecificationError {
+    /// Returns the path of what is wrong, e.g. `limits.theta_r_deg`; empty for the whole text.
+    #[must_use]
+    pub fn path(&self) -> String {
+        match self {
+            SpecificationError::Unreadable { .. } => String::new(),
+            SpecificationError::NoLimits { .. } => "limits".to_owned(),
+            SpecificationError::UnknownQuantity { key, .. }
+            | SpecificationError::BadLimits { key, .. } => format!("limits.{key}"),
+            SpecificationError::BadRisk { key, .. } => format!("decision.{key}"),
+        }
+    }
+}
+
 impl Specification {
     /// Reads and checks the text of a specification; `file` names it in errors.
     ///

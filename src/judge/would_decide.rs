@@ -17,7 +17,7 @@ use super::quantity::MeasuredValue;
 use super::specification::{DecisionRule, ToleranceLimits};
 use crate::fit::report::Parameter;
 use crate::observation::WhiteReference;
-use crate::wording::{percent, significant};
+use crate::wording::percent;
 
 /// Halvings of the interval that contains the needed uncertainty.
 const BISECTIONS: usize = 50;
@@ -125,12 +125,12 @@ pub(super) fn would_decide(
     };
     let needed = format!(
         "At this value a standard uncertainty of at most {} (now {}) gives {verdict}.",
-        significant(enough),
-        significant(std)
+        in_unit(enough, &item.quantity),
+        in_unit(std, &item.quantity)
     );
     let how = match (&lines, ways.is_empty()) {
         (None, _) => "More repeats or poses reduce it.".to_owned(),
-        (Some(lines), true) => stuck(lines, enough),
+        (Some(lines), true) => stuck(lines, enough, &item.quantity),
         (Some(_), false) => {
             let ways: Vec<String> = ways.iter().map(ToString::to_string).collect();
             format!("One of these suffices: {}.", ways.join("; or "))
@@ -192,13 +192,13 @@ fn ways(lines: &[(&'static str, f64)], excess: f64, basis: &Basis<'_>) -> Vec<Wa
 }
 
 /// States why no single change suffices: the largest lines, which have to shrink together.
-fn stuck(lines: &[(&'static str, f64)], enough: f64) -> String {
+fn stuck(lines: &[(&'static str, f64)], enough: f64, quantity: &str) -> String {
     let mut sorted: Vec<_> = lines.iter().filter(|(_, std)| *std > 0.0).collect();
     sorted.sort_by(|a, b| b.1.total_cmp(&a.1));
     let largest: Vec<String> = sorted
         .iter()
         .take(3)
-        .map(|(line, std)| format!("{line} {}", significant(*std)))
+        .map(|(line, std)| format!("{line} {}", in_unit(*std, quantity)))
         .collect();
     let alone = |name: &str| matches!(name, "counting" | "model");
     let rest: f64 = lines
@@ -214,6 +214,13 @@ fn stuck(lines: &[(&'static str, f64)], enough: f64) -> String {
         "{poses}; the largest lines of the budget have to shrink together: {}.",
         largest.join(", ")
     )
+}
+
+/// A positive value with three significant digits and its unit.
+fn in_unit(value: f64, quantity: &str) -> String {
+    let decimals = (2.0 - value.log10().floor()).clamp(0.0, 12.0) as usize;
+    let unit = if quantity.ends_with("_deg") { "°" } else { "" };
+    format!("{value:.decimals$}{unit}")
 }
 
 impl std::fmt::Display for Way {
@@ -356,7 +363,9 @@ mod tests {
         assert!(both.ways.is_empty(), "{both:?}");
         let says = "No number of poses or repeats reaches it";
         assert!(both.message.contains(says), "{}", both.message);
-        assert!(both.message.contains("angles 0.03"), "{}", both.message);
+        let largest = "angles 0.0300°, wedge 0.0300°";
+        assert!(both.message.contains(largest), "{}", both.message);
+        assert_eq!(in_unit(4.51e-4, "rho_d"), "0.000451");
     }
 
     #[test]

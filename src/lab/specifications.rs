@@ -37,9 +37,13 @@ pub(super) fn specified(value: &serde_json::Value) -> Result<Specification, LabE
     })?;
     // Its errors begin with the name of the file, which is the field here.
     Specification::from_json(value).map_err(|error| {
+        let field = match error.path() {
+            path if path.is_empty() => "specification".to_owned(),
+            path => format!("specification.{path}"),
+        };
         let error = error.to_string();
         let problem = error.strip_prefix("specification: ").unwrap_or(&error);
-        invalid("specification".into(), problem.to_owned())
+        invalid(field, problem.to_owned())
     })
 }
 
@@ -56,6 +60,22 @@ mod tests {
             (
                 limits(json!([9.5, 10.5])),
                 "specification.limits.theta_r_deg: ",
+            ),
+            (
+                limits(json!({"lower": 11, "upper": 10})),
+                "specification.limits.theta_r_deg: ",
+            ),
+            (
+                json!({"name": "part 7", "limits": {"theta": {"lower": 1}}}),
+                "specification.limits.theta: ",
+            ),
+            (
+                json!({"name": "part 7", "limits": {"theta_r_deg": {"lower": 1}}, "decision": {"max_false_accept_risk": 2}}),
+                "specification.decision.max_false_accept_risk: ",
+            ),
+            (
+                json!({"name": "part 7", "limits": {}}),
+                "specification.limits: ",
             ),
             (
                 json!(["part 7", {}, {"theta_r_deg": {"lower": 1}}]),
