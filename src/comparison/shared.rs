@@ -18,10 +18,8 @@ pub struct Circumstances {
     pub variant: VariantName,
     /// Number of the rig with its settings; none for an import.
     pub rig_id: Option<i64>,
-    /// Camera tilts θc of the plan, degrees.
-    pub theta_c_deg: Vec<f64>,
-    /// Sample azimuths φs of the plan, degrees.
-    pub phi_s_deg: Vec<f64>,
+    /// Poses θc, φs of the sample in the plan, degrees, ascending.
+    pub poses_deg: Vec<[f64; 2]>,
     /// Exposure times of the plan, s.
     pub exposures_s: Vec<f64>,
     /// The white reference, if the scan has one.
@@ -127,7 +125,7 @@ fn recorded(all: &[&Circumstances], line: &str) -> (bool, String) {
             .is_some_and(|(first, rest)| rest.iter().all(|other| key(first, other)))
     };
     let part = same(|a, b| a.sample_id == b.sample_id);
-    let poses = same(|a, b| a.theta_c_deg == b.theta_c_deg && a.phi_s_deg == b.phi_s_deg);
+    let poses = same(|a, b| a.poses_deg == b.poses_deg);
     let exposures = same(|a, b| a.exposures_s == b.exposures_s);
     let rig = same(|a, b| a.rig_id.is_some() && a.rig_id == b.rig_id);
     let variant = same(|a, b| a.variant == b.variant);
@@ -231,8 +229,7 @@ pub(crate) mod tests {
             sample_id: 1,
             variant: VariantName::Sawtooth,
             rig_id: Some(3),
-            theta_c_deg: vec![-10.0, 0.0, 10.0],
-            phi_s_deg: vec![0.0, 90.0],
+            poses_deg: vec![[-10.0, 0.0], [-10.0, 90.0], [0.0, 0.0]],
             exposures_s: vec![0.01],
             white_reference: Some(WhiteReferenceOf {
                 reflectance: Some(0.99),
@@ -258,7 +255,7 @@ pub(crate) mod tests {
         b.sample_id = 2;
         assert_eq!(shared(&a, &b), ["reference", "angles"]);
         b = circumstances();
-        b.phi_s_deg.push(180.0);
+        b.poses_deg.push([0.0, 90.0]);
         assert_eq!(shared(&a, &b), ["reference", "material"]);
         b = circumstances();
         b.rig_id = None;

@@ -1,12 +1,13 @@
 //! A stored scan as a series: the input of a reduction and of an export.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{Lab, LabError};
 use crate::frame::{Frame, FrameKind};
 use crate::reduction::{FrameReadError, FrameSource, ReductionCache, calibration_keys};
-use crate::scan::plan::{DarkPlan, FlatPlan};
+use crate::scan::plan::{DarkPlan, FlatPlan, PlanPose};
 use crate::scan::{Plan, ScanState};
 use crate::series::{FrameRow, Manifest};
 use crate::store::frames::FrameRecord;
@@ -158,9 +159,12 @@ pub(super) fn plan_of_rows(rows: &[FrameRow]) -> Plan {
         all.dedup();
         all
     };
+    let theta_c_deg = values(FrameKind::Sample, &|f| f.theta_c_deg);
+    let phi_s_deg = values(FrameKind::Sample, &|f| f.phi_s_deg);
     Plan {
-        theta_c_deg: values(FrameKind::Sample, &|f| f.theta_c_deg),
-        phi_s_deg: values(FrameKind::Sample, &|f| f.phi_s_deg),
+        poses: poses_beside_a_grid(rows, &theta_c_deg, &phi_s_deg),
+        theta_c_deg,
+        phi_s_deg,
         exposures_s: exposures(FrameKind::Sample),
         repeats: repeats(FrameKind::Sample),
         dark: DarkPlan {
@@ -173,6 +177,39 @@ pub(super) fn plan_of_rows(rows: &[FrameRow]) -> Plan {
         },
         reuse_calibrations: false,
         reference_every: 0,
+    }
+}
+
+/// Returns the poses of the sample in the order of its rows; none if each tilt was visited at each azimuth.
+fn poses_beside_a_grid(
+    rows: &[FrameRow],
+    tilts_deg: &[f64],
+    azimuths_deg: &[f64],
+) -> Vec<PlanPose> {
+    // Recorded positions of the same pose differ slightly: each is the list's value that is nearest.
+    let nearest = |values: &[f64], of: f64| {
+        let after = values.partition_point(|value| *value < of);
+        let before = after.saturating_sub(1);
+        match values.get(after) {
+            Some(next) if (next - of).abs() < (values[before] - of).abs() => after,
+            _ => before,
+        }
+    };
+    let mut seen = HashSet::new();
+    let mut poses = Vec::new();
+    for row in rows.iter().filter(|row| row.kind == FrameKind::Sample) {
+        let tilt = nearest(tilts_deg, row.theta_c_deg);
+        let azimuth = nearest(azimuths_deg, row.phi_s_deg);
+        if seen.insert((tilt, azimuth)) {
+            poses.push(PlanPose {
+                theta_c_deg: tilts_deg[tilt],
+                phi_s_deg: azimuths_deg[azimuth],
+            });
+        }
+    }
+    match poses.len() == tilts_deg.len() * azimuths_deg.len() {
+        true => Vec::new(),
+        false => poses,
     }
 }
 

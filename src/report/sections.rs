@@ -87,6 +87,13 @@ pub(super) fn measurement(page: &mut Markup, report: &MeasurementReport) {
     let plan = &report.plan;
     page.entry("Tilts θc / °", |p| p.list(&plan.theta_c_deg, LIST_MAX));
     page.entry("Azimuths φs / °", |p| p.list(&plan.phi_s_deg, LIST_MAX));
+    page.entry("Poses", |p| {
+        let of = match plan.poses.is_empty() {
+            true => ", each tilt at each azimuth",
+            false => ", stated one by one",
+        };
+        p.text(&format!("{}{of}", plan.n_poses()))
+    });
     page.entry("Exposures / s", |p| p.list(&plan.exposures_s, LIST_MAX));
     page.entry("Frames per pose and exposure", |p| {
         p.text(&plan.repeats.to_string())

@@ -1,8 +1,10 @@
 //! What can be wrong with a plan, all of it at once.
 
+use std::collections::HashMap;
+
 use serde::{Deserialize, Serialize};
 
-use super::{EXPOSURE_S_MAX, EXPOSURE_S_MIN, FRAMES_MAX, LIST_LENGTH_MAX, Plan};
+use super::{EXPOSURE_S_MAX, EXPOSURE_S_MIN, FRAMES_MAX, LIST_LENGTH_MAX, Plan, PlanPose};
 use crate::units::Angle;
 use crate::wording::stated;
 
@@ -95,29 +97,9 @@ impl Plan {
     /// [`PlanError`] with one entry per problem.
     pub fn check(&self, limits: &TravelLimits) -> Result<(), PlanError> {
         let mut problems = Vec::new();
-        // Without a sample only what is stated has to make sense.
-        for (field, values) in [
-            ("plan.theta_c_deg", &self.theta_c_deg),
-            ("plan.phi_s_deg", &self.phi_s_deg),
-        ] {
-            if self.repeats > 0 || !values.is_empty() {
-                check_list(field, values, &mut problems);
-            }
-        }
-        check_tilts("plan.theta_c_deg", &self.theta_c_deg, limits, &mut problems);
-        for (i, deg) in self.phi_s_deg.iter().enumerate() {
-            if deg.is_finite() && limits.reachable_phi_s(Angle::from_deg(*deg)).is_none() {
-                let (lower, upper) = limits.phi_s;
-                let problem = PlanProblem::new(
-                    format!("plan.phi_s_deg[{i}]"),
-                    format!(
-                        "{}° is outside the travel of phi_s, {lower:.3} to {upper:.3}, on every turn",
-                        stated(*deg)
-                    ),
-                );
-                let range = (lower.deg_for_tables(), upper.deg_for_tables());
-                problems.push(problem.out_of_range(*deg, range));
-            }
+        match self.poses.is_empty() {
+            true => self.check_grid(limits, &mut problems),
+            false => check_poses(&self.poses, limits, &mut problems),
         }
         check_exposures("plan.exposures_s", &self.exposures_s, &mut problems);
         if self.repeats == 0 && self.dark.repeats == 0 && self.flat.repeats == 0 {
@@ -150,6 +132,22 @@ impl Plan {
             ));
         }
         none_of(problems)
+    }
+
+    fn check_grid(&self, limits: &TravelLimits, problems: &mut Vec<PlanProblem>) {
+        // Without a sample only what is stated has to make sense.
+        for (field, values) in [
+            ("plan.theta_c_deg", &self.theta_c_deg),
+            ("plan.phi_s_deg", &self.phi_s_deg),
+        ] {
+            if self.repeats > 0 || !values.is_empty() {
+                check_list(field, values, problems);
+            }
+        }
+        check_tilts("plan.theta_c_deg", &self.theta_c_deg, limits, problems);
+        for (i, deg) in self.phi_s_deg.iter().enumerate() {
+            check_azimuth(|| format!("plan.phi_s_deg[{i}]"), *deg, limits, problems);
+        }
     }
 
     /// Lists the points that have more frames than memory should hold: a point counts as a whole, and until its last
@@ -237,6 +235,41 @@ fn check_list(field: &str, values: &[f64], problems: &mut Vec<PlanProblem>) {
     }
 }
 
+/// Checks poses that are stated one by one.
+fn check_poses(poses: &[PlanPose], limits: &TravelLimits, problems: &mut Vec<PlanProblem>) {
+    if poses.len() > LIST_LENGTH_MAX {
+        problems.push(PlanProblem::new(
+            "plan.poses",
+            format!(
+                "has {} poses; at most {LIST_LENGTH_MAX} are allowed",
+                poses.len()
+            ),
+        ));
+        return;
+    }
+    let mut first_at = HashMap::new();
+    for (i, pose) in poses.iter().enumerate() {
+        let field = |axis: &str| format!("plan.poses[{i}].{axis}_deg");
+        for (axis, deg) in [("theta_c", pose.theta_c_deg), ("phi_s", pose.phi_s_deg)] {
+            if !deg.is_finite() {
+                let problem = format!("{deg} is not a finite number");
+                problems.push(PlanProblem::new(field(axis), problem));
+            }
+        }
+        check_tilt(|| field("theta_c"), pose.theta_c_deg, limits, problems);
+        check_azimuth(|| field("phi_s"), pose.phi_s_deg, limits, problems);
+        let angles_deg = [pose.theta_c_deg, pose.phi_s_deg];
+        if !angles_deg.into_iter().all(f64::is_finite) {
+            continue;
+        }
+        let place = angles_deg.map(|deg| (deg / SAME_ANGLE_DEG).round() as i64);
+        if let Some(first) = first_at.insert(place, i) {
+            let problem = format!("is the same as plan.poses[{first}]; use repeats instead");
+            problems.push(PlanProblem::new(format!("plan.poses[{i}]"), problem));
+        }
+    }
+}
+
 fn check_tilts(
     field: &str,
     values: &[f64],
@@ -244,18 +277,41 @@ fn check_tilts(
     problems: &mut Vec<PlanProblem>,
 ) {
     for (i, deg) in values.iter().enumerate().take(LIST_LENGTH_MAX) {
-        if deg.is_finite() && !within(Angle::from_deg(*deg), limits.theta_c) {
-            let (lower, upper) = limits.theta_c;
-            let problem = PlanProblem::new(
-                format!("{field}[{i}]"),
-                format!(
-                    "{}° is outside the travel of theta_c, {lower:.3} to {upper:.3}",
-                    stated(*deg)
-                ),
-            );
-            let range = (lower.deg_for_tables(), upper.deg_for_tables());
-            problems.push(problem.out_of_range(*deg, range));
-        }
+        check_tilt(|| format!("{field}[{i}]"), *deg, limits, problems);
+    }
+}
+
+fn check_tilt(
+    field: impl Fn() -> String,
+    deg: f64,
+    limits: &TravelLimits,
+    problems: &mut Vec<PlanProblem>,
+) {
+    if deg.is_finite() && !within(Angle::from_deg(deg), limits.theta_c) {
+        let (lower, upper) = limits.theta_c;
+        let problem = format!(
+            "{}° is outside the travel of theta_c, {lower:.3} to {upper:.3}",
+            stated(deg)
+        );
+        let range = (lower.deg_for_tables(), upper.deg_for_tables());
+        problems.push(PlanProblem::new(field(), problem).out_of_range(deg, range));
+    }
+}
+
+fn check_azimuth(
+    field: impl Fn() -> String,
+    deg: f64,
+    limits: &TravelLimits,
+    problems: &mut Vec<PlanProblem>,
+) {
+    if deg.is_finite() && limits.reachable_phi_s(Angle::from_deg(deg)).is_none() {
+        let (lower, upper) = limits.phi_s;
+        let problem = format!(
+            "{}° is outside the travel of phi_s, {lower:.3} to {upper:.3}, on every turn",
+            stated(deg)
+        );
+        let range = (lower.deg_for_tables(), upper.deg_for_tables());
+        problems.push(PlanProblem::new(field(), problem).out_of_range(deg, range));
     }
 }
 

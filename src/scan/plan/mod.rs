@@ -112,6 +112,16 @@ impl Preset {
     }
 }
 
+/// A pose that a plan states.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlanPose {
+    /// Camera tilt θc, degrees.
+    pub theta_c_deg: f64,
+    /// Sample azimuth φs, degrees.
+    pub phi_s_deg: f64,
+}
+
 /// Dark frames of a request.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -143,6 +153,9 @@ pub struct PlanRequest {
     pub theta_c_deg: Option<Values>,
     /// Sample azimuths φs, degrees.
     pub phi_s_deg: Option<Values>,
+    /// Poses of the sample one by one, visited in this order, instead of tilts and azimuths.
+    #[schema(min_items = 1, max_items = 10_000)]
+    pub poses: Option<Vec<PlanPose>>,
     /// Exposure times of the sample, s; the rig's if omitted.
     pub exposures_s: Option<Vec<f64>>,
     /// Frames per pose and exposure; 1 if omitted. 0 takes new dark and white-reference frames only, for later scans.
@@ -177,10 +190,13 @@ pub struct PlanDefaults {
 /// A whole plan, nothing left open.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Plan {
-    /// Camera tilts.
+    /// Camera tilts, degrees; where the plan states poses, each tilt among them once.
     pub theta_c_deg: Vec<f64>,
-    /// Sample azimuths.
+    /// Sample azimuths, degrees; where the plan states poses, each azimuth among them once.
     pub phi_s_deg: Vec<f64>,
+    /// Poses of the sample in the order of the visits; empty where each tilt is visited at each azimuth.
+    #[serde(default)]
+    pub poses: Vec<PlanPose>,
     /// Exposures of the sample.
     pub exposures_s: Vec<f64>,
     /// Frames per pose and exposure; 0 for none of the sample.
@@ -243,6 +259,27 @@ impl PlanRequest {
         let flat_repeats = self.flat.repeats.unwrap_or(defaults.flat_repeats);
         let of_the_sample = repeats > 0;
         let of_tilts = of_the_sample || (flat_repeats > 0 && self.flat.theta_c_deg.is_none());
+        let (preset_theta, preset_phi) = match &self.poses {
+            Some(poses) => {
+                if self.preset.is_some() || self.theta_c_deg.is_some() || self.phi_s_deg.is_some() {
+                    problems.push(PlanProblem::new(
+                        "plan.poses",
+                        "replace preset, theta_c_deg and phi_s_deg: leave these out, or the poses",
+                    ));
+                }
+                if poses.is_empty() {
+                    problems.push(PlanProblem::new(
+                        "plan.poses",
+                        "is empty; give at least one pose",
+                    ));
+                }
+                (
+                    Some(each_once(poses, |pose| pose.theta_c_deg)),
+                    Some(each_once(poses, |pose| pose.phi_s_deg)),
+                )
+            }
+            None => preset.unzip(),
+        };
         let mut angles = |given: &Option<Values>,
                           preset: Option<Vec<f64>>,
                           needed: bool,
@@ -253,12 +290,11 @@ impl PlanRequest {
             (None, None) => {
                 problems.push(PlanProblem::new(
                     field,
-                    "missing: give a list, a grid {from, to, step}, or a preset (paper, full)",
+                    "missing: give a list, a grid {from, to, step}, a preset (paper, full), or poses",
                 ));
                 Vec::new()
             }
         };
-        let (preset_theta, preset_phi) = preset.unzip();
         let theta_c_deg = angles(
             &self.theta_c_deg,
             preset_theta,
@@ -284,6 +320,7 @@ impl PlanRequest {
         Ok(Plan {
             theta_c_deg,
             phi_s_deg,
+            poses: self.poses.clone().unwrap_or_default(),
             exposures_s: self
                 .exposures_s
                 .clone()
@@ -326,13 +363,36 @@ impl Plan {
         self.repeats == 0
     }
 
+    /// Poses θc, φs of the sample, degrees, ascending.
+    #[must_use]
+    pub fn sample_poses_deg(&self) -> Vec<[f64; 2]> {
+        let stated = self.poses.iter();
+        let mut poses: Vec<[f64; 2]> = stated
+            .map(|pose| [pose.theta_c_deg, pose.phi_s_deg])
+            .collect();
+        if poses.is_empty() {
+            let at = |theta_c| self.phi_s_deg.iter().map(move |phi_s| [theta_c, *phi_s]);
+            poses = self.theta_c_deg.iter().copied().flat_map(at).collect();
+        }
+        poses.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+        poses
+    }
+
+    /// Number of poses of the sample.
+    #[must_use]
+    pub fn n_poses(&self) -> u64 {
+        match self.poses.len() as u64 {
+            0 => (self.theta_c_deg.len() as u64).saturating_mul(self.phi_s_deg.len() as u64),
+            stated => stated,
+        }
+    }
+
     /// Frames of the whole plan, all calibrations included.
     #[must_use]
     pub fn n_frames(&self) -> u64 {
-        let product = |factors: [u64; 4]| factors.into_iter().fold(1u64, u64::saturating_mul);
+        let product = |factors: [u64; 3]| factors.into_iter().fold(1u64, u64::saturating_mul);
         let sample = product([
-            self.theta_c_deg.len() as u64,
-            self.phi_s_deg.len() as u64,
+            self.n_poses(),
             self.exposures_s.len() as u64,
             u64::from(self.repeats),
         ]);
@@ -340,16 +400,22 @@ impl Plan {
             self.flat.theta_c_deg.len() as u64,
             self.flat.exposures_s.len() as u64,
             u64::from(self.flat.repeats),
-            1,
         ]);
         let dark = product([
             self.all_exposures_s().len() as u64,
             u64::from(self.dark.repeats),
             1,
-            1,
         ]);
         sample.saturating_add(flat).saturating_add(dark)
     }
+}
+
+/// An angle of the poses, each value once, ascending.
+fn each_once(poses: &[PlanPose], angle_deg: impl Fn(&PlanPose) -> f64) -> Vec<f64> {
+    let mut all: Vec<f64> = poses.iter().map(angle_deg).collect();
+    all.sort_by(f64::total_cmp);
+    all.dedup();
+    all
 }
 
 #[cfg(test)]
@@ -412,7 +478,7 @@ mod tests {
                 .map(|(key, _)| key.clone())
                 .collect()
         };
-        assert_eq!(open(&stated), ["preset"]);
+        assert_eq!(open(&stated), ["poses", "preset"]);
         assert!(open(&stated["dark"]).is_empty() && open(&stated["flat"]).is_empty());
         let plan = request.resolve(&defaults()).unwrap();
         plan.check(&limits()).unwrap();
@@ -510,6 +576,79 @@ mod tests {
         let here = index(Pose::from_deg(-20.0, 0.0));
         assert_eq!(here, index(Pose::from_deg(20.0, 180.0)));
         assert!(here.windows(2).all(|w| w[0].0 < w[1].0));
+    }
+
+    #[test]
+    fn stated_poses_are_visited_in_their_order() {
+        let text = "poses = [\n  { theta_c_deg = 10, phi_s_deg = 355 },\n  { theta_c_deg = -20, phi_s_deg = 0 },\n  \
+                    { theta_c_deg = 10, phi_s_deg = 90 },\n]";
+        let plan = PlanRequest::from_toml(text).unwrap();
+        let plan = plan.resolve(&defaults()).unwrap();
+        plan.check(&limits()).unwrap();
+        assert_eq!(plan.theta_c_deg, [-20.0, 10.0]);
+        assert_eq!(plan.phi_s_deg, [0.0, 90.0, 355.0]);
+        // The white reference is taken at each tilt once.
+        assert_eq!(plan.n_frames(), 3 * 3 + 2 * 2 + 3 * 4);
+        let steps = plan.steps(&limits(), Pose::from_deg(0.0, 0.0), &move_time);
+        let total = estimate(&steps, Pose::from_deg(0.0, 0.0), &move_time, 1);
+        assert_eq!(u64::from(total.n_frames), plan.n_frames());
+        let rounded = |angle: Angle| (angle.deg() * 1e6).round() / 1e6;
+        let sample: Vec<(u32, [f64; 3])> = shots(&steps)
+            .into_iter()
+            .filter(|shot| shot.kind == FrameKind::Sample)
+            .map(|shot| {
+                let (pose, target) = (shot.pose.unwrap(), shot.target.unwrap());
+                let angles = [pose.theta_c, pose.phi_s, target.phi_s];
+                (shot.index, angles.map(rounded))
+            })
+            .collect();
+        assert_eq!(
+            sample,
+            [
+                (3, [10.0, 355.0, -5.0]),
+                (4, [-20.0, 0.0, 0.0]),
+                (5, [10.0, 90.0, 90.0]),
+            ]
+        );
+        let kept: Plan = serde_json::from_value(serde_json::to_value(&plan).unwrap()).unwrap();
+        assert_eq!(kept, plan);
+    }
+
+    #[test]
+    fn what_is_wrong_with_stated_poses_is_named_by_their_place() {
+        let problems_of = |text: &str| {
+            let request = PlanRequest::from_toml(text).unwrap();
+            let checked = request
+                .resolve(&defaults())
+                .and_then(|plan| plan.check(&limits()));
+            checked.unwrap_err().problems
+        };
+        let fields = |text: &str| -> Vec<String> {
+            problems_of(text)
+                .into_iter()
+                .map(|problem| problem.field)
+                .collect()
+        };
+        assert_eq!(fields("poses = []"), ["plan.poses"]);
+        assert_eq!(
+            fields(
+                "poses = [{ theta_c_deg = 75, phi_s_deg = 0 }, { theta_c_deg = nan, phi_s_deg = 0 }, { theta_c_deg = 0, \
+                 phi_s_deg = inf }, { theta_c_deg = 5, phi_s_deg = 1 }, { theta_c_deg = 5, phi_s_deg = 1 }]"
+            ),
+            [
+                "plan.poses[0].theta_c_deg",
+                "plan.poses[1].theta_c_deg",
+                "plan.poses[2].phi_s_deg",
+                "plan.poses[4]",
+            ]
+        );
+        let beyond = problems_of("poses = [{ theta_c_deg = 75, phi_s_deg = 347 }]");
+        assert_eq!(beyond[0].out_of_range, Some([75.0, -60.0, 60.0]));
+        assert_eq!(beyond[1].field, "plan.poses[0].phi_s_deg");
+        assert_eq!(
+            fields("preset = \"paper\"\nposes = [{ theta_c_deg = 5, phi_s_deg = 1 }]"),
+            ["plan.poses"]
+        );
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::{Plan, TravelLimits};
+use super::{Plan, PlanPose, TravelLimits};
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::scan::event::OperatorAction;
@@ -77,7 +77,7 @@ impl Plan {
     /// The steps in order: dark frames, white reference, sample; `start` is where the stages stand.
     /// The plan must have passed [`Plan::check`].
     ///
-    /// Of the orders tried (either axis outside, there and back or always the same way) the one
+    /// Poses that the plan states one by one keep their order. Of the orders tried (either axis outside, there and back or always the same way) the one
     /// that `move_time` finds quickest is taken, so a stage's speeds and backlash decide. The index
     /// of a shot does not depend on the order, so that a resumed scan knows what it has.
     #[must_use]
@@ -121,7 +121,11 @@ impl Plan {
         }
         steps.push(Step::Operator(OperatorAction::PlaceSample));
         let first = 1 + self.flat.theta_c_deg.len() as u32;
-        for visit in quickest_order(&self.theta_c_deg, &self.phi_s_deg, limits, at, move_time) {
+        let visits = match self.poses.is_empty() {
+            true => quickest_order(&self.theta_c_deg, &self.phi_s_deg, limits, at, move_time),
+            false => in_the_stated_order(&self.poses, limits),
+        };
+        for visit in visits {
             steps.push(Step::Shot(Shot {
                 index: first + visit.place,
                 kind: FrameKind::Sample,
@@ -168,12 +172,34 @@ pub fn estimate(
 /// A pose to visit.
 #[derive(Clone, Copy)]
 struct Visit {
-    /// Place in the lists: tilt × number of azimuths + azimuth.
+    /// Place in the lists: tilt × number of azimuths + azimuth; or in the list of poses.
     place: u32,
     /// As the plan states it.
     pose: Pose,
     /// Where the stages go for it.
     target: Pose,
+}
+
+/// The poses that a plan states, in its order.
+fn in_the_stated_order(poses: &[PlanPose], limits: &TravelLimits) -> Vec<Visit> {
+    let visit = |(place, pose): (u32, &PlanPose)| Visit {
+        place,
+        pose: Pose::from_deg(pose.theta_c_deg, pose.phi_s_deg),
+        target: Pose::from_deg(
+            pose.theta_c_deg,
+            reachable_phi_s_deg(pose.phi_s_deg, limits),
+        ),
+    };
+    (0..).zip(poses).map(visit).collect()
+}
+
+/// φs where the stage goes for it: as stated, or by another turn.
+fn reachable_phi_s_deg(phi_s_deg: f64, limits: &TravelLimits) -> f64 {
+    let asked = Angle::from_deg(phi_s_deg);
+    match limits.reachable_phi_s(asked) {
+        Some(angle) if angle != asked => angle.deg(),
+        _ => phi_s_deg,
+    }
 }
 
 /// All pairs of the two lists, ordered.
@@ -189,14 +215,7 @@ fn quickest_order(
     // Sorted by where the stage goes, so that a turn taken the other way does not cross the travel.
     let mut phis: Vec<(u32, f64, f64)> = (0..)
         .zip(phi_s_deg.iter().copied())
-        .map(|(place, deg)| {
-            let asked = Angle::from_deg(deg);
-            let target = match limits.reachable_phi_s(asked) {
-                Some(angle) if angle != asked => angle.deg(),
-                _ => deg,
-            };
-            (place, deg, target)
-        })
+        .map(|(place, deg)| (place, deg, reachable_phi_s_deg(deg, limits)))
         .collect();
     phis.sort_by(|a, b| a.2.total_cmp(&b.2));
     let visit = |theta: (u32, f64), phi: (u32, f64, f64)| Visit {

@@ -21,6 +21,7 @@ const NAMES: Readonly<Record<string, string>> = {
   'plan.preset': 'grid',
   'plan.theta_c_deg': 'camera tilts, °',
   'plan.phi_s_deg': 'sample azimuths, °',
+  'plan.poses': 'poses one by one',
   'plan.exposures_s': 'exposures, s',
   'plan.repeats': 'repeats',
   'plan.dark.repeats': 'dark frames per exposure',

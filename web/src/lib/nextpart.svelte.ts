@@ -63,7 +63,7 @@ class NextPart {
     this.specification = scan.specification?.name ?? '';
     this.lot = scan.lot ?? '';
     this.externalId = scan.external_id ?? '';
-    if (this.recipe === OWN_GRID) this.grid = gridOf({ theta_c_deg: scan.plan.theta_c_deg, phi_s_deg: scan.plan.phi_s_deg, exposures_s: scan.plan.exposures_s, repeats: Math.max(1, scan.plan.repeats) });
+    if (this.recipe === OWN_GRID) this.grid = gridOf({ ...scan.plan, repeats: Math.max(1, scan.plan.repeats) });
   }
 }
 

@@ -7,6 +7,7 @@ import { typed } from './limits';
 
 /** A plan as a request states it. */
 export type PlanRequest = Recipe['plan'];
+export type PlanPose = NonNullable<PlanRequest['poses']>[number];
 
 export const REPEATS_MAX = 100;
 
@@ -18,12 +19,14 @@ export const PRESETS = {
 
 /** Poses and exposures as typed. */
 export interface GridDraft {
-  grid: keyof typeof PRESETS | 'custom';
+  grid: keyof typeof PRESETS | 'custom' | 'poses';
   tilts: string;
   azimuths: string;
   /** Milliseconds; empty for the exposures of the rig. */
   exposures: string;
   repeats: string;
+  /** Poses that a recipe, a scan or a script states one by one. */
+  poses?: readonly PlanPose[];
 }
 
 export const newGrid = (): GridDraft => ({ grid: 'paper', tilts: '-20:5:20', azimuths: '0:30:330', exposures: '', repeats: '1' });
@@ -64,10 +67,15 @@ export function readGrid(draft: GridDraft): GridReading {
     readings,
     plan: {
       repeats,
-      ...(draft.grid === 'custom' ? { theta_c_deg: tilts, phi_s_deg: azimuths } : { preset: draft.grid }),
+      ...visitsOf(draft, tilts, azimuths),
       ...(exposures.length > 0 ? { exposures_s: exposures.map((ms) => ms / 1000) } : {}),
     },
   };
+}
+
+function visitsOf(draft: GridDraft, tilts: readonly number[], azimuths: readonly number[]): Pick<PlanRequest, 'preset' | 'theta_c_deg' | 'phi_s_deg' | 'poses'> {
+  if (draft.grid === 'custom') return { theta_c_deg: tilts, phi_s_deg: azimuths };
+  return draft.grid === 'poses' ? { poses: draft.poses ?? [] } : { preset: draft.grid };
 }
 
 type Values = NonNullable<PlanRequest['theta_c_deg']>;
@@ -80,13 +88,20 @@ export function valuesOf(values: Values | null | undefined): readonly number[] {
   return Array.from({ length: Math.floor((to - from) / step + 1e-9) + 1 }, (_, i) => Number((from + i * step).toPrecision(12)));
 }
 
-/** The tilts and azimuths of a plan, degrees. It may take those of a preset and state its own others. */
-export function posesOf(plan: PlanRequest): { readonly tilts: readonly number[]; readonly azimuths: readonly number[] } {
+/** The tilts and azimuths of a plan's grid, degrees. It may take those of a preset and state its own others. */
+export function gridListsOf(plan: PlanRequest): { readonly tilts: readonly number[]; readonly azimuths: readonly number[] } {
   const preset = PRESETS[plan.preset ?? 'full'];
   return {
     tilts: plan.theta_c_deg == null ? preset.tilts : valuesOf(plan.theta_c_deg),
     azimuths: plan.phi_s_deg == null ? preset.azimuths : valuesOf(plan.phi_s_deg),
   };
+}
+
+/** The poses of a plan, one by one. */
+export function posesOf(plan: PlanRequest): readonly PlanPose[] {
+  if (plan.poses != null && plan.poses.length > 0) return plan.poses;
+  const { tilts, azimuths } = gridListsOf(plan);
+  return tilts.flatMap((theta_c_deg) => azimuths.map((phi_s_deg) => ({ theta_c_deg, phi_s_deg })));
 }
 
 /** Seconds as milliseconds in the form of the fields. */
@@ -95,11 +110,13 @@ export const exposuresText = (seconds: readonly number[] | null | undefined): st
 /** The fields that make a plan. */
 export function gridOf(plan: PlanRequest): GridDraft {
   const { preset } = plan;
+  const poses = plan.poses ?? [];
   const named = preset != null && plan.theta_c_deg == null && plan.phi_s_deg == null;
   const fresh = newGrid();
-  const { tilts, azimuths } = posesOf(plan);
+  const { tilts, azimuths } = gridListsOf(plan);
   return {
-    grid: named ? preset : 'custom',
+    grid: poses.length > 0 ? 'poses' : named ? preset : 'custom',
+    ...(poses.length > 0 ? { poses } : {}),
     tilts: named ? fresh.tilts : printList(tilts),
     azimuths: named ? fresh.azimuths : printList(azimuths),
     exposures: exposuresText(plan.exposures_s),
@@ -107,12 +124,17 @@ export function gridOf(plan: PlanRequest): GridDraft {
   };
 }
 
+/** Poses in words: `5 tilts × 3 azimuths`, or `9 poses` where they are stated one by one. */
+export function posesWords(tilts: number, azimuths: number, poses: readonly PlanPose[]): string {
+  return poses.length > 0 ? counted(poses.length, 'pose') : `${counted(tilts, 'tilt')} × ${counted(azimuths, 'azimuth')}`;
+}
+
 /** Poses and exposures in one line: `5 tilts × 3 azimuths × 3 exposures, 2 frames of each`. */
 export function planWords(plan: PlanRequest, rigExposures: number): string {
-  const { tilts, azimuths } = posesOf(plan);
+  const { tilts, azimuths } = gridListsOf(plan);
   const exposures = plan.exposures_s?.length ?? rigExposures;
   const repeats = plan.repeats ?? 1;
-  return `${counted(tilts.length, 'tilt')} × ${counted(azimuths.length, 'azimuth')}${exposures > 0 ? ` × ${counted(exposures, 'exposure')}` : ''}${repeats > 1 ? `, ${repeats} frames of each` : ''}`;
+  return `${posesWords(tilts.length, azimuths.length, plan.poses ?? [])}${exposures > 0 ? ` × ${counted(exposures, 'exposure')}` : ''}${repeats > 1 ? `, ${repeats} frames of each` : ''}`;
 }
 
 /** What a recipe does, in one line. */

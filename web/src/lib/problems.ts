@@ -41,6 +41,9 @@ const EXPOSURE: FieldWords = { name: 'Exposure', unit: ' ms', factor: 1000 };
 const FIELDS: Readonly<Record<string, FieldWords>> = {
   'plan.theta_c_deg': TILT,
   'plan.phi_s_deg': { name: 'Sample azimuth', unit: '°' },
+  'plan.poses': { name: 'Poses' },
+  'plan.poses.theta_c_deg': TILT,
+  'plan.poses.phi_s_deg': { name: 'Sample azimuth', unit: '°' },
   'plan.exposures_s': EXPOSURE,
   'plan.repeats': { name: 'Repeats' },
   'plan.dark.repeats': { name: 'Dark frames, repeats' },

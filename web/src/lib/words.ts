@@ -173,7 +173,8 @@ export function sampleFrames(scan: Scan): number {
   const { plan, progress } = scan;
   if (!progress) return scan.origin === 'import' ? 1 : 0;
   if (scan.origin === 'import' || progress.phase === 'done') return progress.frames_done;
-  const planned = plan.theta_c_deg.length * plan.phi_s_deg.length * plan.exposures_s.length * plan.repeats;
+  const poses = plan.poses.length || plan.theta_c_deg.length * plan.phi_s_deg.length;
+  const planned = poses * plan.exposures_s.length * plan.repeats;
   return Math.max(0, progress.frames_done - (progress.frames_total - planned));
 }
 

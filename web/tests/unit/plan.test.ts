@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { gridOf, newGrid, planWords, posesOf, readGrid, recipeWords, valuesOf, type GridDraft, type PlanRequest } from '../../src/lib/plan';
+import { gridListsOf, gridOf, newGrid, planWords, posesOf, readGrid, recipeWords, valuesOf, type GridDraft, type PlanRequest } from '../../src/lib/plan';
 
 const draft = (change: Partial<GridDraft>): GridDraft => ({ ...newGrid(), ...change });
 
@@ -27,6 +27,7 @@ describe('a plan', () => {
     const plans: PlanRequest[] = [
       { preset: 'full', repeats: 3, exposures_s: [0.0025] },
       { theta_c_deg: [-20, 0, 5], phi_s_deg: [0, 90, 180], repeats: 1 },
+      { poses: [{ theta_c_deg: 5, phi_s_deg: 10 }, { theta_c_deg: 0, phi_s_deg: 20 }], repeats: 2 },
     ];
     for (const plan of plans) expect(readGrid(gridOf(plan)).plan).toEqual(plan);
     // A range, and a preset whose azimuths are stated, become lists.
@@ -37,13 +38,17 @@ describe('a plan', () => {
   it('is one line', () => {
     expect(planWords({ preset: 'full' }, 3)).toBe('9 tilts × 12 azimuths × 3 exposures');
     expect(planWords({ theta_c_deg: { from: -20, to: 21, step: 10 }, phi_s_deg: [0], exposures_s: [0.1], repeats: 2 }, 3)).toBe('5 tilts × 1 azimuth × 1 exposure, 2 frames of each');
+    expect(planWords({ poses: [{ theta_c_deg: 5, phi_s_deg: 10 }, { theta_c_deg: 0, phi_s_deg: 20 }] }, 3)).toBe('2 poses × 3 exposures');
     expect(recipeWords({ name: 'x', plan: { preset: 'paper' }, target_expanded_deg: 0.05 }, 0)).toBe('5 tilts × 3 azimuths · target U(θr) ≤ 0.05°');
   });
 
   it('has the poses of its preset, or its own', () => {
-    expect(posesOf({ preset: 'paper', phi_s_deg: { from: 0, to: 90, step: 45 } })).toEqual({ tilts: [-20, -10, 0, 10, 20], azimuths: [0, 45, 90] });
-    expect(posesOf({ preset: 'full' }).azimuths).toHaveLength(12);
-    expect(posesOf({ theta_c_deg: [5], phi_s_deg: [0] })).toEqual({ tilts: [5], azimuths: [0] });
+    expect(gridListsOf({ preset: 'paper', phi_s_deg: { from: 0, to: 90, step: 45 } })).toEqual({ tilts: [-20, -10, 0, 10, 20], azimuths: [0, 45, 90] });
+    expect(gridListsOf({ preset: 'full' }).azimuths).toHaveLength(12);
+    expect(gridListsOf({ theta_c_deg: [5], phi_s_deg: [0] })).toEqual({ tilts: [5], azimuths: [0] });
+    expect(posesOf({ theta_c_deg: [5, 6], phi_s_deg: [0] })).toEqual([{ theta_c_deg: 5, phi_s_deg: 0 }, { theta_c_deg: 6, phi_s_deg: 0 }]);
+    const poses = [{ theta_c_deg: 1, phi_s_deg: 2 }];
+    expect(posesOf({ poses })).toBe(poses);
   });
 
   it('has the values of a range without the errors of a running sum', () => {

@@ -54,7 +54,7 @@ describe('warningWords', () => {
 
 describe('sampleFrames', () => {
   const scan = (progress: Partial<Scan['progress']>): Scan =>
-    ({ origin: 'rig', plan: { theta_c_deg: [0, 1], phi_s_deg: [0, 90], exposures_s: [0.02], repeats: 2 }, progress: { phase: 'flat', frames_done: 0, frames_total: 12, ...progress } }) as unknown as Scan;
+    ({ origin: 'rig', plan: { theta_c_deg: [0, 1], phi_s_deg: [0, 90], poses: [], exposures_s: [0.02], repeats: 2 }, progress: { phase: 'flat', frames_done: 0, frames_total: 12, ...progress } }) as unknown as Scan;
   it('counts no calibration frames', () => {
     expect([0, 4, 5, 12].map((frames_done) => sampleFrames(scan({ frames_done })))).toEqual([0, 0, 1, 8]);
   });
