@@ -37,7 +37,7 @@ pub enum AccuracyEffort {
 }
 
 /// One measurement.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct AccuracyPoint {
     /// Scene.
     pub scene: String,
@@ -54,7 +54,7 @@ pub struct AccuracyPoint {
 }
 
 /// A forecast with the time that the work took.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct ForecastOutcome {
     /// Scene.
     pub scene: String,
@@ -74,7 +74,7 @@ impl ForecastOutcome {
 }
 
 /// Convergence of the last steps of a solver, predicted and measured.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct ConvergenceRate {
     /// Scene.
     pub scene: String,
@@ -87,7 +87,7 @@ pub struct ConvergenceRate {
 }
 
 /// All measurements.
-#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, utoipa::ToSchema)]
 pub struct Measurements {
     /// Errors against seconds.
     pub points: Vec<AccuracyPoint>,
@@ -97,6 +97,23 @@ pub struct Measurements {
     pub rates: Vec<ConvergenceRate>,
     /// Plans compared with full computations.
     pub proofs: Vec<plan_check::PlanCheck>,
+}
+
+/// Measurements with the machine that made them: the object of `accuracy --json`.
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct AccuracyReport {
+    /// Program, processor, threads, system and seconds of the whole run.
+    pub machine: String,
+    /// Seconds of the whole run.
+    pub seconds: f64,
+    /// What was not measured.
+    pub left_out: Vec<LeftOut>,
+    /// The measurements.
+    #[serde(flatten)]
+    pub found: Measurements,
+    /// When they were written to the data folder, RFC 3339 in UTC; only over HTTP.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub written_at: Option<String>,
 }
 
 /// The poses of the full scan, azimuths within tilts.

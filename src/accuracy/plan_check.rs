@@ -16,7 +16,7 @@ use crate::trace::run::{Follow, Shard, trace_photons};
 use crate::trace::scene::{PreparedScene, Scene};
 
 /// The effect of one decision alone.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct PlanPart {
     /// The decision.
     pub decision: Decision,
@@ -30,7 +30,7 @@ pub struct PlanPart {
 }
 
 /// A plan compared with the full computation.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct PlanCheck {
     /// Scene.
     pub scene: String,

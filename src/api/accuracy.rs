@@ -6,10 +6,11 @@ use serde_json::Value;
 
 use super::App;
 use super::status::{ApiError, Problem};
+use crate::accuracy::AccuracyReport;
 
 /// Error against run time: the newest results of `ridged accuracy --data` in this data folder.
 #[utoipa::path(get, path = "/api/v1/accuracy", tag = "health", responses(
-    (status = 200, description = "The object of `accuracy --json`: `machine`, `written_at`, `points` (scene, method, seconds, error, quantity, reference), `forecasts`, `rates`, `proofs` of plans", body = Object),
+    (status = 200, description = "The object of `accuracy --json`", body = AccuracyReport),
     (status = 404, description = "This data folder has no results", body = Problem),
 ))]
 pub(super) async fn get(State(app): State<App>) -> Result<Json<Value>, ApiError> {

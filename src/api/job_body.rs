@@ -11,6 +11,7 @@ use utoipa::openapi::schema::{
 };
 use utoipa::{PartialSchema, ToSchema};
 
+use crate::contrast::ContrastReport;
 use crate::fit::VariantChoice;
 use crate::fit::report::FitReport;
 use crate::forecast::Forecast;
@@ -110,6 +111,11 @@ impl JobResult for Summary {
         "A map: its request and its state, and the object of `map --json`, once it has completed";
 }
 
+impl JobResult for ContrastReport {
+    const NAME: &'static str = "Contrast";
+    const DESCRIPTION: &'static str = "A contrast: its request and its state, and the object of `contrast --json`, once it has completed";
+}
+
 impl JobResult for VerdictReport {
     const NAME: &'static str = "Verdict";
     const DESCRIPTION: &'static str = "A verdict: its request and its state, and the object of `judge --json`, once it has completed";
@@ -125,6 +131,8 @@ pub(super) struct WithResult<R>(PhantomData<R>);
 
 /// A map as it is sent.
 pub(super) type MapBody = WithResult<Summary>;
+/// A contrast as it is sent.
+pub(super) type ContrastBody = WithResult<ContrastReport>;
 /// A verdict as it is sent.
 pub(super) type VerdictBody = WithResult<VerdictReport>;
 /// A trace as it is sent.

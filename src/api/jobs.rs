@@ -10,7 +10,9 @@ use serde_json::{Value, json};
 use super::caller::Caller;
 use super::document::Binary;
 use super::extract::{Body, Id, IdAndName, Params, page, since};
-use super::job_body::{JobBody, JobError, MapBody, TraceBody, VerdictBody, result_of_today};
+use super::job_body::{
+    ContrastBody, JobBody, JobError, MapBody, TraceBody, VerdictBody, result_of_today,
+};
 use super::status::{self, ApiError, Problem};
 use super::{App, Begun, List};
 use crate::job::{JobId, JobKind, JobState};
@@ -226,7 +228,7 @@ pub(super) async fn map_file(
 
 /// Contrasts, newest first.
 #[utoipa::path(get, path = "/api/v1/contrasts", tag = "contrasts", params(JobParams), responses(
-    (status = 200, description = "A page of contrasts", body = List<JobBody>),
+    (status = 200, description = "A page of contrasts", body = List<ContrastBody>),
     (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn contrasts(
@@ -252,7 +254,7 @@ pub(super) async fn begin_contrast(
 
 /// One contrast table: the object of `contrast --json` plus the fields of its job.
 #[utoipa::path(get, path = "/api/v1/contrasts/{id}", tag = "contrasts", params(("id" = i64, Path, description = "Number of the contrast")), responses(
-    (status = 200, description = "The contrast", body = JobBody),
+    (status = 200, description = "The contrast", body = ContrastBody),
     (status = 404, description = "Not found", body = Problem),
 ))]
 pub(super) async fn contrast(

@@ -5,15 +5,13 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Context;
-use serde::Serialize;
 
 use super::{CliError, interrupt, output_path};
 use crate::accuracy::plan_check::{self, PlanCheck};
 use crate::accuracy::{
-    self, AccuracyEffort, AccuracyPoint, LEVEL, Measurements, page, plot, slope,
+    self, AccuracyEffort, AccuracyPoint, AccuracyReport, LEVEL, page, plot, slope,
 };
 use crate::lab::accuracy_results::{ACCURACY_FILE, ACCURACY_FOLDER};
-use crate::model::LeftOut;
 
 /// Measures error against run time on a fixed list of scenes, by every method that applies.
 #[derive(Debug, clap::Args)]
@@ -67,12 +65,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
         }
     });
     let seconds = started.elapsed().as_secs_f64();
-    let machine = machine(seconds);
-    let report = Report {
-        machine: &machine,
+    let report = AccuracyReport {
+        machine: machine(seconds),
         seconds,
         left_out: accuracy::left_out(effort),
-        found: &found,
+        found,
+        written_at: None,
     };
     write(&out, &report).map_err(CliError::no_result)?;
     print(&report, args.json).map_err(CliError::no_result)?;
@@ -80,17 +78,6 @@ pub fn run(args: Args) -> Result<(), CliError> {
         return Err(CliError::Interrupted);
     }
     Ok(())
-}
-
-/// The object of `--json`: the measurements and where they were made.
-#[derive(Serialize)]
-struct Report<'a> {
-    machine: &'a str,
-    /// Seconds of the whole run.
-    seconds: f64,
-    left_out: Vec<LeftOut>,
-    #[serde(flatten)]
-    found: &'a Measurements,
 }
 
 /// Program, processor, cores in use and the whole run's seconds.
@@ -134,8 +121,8 @@ fn of<'a>(points: &'a [AccuracyPoint], scene: &str) -> Vec<&'a AccuracyPoint> {
     points.iter().filter(|p| p.scene == scene).collect()
 }
 
-fn write(folder: &Path, report: &Report<'_>) -> anyhow::Result<()> {
-    let Report { machine, found, .. } = report;
+fn write(folder: &Path, report: &AccuracyReport) -> anyhow::Result<()> {
+    let AccuracyReport { machine, found, .. } = report;
     let path = folder.join("accuracy.csv");
     let failed = || format!("cannot write {}", path.display());
     let mut table = csv::Writer::from_path(&path).with_context(failed)?;
@@ -256,8 +243,8 @@ pub(super) fn print_proofs(proofs: &[PlanCheck], out: &mut dyn Write) -> std::io
     Ok(())
 }
 
-fn print(report: &Report<'_>, json: bool) -> std::io::Result<()> {
-    let Report { machine, found, .. } = report;
+fn print(report: &AccuracyReport, json: bool) -> std::io::Result<()> {
+    let AccuracyReport { machine, found, .. } = report;
     let mut out = std::io::stdout().lock();
     if json {
         serde_json::to_writer_pretty(&mut out, report)?;
@@ -317,15 +304,16 @@ fn print(report: &Report<'_>, json: bool) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accuracy::Measurements;
 
     #[test]
     fn the_report_states_its_cost_and_what_it_left_out() {
-        let found = Measurements::default();
-        let report = Report {
-            machine: "a machine",
+        let report = AccuracyReport {
+            machine: "a machine".to_owned(),
             seconds: 2.0,
             left_out: accuracy::left_out(AccuracyEffort::Quick),
-            found: &found,
+            found: Measurements::default(),
+            written_at: None,
         };
         let json = serde_json::to_value(&report).unwrap();
         assert_eq!(json["seconds"], 2.0);

@@ -17,7 +17,7 @@ use compare::TableComparison;
 use super::limits::{PredictionLimits, Stopwatch};
 use super::prediction::{Model, Scene};
 use super::{CliError, interrupt, output, output_collision, output_path, runtime};
-use crate::contrast::{as_json, measure, rounded_deg};
+use crate::contrast::{ReportedTable, measure, rounded_deg};
 use crate::forecast::Expected;
 use crate::model::LeftOut;
 use crate::model::contrast::{PAIRS, PAPER_RIDGES_DEG, Pace, Table, Tier, predict_paced};
@@ -170,7 +170,7 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
                 .flatten()
         }
     };
-    let mut report = as_json(&found.table, None);
+    let mut report = json!(ReportedTable::predicted(&found.table));
     report["mode"] = json!("predicted");
     report["variant"] = json!(args.variant.name());
     let error = found.error.or(apart).map(|value| Expected {
@@ -199,7 +199,8 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
 fn measured(source: &dyn FrameSource, region: Option<&str>) -> Result<(Table, Value), CliError> {
     let cancel = interrupt::flag()?;
     let set = reduced(source, region, &cancel)?;
-    measure(&set).map_err(CliError::no_result)
+    let (table, report) = measure(&set).map_err(CliError::no_result)?;
+    Ok((table, json!(report)))
 }
 
 fn reduced(

@@ -1,23 +1,23 @@
-//! The first paper's contrast, measured in the observations of a scan, and the JSON object of a
-//! contrast table.
+//! The first paper's contrast, measured in the observations of a scan, and the report of a contrast table.
 //!
-//! [`measure`] is the function to call; [`as_json`] writes its table, or a table from
+//! [`measure`] is the function to call; [`ReportedTable::predicted`] reports a table from
 //! [`crate::model::contrast::predict`]. Source: Luongo et al. 2017, section 4 and Fig. 8.
 //! This module knows neither frames nor files.
 
 mod compared_tilts;
+mod report;
 mod scan;
 mod slopes;
 mod stray_light;
 
-use serde_json::{Value, json};
-
+use crate::forecast::Expected;
 use crate::model::LeftOut;
-use crate::model::contrast::{Contrast, Findings, Mean, PAIRS, Table};
+use crate::model::contrast::Table;
 use crate::observation::ObservationSet;
 use crate::units::Angle;
 use crate::wording::counted;
 pub use compared_tilts::{ComparedTilts, CompleteTilt, missing_poses};
+pub use report::{ContrastReport, ReportedFindings, ReportedTable};
 pub use scan::{ContrastKind, ContrastScan, ContrastValue, ScanPair};
 pub use slopes::{RadianceSlope, RadianceSlopes};
 pub use stray_light::{SampleRadiances, StrayLight};
@@ -27,26 +27,17 @@ pub use stray_light::{SampleRadiances, StrayLight};
 #[error("no camera tilt has frames at all of the azimuths 0, 90 and 180 degrees")]
 pub struct NoContrast;
 
-/// The contrast table of a scan and its object for scripts (`contrast --json`).
+/// The contrast table of a scan and its report for scripts (`contrast --json`).
 ///
 /// # Errors
 /// [`NoContrast`] where no tilt was observed at φs = 0°, 90° and 180°.
-pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
+pub fn measure(set: &ObservationSet) -> Result<(Table, ContrastReport), NoContrast> {
     let scan = ContrastScan::of(set);
     let table = Table::of(&scan.exposures());
     if table.lines.is_empty() {
         return Err(NoContrast);
     }
     let table = table.without_dark(|line, pair| !scan.is_lit((line, pair)));
-    let mut report = as_json(&table, Some(&scan));
-    report["mode"] = json!("measured");
-    report["region"] = json!(set.region);
-    report["scale"] = json!(if set.white_reference.is_some() {
-        "white reference"
-    } else {
-        "arbitrary"
-    });
-    report["stray_light"] = json!({"radiance": scan.stray.radiance, "std": scan.stray.std});
     let mut warnings = set.warnings.clone();
     if set.white_reference.is_none() {
         warnings.push(
@@ -64,7 +55,6 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
             counted(dark, "pair")
         ));
     }
-    report["warnings"] = json!(warnings);
     // The error: the largest standard uncertainty of a contrast, relative to the largest contrast.
     let known: Vec<ContrastValue> = pairs
         .iter()
@@ -72,10 +62,10 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
         .collect();
     let largest = |of: fn(&ContrastValue) -> f64| known.iter().map(of).fold(0.0, f64::max);
     let brightest = largest(|k| k.value);
-    report["model_error"] = json!((brightest > 0.0).then(|| json!({
-        "value": largest(|k| k.std) / brightest,
-        "of": "a contrast, of the largest",
-    })));
+    let model_error = (brightest > 0.0).then(|| Expected {
+        value: largest(|k| k.std) / brightest,
+        of: "a contrast, of the largest".to_owned(),
+    });
     let mut left_out = vec![
         LeftOut::new(
             "directions of single pixels",
@@ -96,7 +86,19 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, Value), NoContrast> {
             None,
         ));
     }
-    report["left_out"] = json!(left_out);
+    let report = ContrastReport {
+        table: ReportedTable::measured(&table, &scan),
+        mode: "measured",
+        region: set.region.clone(),
+        scale: match set.white_reference {
+            Some(_) => "white reference",
+            None => "arbitrary",
+        },
+        stray_light: scan.stray,
+        warnings,
+        model_error,
+        left_out,
+    };
     Ok((table, report))
 }
 
@@ -113,107 +115,16 @@ pub fn angles_left_out(known: &[ContrastValue], largest: f64) -> Option<LeftOut>
     })
 }
 
-/// Writes a table as a JSON object. With the `scan` in which it was measured, contrasts and their means have standard
-/// uncertainties (those of absolute contrasts as radiance for a lamp irradiance of 1).
-#[must_use]
-pub fn as_json(table: &Table, scan: Option<&ContrastScan<'_>>) -> Value {
-    let measured = scan.is_some();
-    let uncertain = |entry: &mut Value, pairs: &[ScanPair]| {
-        if let Some(scan) = scan {
-            for (key, kind) in [
-                ("absolute_std", ContrastKind::Absolute),
-                ("michelson_std", ContrastKind::Michelson),
-            ] {
-                entry[key] = json!(scan.mean(kind, pairs).std);
-            }
-        }
-    };
-    let lines: Vec<Value> = table
-        .lines
-        .iter()
-        .enumerate()
-        .map(|(n, line)| {
-            let mut contrast = serde_json::Map::new();
-            for (pair, (name, ..)) in PAIRS.iter().enumerate() {
-                let mut entry = contrast_json(&line.contrast[pair]);
-                uncertain(&mut entry, &[(n, pair)]);
-                contrast.insert((*name).to_owned(), entry);
-            }
-            let mut entry = json!({
-                "theta_c_deg": rounded_deg(line.theta_c),
-                "radiance": {"0": line.radiance[0], "90": line.radiance[1], "180": line.radiance[2]},
-                "contrast": contrast,
-            });
-            if !measured {
-                entry["theta_r_deg"] = json!(rounded_deg(line.theta_r));
-            }
-            entry
-        })
-        .collect();
-    let means = |name: &str, means: &[Mean], of: &dyn Fn(usize) -> Vec<ScanPair>| {
-        means
-            .iter()
-            .enumerate()
-            .map(|(n, m)| {
-                let mut entry = contrast_json(&m.contrast);
-                uncertain(&mut entry, &of(n));
-                entry[name] = m
-                    .setting
-                    .parse::<f64>()
-                    .map_or_else(|_| json!(m.setting), |deg| json!(deg));
-                entry
-            })
-            .collect::<Vec<_>>()
-    };
-    let tilt = |n: usize| (0..PAIRS.len()).map(|pair| (n, pair)).collect();
-    let turn = |pair: usize| (0..table.lines.len()).map(|n| (n, pair)).collect();
-    let mut mean = json!({
-        "by_theta_c": means("theta_c_deg", &table.by_theta_c, &tilt),
-        "by_phi_s": means("phi_s_deg", &table.by_phi_s, &turn),
-    });
-    match scan {
-        Some(scan) => {
-            let pairs = scan.pairs();
-            let of = |kind| scan.mean(kind, &pairs).value;
-            mean["all"] = contrast_json(&Contrast {
-                absolute: of(ContrastKind::Absolute),
-                michelson: of(ContrastKind::Michelson),
-            });
-            uncertain(&mut mean["all"], &pairs);
-            mean["all"]["theta_c_deg"] = json!(scan.turns.theta_c_deg());
-        }
-        None => mean["by_theta_r"] = json!(means("theta_r_deg", &table.by_theta_r, &tilt)),
-    }
-    json!({
-        "lines": lines,
-        "mean": mean,
-        "findings": table.findings().map(findings_json),
-        "program": concat!("ridged ", env!("CARGO_PKG_VERSION")),
-    })
-}
-
 /// Degrees, without the rounding error of the conversion to radians and back.
 #[must_use]
 pub fn rounded_deg(a: Angle) -> f64 {
     (a.deg() * 1e6).round() / 1e6
 }
 
-fn contrast_json(c: &Contrast) -> Value {
-    json!({"absolute": c.absolute, "michelson": c.michelson})
-}
-
-/// The paper's three findings, each with whether the table shows it.
-#[must_use]
-pub fn findings_json(f: Findings) -> Value {
-    json!({
-        "greatest_at_theta_c_0": f.greatest_at_normal_tilt,
-        "greatest_at_smallest_theta_r": f.greatest_at_smallest_ridge,
-        "0-90_above_90-180": f.first_quarter_stronger,
-    })
-}
-
 #[cfg(test)]
 mod tests {
+    use serde_json::Value;
+
     use super::*;
     use crate::geometry::{Pose, RigGeometry};
     use crate::material::Material;
@@ -235,7 +146,12 @@ mod tests {
                 std: stray_std,
             },
         );
-        measure(&set).unwrap().1
+        written(&set)
+    }
+
+    /// The report as scripts read it.
+    fn written(set: &ObservationSet) -> Value {
+        serde_json::to_value(measure(set).unwrap().1).unwrap()
     }
 
     #[test]
@@ -439,7 +355,7 @@ mod tests {
         let kept = |keep: fn(&Pose) -> bool| {
             let mut few = set.clone();
             few.observations.retain(|o| keep(&o.pose));
-            measure(&few).unwrap().1
+            written(&few)
         };
         let named = |report: &Value| {
             let list = report["left_out"].as_array().unwrap().clone();
@@ -458,12 +374,12 @@ mod tests {
 
     #[test]
     fn a_substituted_azimuth_is_named_and_adds_to_the_uncertainty() {
-        let exact = measure(&lobes(0.0)).unwrap().1;
+        let exact = written(&lobes(0.0));
         let mut beside = lobes(0.0);
         for o in &mut beside.observations {
             o.pose.phi_s = o.pose.phi_s - Angle::from_deg(0.4);
         }
-        let off = measure(&beside).unwrap().1;
+        let off = written(&beside);
         let said = |report: &Value| report["warnings"].to_string();
         assert!(!said(&exact).contains("in place of"), "{}", said(&exact));
         assert!(

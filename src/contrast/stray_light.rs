@@ -17,7 +17,7 @@ use crate::units::Angle;
 const TILT_ZERO: Angle = Angle::from_deg(3.0);
 
 /// Stray light as radiance where the scale is absolute, otherwise in the unit of the signals.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, utoipa::ToSchema)]
 pub struct StrayLight {
     /// Amount in every signal.
     pub radiance: f64,

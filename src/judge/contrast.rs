@@ -240,8 +240,8 @@ mod tests {
 
     #[test]
     fn the_contrast_equals_that_of_the_table_of_contrasts() {
-        let (_, table) = crate::contrast::measure(&set()).unwrap();
-        let all = &table["mean"]["all"];
+        let (_, report) = crate::contrast::measure(&set()).unwrap();
+        let all = serde_json::to_value(report.table.mean.all).unwrap();
         for (quantity, key) in without_fit(&set()).iter().zip(["absolute", "michelson"]) {
             let mean = quantity.measured.clone().unwrap();
             assert_eq!(all[key].as_f64(), Some(mean.value));

@@ -16,7 +16,7 @@ use serde::Serialize;
 use crate::model::LeftOut;
 
 /// An effect that can be omitted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Decision {
     /// Following the polarisation of light.

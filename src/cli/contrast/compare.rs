@@ -7,7 +7,7 @@ use anyhow::{Context, anyhow};
 use serde_json::{Value, json};
 
 use crate::cli::CliError;
-use crate::contrast::findings_json;
+use crate::contrast::ReportedFindings;
 use crate::model::contrast::{Exposure, Findings, PAIRS, Table};
 use crate::units::Angle;
 
@@ -35,7 +35,7 @@ impl TableComparison {
             "largest_contrast": self.largest_contrast,
             "rms_relative": self.rms / self.largest_contrast,
             "worst_relative": self.worst / self.largest_contrast,
-            "findings": self.findings.map(findings_json),
+            "findings": self.findings.map(ReportedFindings::from),
         })
     }
 }

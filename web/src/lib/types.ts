@@ -25,6 +25,7 @@ export type Sample = Omit<Sent<openapi.SampleBody>, 'material' | 'simulated' | '
 export type ScanState = openapi.ScanState;
 export type Plan = openapi.Plan;
 export type OperatorStep = openapi.OperatorBody;
+export type Imported = Sent<openapi.ImportBody>;
 export type Progress = Sent<openapi.ProgressBody>;
 export type Scan = Sent<openapi.ScanBody>;
 export type Estimate = Sent<openapi.EstimateBody>;
@@ -122,22 +123,8 @@ export interface MapResult extends ScanJob {
   readonly warnings: readonly string[];
 }
 
-interface ContrastPair {
-  readonly absolute: number;
-  readonly absolute_std: number | null;
-  /** Null if both signals are dark. */
-  readonly michelson: number | null;
-  readonly michelson_std?: number | null;
-}
-
 /** The object of `ridged contrast --json`. */
-export interface ContrastResult extends ScanJob {
-  readonly lines: readonly {
-    readonly theta_c_deg: number;
-    readonly radiance: Readonly<Record<string, number>>;
-    readonly contrast: Readonly<Record<'0-90' | '90-180', ContrastPair>>;
-  }[];
-}
+export type ContrastResult = Sent<openapi.Contrast>;
 
 export type LimitPair = { readonly lower?: number; readonly upper?: number };
 
@@ -262,6 +249,15 @@ export interface TracePlane {
   readonly points:
     | readonly {
         readonly theta_s_deg: number;
+        /** From linear light at 45°; traces of older versions have none. */
+        readonly psi_delta?: {
+          readonly psi_deg: number;
+          readonly psi_std_deg: number | null;
+          readonly delta_deg: number;
+          readonly delta_std_deg: number | null;
+          readonly dop: number;
+          readonly dop_std: number | null;
+        };
         readonly readings: readonly {
           readonly stokes: readonly number[];
           readonly stokes_std: readonly (number | null)[];
@@ -275,31 +271,9 @@ export interface TracePlane {
   readonly lobe: readonly { readonly theta_s_deg: number; readonly polarised: Estimated; readonly scalar: Estimated; readonly difference: Estimated }[] | null;
 }
 
-export interface AccuracyPoint {
-  readonly scene: string;
-  readonly method: string;
-  readonly seconds: number;
-  readonly error: number;
-  readonly quantity: string;
-  readonly reference: string;
-}
-
+export type AccuracyPoint = Sent<openapi.AccuracyPoint>;
 /** The newest results of `ridged accuracy`. */
-export interface Accuracy {
-  readonly machine: string;
-  readonly written_at: string | null;
-  readonly points: readonly AccuracyPoint[];
-  readonly forecasts: readonly { readonly scene: string; readonly forecast_s: number; readonly taken_s: number }[];
-  readonly proofs: readonly {
-    readonly scene: string;
-    readonly off: number;
-    readonly allowed: number;
-    readonly holds: boolean;
-    readonly full_s: number;
-    readonly planned_s: number;
-    readonly parts: readonly { readonly what: string; readonly speed_up: number | null }[];
-  }[];
-}
+export type Accuracy = Sent<openapi.AccuracyReport>;
 
 export interface Alarm {
   readonly id: number;

@@ -4,7 +4,7 @@ import { firstScene, levelsOff, linesOf, scenesOf, slopeOf, ticksOf } from '../.
 import type { Accuracy, AccuracyPoint } from '../../src/lib/types';
 
 const point = (method: string, seconds: number, error: number, quantity = 'rms'): AccuracyPoint => ({ scene: 's', method, seconds, error, quantity, reference: 'r' });
-const of = (points: AccuracyPoint[]): Accuracy => ({ machine: '', written_at: null, points, forecasts: [], proofs: [] });
+const of = (points: AccuracyPoint[]): Accuracy => ({ machine: '', written_at: null, seconds: 1, left_out: [], points, forecasts: [], rates: [], proofs: [] });
 
 describe('error against run time', () => {
   it('has a line per method, without points that have no logarithm', () => {
