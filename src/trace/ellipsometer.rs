@@ -140,6 +140,25 @@ impl EllipsometerReading {
     }
 }
 
+/// The angles that an ellipsometer states, from linear light at 45°: tan Ψ exp(iΔ) = r_p/r_s for a surface that does not
+/// depolarise (Azzam and Bashara 1977, Sec. 3.2).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PsiDelta {
+    /// Ψ, degrees, in [0, 90]: cos 2Ψ = Q/√(Q² + U² + V²).
+    pub psi_deg: f64,
+    /// Its standard error; `None` with [too little light](ERROR_UNKNOWN).
+    pub psi_std_deg: Option<f64>,
+    /// Δ, degrees, in (−180, 180], with time as exp(+iωt) and the index n − ik, so that it is positive for metals and 180°
+    /// for glass below Brewster's angle.
+    pub delta_deg: f64,
+    /// Its standard error; `None` with too little light; for light without U and V that of an arbitrary angle.
+    pub delta_std_deg: Option<f64>,
+    /// Degree of polarisation √(Q² + U² + V²)/I: 1 for a surface that does not depolarise.
+    pub dop: f64,
+    /// Its standard error; `None` with too little light.
+    pub dop_std: Option<f64>,
+}
+
 /// One direction in the plane of incidence.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EllipsometerPoint {
@@ -147,6 +166,8 @@ pub struct EllipsometerPoint {
     pub theta_s_deg: f64,
     /// One reading for each state of the lamp, for example [`SETTINGS`].
     pub readings: Vec<EllipsometerReading>,
+    /// Ψ, Δ and the degree of polarisation, from linear light at 45°.
+    pub psi_delta: PsiDelta,
     /// Whether the errors treat the Mueller elements as independent, which makes some too large and
     /// others too small: their covariance was not recorded ([`Totals::with_directions`]).
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -196,6 +217,7 @@ pub fn curve_of(
             readings: readings
                 .map(|(name, lamp)| reading(name, lamp, numbers, &covariance))
                 .collect(),
+            psi_delta: psi_delta(numbers, &covariance),
             errors_as_independent,
         }
     };
@@ -230,27 +252,92 @@ fn angle_std(r: f64) -> f64 {
     (squares / all).sqrt()
 }
 
+/// The Stokes vector that a state of the lamp gives in one direction, and the errors of functions of it.
+struct SeenStokes<'a> {
+    stokes: [f64; 4],
+    lamp: &'a Stokes,
+    covariance: &'a ElementCovariance,
+}
+
+impl<'a> SeenStokes<'a> {
+    fn of(
+        lamp: &'a Stokes,
+        mueller: &[MonteCarloEstimate],
+        covariance: &'a ElementCovariance,
+    ) -> Self {
+        SeenStokes {
+            stokes: std::array::from_fn(|i| {
+                (0..4).map(|j| mueller[4 * i + j].value * lamp[j]).sum()
+            }),
+            lamp,
+            covariance,
+        }
+    }
+
+    /// Standard error of a function with these slopes in the four components.
+    fn std_of(&self, slopes: [f64; 4]) -> f64 {
+        let weights: [f64; NUMBERS] = std::array::from_fn(|n| slopes[n / 4] * self.lamp[n % 4]);
+        self.covariance.std(&weights)
+    }
+
+    /// Whether ratios to the intensity have standard errors.
+    fn has_errors(&self) -> bool {
+        let spread = self.std_of([1.0, 0.0, 0.0, 0.0]) / self.stokes[0];
+        let few = |lit: u64| (1..REPLICATES_MIN).contains(&lit) && spread > HARMLESS;
+        spread <= INTENSITY_ERROR_MAX && !self.covariance.replicates.is_some_and(few)
+    }
+}
+
+fn psi_delta(mueller: &[MonteCarloEstimate], covariance: &ElementCovariance) -> PsiDelta {
+    let at_45 = Stokes::new(1.0, 0.0, 1.0, 0.0);
+    let seen = SeenStokes::of(&at_45, mueller, covariance);
+    let known = seen.has_errors();
+    let [i, q, u, v] = seen.stokes;
+    let across = u.hypot(v);
+    let polarised = q.hypot(across);
+    let dop = polarised / i;
+    let squared = polarised * polarised;
+    let slope = |of: f64| if across > 0.0 { of / across } else { 0.0 };
+    let psi_slopes = [
+        0.0,
+        -0.5 * across / squared,
+        0.5 * q * slope(u) / squared,
+        0.5 * q * slope(v) / squared,
+    ];
+    let turn = seen.std_of([0.0, 0.0, slope(v), -slope(u)]);
+    let dop_slopes = [
+        -dop / i,
+        q / polarised / i,
+        u / polarised / i,
+        v / polarised / i,
+    ];
+    let std = |std: f64| known.then_some(std);
+    PsiDelta {
+        psi_deg: 0.5 * across.atan2(q).to_degrees(),
+        psi_std_deg: std(seen.std_of(psi_slopes).to_degrees()),
+        // −0 and 0 are the same V.
+        delta_deg: (0.0 - v).atan2(u).to_degrees(),
+        delta_std_deg: std(angle_std(across / turn).to_degrees()),
+        dop,
+        dop_std: std(seen.std_of(dop_slopes)),
+    }
+}
+
 fn reading(
     input: &'static str,
     lamp: &Stokes,
     mueller: &[MonteCarloEstimate],
     covariance: &ElementCovariance,
 ) -> EllipsometerReading {
-    let stokes: [f64; 4] =
-        std::array::from_fn(|i| (0..4).map(|j| mueller[4 * i + j].value * lamp[j]).sum());
-    // Standard error of this combination of the Stokes components.
-    let std_of = |parts: [f64; 4]| {
-        let weights: [f64; NUMBERS] = std::array::from_fn(|n| parts[n / 4] * lamp[n % 4]);
-        covariance.std(&weights)
-    };
+    let seen = SeenStokes::of(lamp, mueller, covariance);
+    let std_of = |slopes: [f64; 4]| seen.std_of(slopes);
+    let stokes = seen.stokes;
     let component = |i: usize| std::array::from_fn(|n| f64::from(u8::from(n == i)));
     let stokes_std: [f64; 4] = std::array::from_fn(|i| std_of(component(i)));
     let [i, q, u, _] = stokes;
     let linear = q.hypot(u);
     let (dolp, aop_deg) = (dolp(&stokes), aop_deg(&stokes));
-    let spread = stokes_std[0] / i;
-    let few = |lit: u64| (1..REPLICATES_MIN).contains(&lit) && spread > HARMLESS;
-    let known = spread <= INTENSITY_ERROR_MAX && !covariance.replicates.is_some_and(few);
+    let known = seen.has_errors();
     let (dolp_std, aop_std_deg) = if linear > 0.0 {
         // Slopes of √(Q² + U²)/I and of ½ atan2(U, Q).
         let (along, across) = ([q / linear, u / linear], [-u / linear, q / linear]);
@@ -266,10 +353,10 @@ fn reading(
             (0.5 * angle_std(0.0)).to_degrees(),
         )
     };
-    let seen = Vector4::from(stokes);
+    let vector = Vector4::from(stokes);
     EllipsometerReading {
         input,
-        camera: SETTINGS.map(|s| (s.camera() * seen)[0]),
+        camera: SETTINGS.map(|s| (s.camera() * vector)[0]),
         camera_std: SETTINGS.map(|s| std_of(s.camera().into())),
         dolp,
         dolp_std: known.then_some(dolp_std),
@@ -393,9 +480,45 @@ mod tests {
         assert!((only.readings[0].dolp - 1.0).abs() < 1e-12);
         assert!(only.readings[0].aop_deg.abs() < 1e-9);
         assert!((only.readings[2].aop_deg.abs() - 90.0).abs() < 1e-9);
+        // Ψ and Δ of r_p/r_s by Fresnel's equations with complex numbers.
+        let psi_delta = only.psi_delta;
+        assert!(
+            (psi_delta.psi_deg - 42.181_140_256_912_46).abs() < 1e-9,
+            "{psi_delta:?}"
+        );
+        assert!(
+            (psi_delta.delta_deg - 122.558_464_754_004_15).abs() < 1e-9,
+            "{psi_delta:?}"
+        );
+        assert!((psi_delta.dop - 1.0).abs() < 1e-12, "{psi_delta:?}");
         // Filters along s and along p together transmit all light.
         let camera = &at_45.camera;
         assert!((camera[0] + camera[2] - at_45.stokes[0]).abs() < 1e-12 * camera[0]);
+    }
+
+    #[test]
+    fn glass_turns_delta_by_half_a_turn_at_brewsters_angle() {
+        let at = |theta_i_deg: f64| {
+            let text = format!(
+                "[light]\ntheta_i_deg = {theta_i_deg}\nphi_i_deg = 180.0\n[[interface]]\nshape = \"flat\"\n\
+                 below = {{ n = 1.5 }}\n[run]\nphotons = 64\n"
+            );
+            let scene = Scene::parse(&text).unwrap();
+            let prepared = scene.prepare(&|_| Err(String::new())).unwrap();
+            let totals = trace(&prepared, Shard::WHOLE, &|_| true);
+            curve(&totals, 180.0).unwrap()[0].psi_delta
+        };
+        for (theta_i_deg, psi_deg, delta_deg) in [
+            (45.0, 16.874_494_297_944_29, 180.0),
+            (65.0, 13.409_780_290_604_05, 0.0),
+        ] {
+            let found = at(theta_i_deg);
+            assert!((found.psi_deg - psi_deg).abs() < 1e-7, "{found:?}");
+            assert!(
+                (found.delta_deg.abs() - delta_deg).abs() < 1e-9,
+                "{found:?}"
+            );
+        }
     }
 
     #[test]
@@ -445,10 +568,10 @@ mod tests {
     #[test]
     fn readings_scatter_over_seeds_by_their_errors() {
         const SEEDS: usize = 40;
-        let readings = |seed: usize| {
+        let readings = |below: &str, seed: usize| {
             let text = format!(
                 "[light]\ntheta_i_deg = 55.0\nphi_i_deg = 180.0\n[[interface]]\nshape = \"smith\"\nalpha_u = 0.3\n\
-                 alpha_v = 0.3\nbelow = {{ n = 1.5 }}\n[run]\nphotons = 8000\nseed = {seed}\ntheta_bins = 9\n\
+                 alpha_v = 0.3\nbelow = {below}\n[run]\nphotons = 8000\nseed = {seed}\ntheta_bins = 9\n\
                  phi_bins = 12\n"
             );
             let prepared = Scene::parse(&text)
@@ -461,7 +584,10 @@ mod tests {
             points.retain(|p| (10.0..80.0).contains(&p.theta_s_deg));
             points
         };
-        let runs: Vec<Vec<EllipsometerPoint>> = (1..=SEEDS).map(readings).collect();
+        let runs_on = |below: &str| -> Vec<Vec<EllipsometerPoint>> {
+            (1..=SEEDS).map(|seed| readings(below, seed)).collect()
+        };
+        let (runs, on_gold) = (runs_on("{ n = 1.5 }"), runs_on("\"Au550\""));
         assert!(runs[0].len() == 7 && !runs[0][0].errors_as_independent);
         // Directions with 39 degrees of freedom each: for all 7 a ratio is known to 4.3 %, and 14 %
         // is more than three times that.
@@ -470,12 +596,13 @@ mod tests {
             assert!((ratio - 1.0).abs() < within, "{name}: {ratio} {directions}");
             directions
         };
-        // Mean over directions of (scatter over seeds / stated error)², per lamp and number, and
-        // the number of directions with a stated error at every seed.
-        let ratio = |lamp: usize, number: &dyn Fn(&EllipsometerReading) -> Option<(f64, f64)>| {
+        // Mean over directions of (scatter over seeds / stated error)² of a number, and the number of
+        // directions with a stated error at every seed.
+        type Number<'n> = &'n dyn Fn(&EllipsometerPoint) -> Option<(f64, f64)>;
+        let of_all = |runs: &[Vec<EllipsometerPoint>], number: Number<'_>| {
             let n = SEEDS as f64;
             let of = |point: usize| {
-                let each = runs.iter().map(|r| number(&r[point].readings[lamp]));
+                let each = runs.iter().map(|r| number(&r[point]));
                 let each: Vec<(f64, f64)> = each.collect::<Option<_>>()?;
                 let mean = each.iter().map(|e| e.0).sum::<f64>() / n;
                 let scatter = each.iter().map(|e| (e.0 - mean).powi(2)).sum::<f64>() / (n - 1.0);
@@ -492,6 +619,21 @@ mod tests {
             let mean = found.iter().sum::<f64>() / found.len() as f64;
             (mean.sqrt(), found.len())
         };
+        let ratio = |lamp: usize, number: &dyn Fn(&EllipsometerReading) -> Option<(f64, f64)>| {
+            of_all(&runs, &|point| number(&point.readings[lamp]))
+        };
+        let [psi, delta, dop]: [Number<'_>; 3] = [
+            &|p| Some((p.psi_delta.psi_deg, p.psi_delta.psi_std_deg?)),
+            &|p| Some((p.psi_delta.delta_deg, p.psi_delta.delta_std_deg?)),
+            &|p| Some((p.psi_delta.dop, p.psi_delta.dop_std?)),
+        ];
+        for (name, number) in [
+            ("psi", psi),
+            ("delta", delta),
+            ("degree of polarisation", dop),
+        ] {
+            assert!(close(name, of_all(&on_gold, number)) > 3);
+        }
         for lamp in 0..SETTINGS.len() {
             for i in 0..4 {
                 let found = ratio(lamp, &|r| Some((r.stokes[i], r.stokes_std[i])));

@@ -139,6 +139,9 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     done.verdict()
 }
 
+/// The state of the lamp that Ψ and Δ are read with.
+const AT_45: &str = SETTINGS[1].name;
+
 /// Note on the errors.
 fn notes(angles: &[MeasuredAngle]) -> Vec<&'static str> {
     let readings = angles.iter().flat_map(|a| &a.points);
@@ -248,6 +251,7 @@ impl Report {
         };
         cameras(&mut text, "");
         text.push_str(",s0,s1,s2,s3,s0_std,s1_std,s2_std,s3_std,dolp,aop_deg,dolp_std,aop_std_deg");
+        text.push_str(",psi_deg,delta_deg,psi_std_deg,delta_std_deg,dop,dop_std");
         cameras(&mut text, "_std");
         text.push('\n');
         for angle in &self.angles {
@@ -270,6 +274,20 @@ impl Report {
                     for std in [reading.dolp_std, reading.aop_std_deg] {
                         let std = std.map_or(String::new(), |std| format!("{std:e}"));
                         let _ = write!(text, ",{std}");
+                    }
+                    // Ψ and Δ are of the direction, from linear light at 45°.
+                    let of = &point.psi_delta;
+                    let known = (reading.input == AT_45).then_some(of);
+                    for number in [
+                        known.map(|of| of.psi_deg),
+                        known.map(|of| of.delta_deg),
+                        known.and_then(|of| of.psi_std_deg),
+                        known.and_then(|of| of.delta_std_deg),
+                        known.map(|of| of.dop),
+                        known.and_then(|of| of.dop_std),
+                    ] {
+                        let number = number.map_or(String::new(), |x| format!("{x:e}"));
+                        let _ = write!(text, ",{number}");
                     }
                     for x in &reading.camera_std {
                         let _ = write!(text, ",{x:e}");
@@ -306,6 +324,28 @@ impl Report {
                 }
             }
         }
+        writeln!(
+            out,
+            "\nfrom linear light at 45°, ± U (k = 2):\nθi / °  θs / °       Ψ / °             Δ / °        degree of polarisation"
+        )?;
+        let with_error = |value: f64, std: Option<f64>, decimals: usize| match std {
+            Some(std) => format!("{value:8.decimals$} ± {:<6.decimals$}", 2.0 * std),
+            None => format!("{value:8.decimals$}         "),
+        };
+        for angle in &self.angles {
+            for point in shown(&angle.points) {
+                let of = &point.psi_delta;
+                writeln!(
+                    out,
+                    "{:6}  {:6}  {}  {}  {}",
+                    angle.theta_i_deg,
+                    (100.0 * point.theta_s_deg).round() / 100.0,
+                    with_error(of.psi_deg, of.psi_std_deg, 2),
+                    with_error(of.delta_deg, of.delta_std_deg, 1),
+                    with_error(of.dop, of.dop_std, 3)
+                )?;
+            }
+        }
         for note in &self.notes {
             writeln!(out, "note: {note}")?;
         }
@@ -316,7 +356,16 @@ impl Report {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::ellipsometer::EllipsometerReading;
+    use crate::trace::ellipsometer::{EllipsometerReading, PsiDelta};
+
+    const PSI_DELTA: PsiDelta = PsiDelta {
+        psi_deg: 20.0,
+        psi_std_deg: Some(0.5),
+        delta_deg: 130.0,
+        delta_std_deg: None,
+        dop: 0.9,
+        dop_std: Some(0.01),
+    };
 
     fn report(readings: Vec<EllipsometerReading>) -> Report {
         Report {
@@ -329,6 +378,7 @@ mod tests {
                 points: vec![EllipsometerPoint {
                     theta_s_deg: 45.0,
                     readings,
+                    psi_delta: PSI_DELTA,
                     errors_as_independent: false,
                 }],
             }],
@@ -362,6 +412,13 @@ mod tests {
         assert_eq!(rows[1][at("camera_left")], "2e0");
         assert_eq!(rows[1][at("camera_linear_0_std")], "2.5e-1");
         assert_eq!(rows[1][at("camera_right_std")], "1.5e0");
+        // Of light at 45° only.
+        assert_eq!(rows[1][at("psi_deg")], "");
+        let mut at_45 = reading(10.0);
+        at_45.input = AT_45;
+        let text = report(vec![at_45]).csv();
+        let row: Vec<&str> = text.lines().nth(1).unwrap().split(',').collect();
+        assert_eq!((row[at("psi_deg")], row[at("delta_std_deg")]), ("2e1", ""));
         assert_eq!(at("camera_right_std"), rows[0].len() - 1);
     }
 
@@ -401,7 +458,8 @@ mod tests {
             let mut out = Vec::new();
             report(vec![reading(aop_deg)]).table(&mut out).unwrap();
             let text = String::from_utf8(out).unwrap();
-            assert!(text.ends_with(shown), "{aop_deg}: {text}");
+            assert!(text.contains(shown), "{aop_deg}: {text}");
+            assert!(text.contains("20.00 ± 1.00"), "{text}");
         }
     }
 
@@ -414,6 +472,7 @@ mod tests {
             lit.map(|theta_s_deg| EllipsometerPoint {
                 theta_s_deg,
                 readings: Vec::new(),
+                psi_delta: PSI_DELTA,
                 errors_as_independent: false,
             })
             .collect()

@@ -22,6 +22,7 @@ export interface PlanePanel {
 /** Degrees of polarisation, angles and differences are shown where their standard error is below this. */
 const DOLP_STD_MAX = 0.25;
 const AOP_STD_MAX_DEG = 15;
+const DELTA_STD_MAX_DEG = 30;
 const DIFFERENCE_STD_MAX = 0.03;
 const DECADES = 4;
 
@@ -38,13 +39,27 @@ export interface PlaneReading {
 /** The readings of a direction, one for each state of the lamp. */
 export function readingsOf(point: PlanePoint): PlaneReading[] {
   return point.readings.map(({ stokes, stokes_std, dolp, dolp_std, aop_deg, aop_std_deg }) => {
-    const known = (value: number | null, std: number | null | undefined, most: number): Estimated | null => (value === null || std == null || std >= most ? null : { value, std });
     return {
       stokes: stokes.map((value, i) => ({ value, std: stokes_std[i] ?? null })),
       dolp: known(dolp, dolp_std, DOLP_STD_MAX),
       aop_deg: known(aop_deg, aop_std_deg, AOP_STD_MAX_DEG),
     };
   });
+}
+
+/** Ψ, Δ and the degree of polarisation of a direction; null where the trace has not settled one, or an older version traced it. */
+export function psiDeltaOf(point: PlanePoint): { readonly psi_deg: Estimated | null; readonly delta_deg: Estimated | null; readonly dop: Estimated | null } {
+  const of = point.psi_delta;
+  return {
+    psi_deg: of ? known(of.psi_deg, of.psi_std_deg, AOP_STD_MAX_DEG) : null,
+    delta_deg: of ? known(of.delta_deg, of.delta_std_deg, DELTA_STD_MAX_DEG) : null,
+    dop: of ? known(of.dop, of.dop_std, DOLP_STD_MAX) : null,
+  };
+}
+
+/** A ratio that the trace has settled. */
+function known(value: number | null, std: number | null | undefined, most: number): Estimated | null {
+  return value === null || std == null || std >= most ? null : { value, std };
 }
 
 /** The place of the direction with the most light of the first state of the lamp. */

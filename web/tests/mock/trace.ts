@@ -14,9 +14,10 @@ export function traceFiles(): Map<string, Uint8Array> {
     difference.set([-0.15, 0.004, 0.15, 0.15], 4 * bin);
   }
   const reading = { stokes: [0.2, -0.1, 0, 0], stokes_std: [0.001, 0.001, 0.001, 0.001], dolp: 0.5, dolp_std: 0.006, aop_deg: 90, aop_std_deg: 0.3 };
+  const psiDelta = { psi_deg: 42.2, psi_std_deg: 0.1, delta_deg: 122.6, delta_std_deg: 0.4, dop: 0.97, dop_std: null };
   const plane = {
     states: [{ name: 'scene', stokes: [1, 0, 0, 0] }, { name: 'linear-0', stokes: [1, 1, 0, 0] }],
-    points: [-40, -20, 20, 40].map((theta_s_deg) => ({ theta_s_deg, readings: [reading, reading] })),
+    points: [-40, -20, 20, 40].map((theta_s_deg) => ({ theta_s_deg, readings: [reading, reading], psi_delta: psiDelta })),
     lobe: [20, 40].map((theta_s_deg) => ({ theta_s_deg, polarised: { value: 0.17, std: 0.001 }, scalar: { value: 0.2, std: 0.001 }, difference: { value: -0.03, std: 0.001 } })),
   };
   return new Map([

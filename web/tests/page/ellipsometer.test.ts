@@ -180,6 +180,7 @@ describe('the virtual ellipsometer', () => {
     expect(await reading.innerText()).toContain('0.1000 ± 0.0028');
     const readings = card.getByTestId('plane-readings');
     expect((await readings.locator('tbody tr').first().innerText()).split('\t')).toEqual(['unpolarised', '0.2000 ± 0.0020', '−0.1000 ± 0.0020', '0.0000 ± 0.0020', '0.0000 ± 0.0020', '0.500 ± 0.012', '90.00 ± 0.60°']);
+    expect((await card.getByTestId('psi-delta').innerText()).replace(/\s+/g, ' ')).toContain('Ψ 42.20 ± 0.20° Δ 122.60 ± 0.80° degree of polarisation –');
     await card.getByRole('combobox', { name: 'Angle of reflection' }).selectOption({ label: '40°, mirror direction' });
     expect(await axeViolations()).toEqual([]);
     await card.getByRole('button', { name: 'Mueller' }).click();
