@@ -11,6 +11,7 @@ use axum::response::sse::{Event as SseEvent, KeepAlive, Sse};
 use futures::Stream;
 use serde::Deserialize;
 use tokio::sync::broadcast;
+use tokio::time::{Interval, MissedTickBehavior, interval};
 
 use super::App;
 use super::access::Access;
@@ -26,13 +27,20 @@ use crate::scan::RecordedEvent;
 /// A client that has left is noticed only when something is written to it; until then it holds a seat.
 const KEEP_ALIVE: Duration = Duration::from_secs(3);
 
-/// Start of the stream.
+/// Time between two readings of the positions while an axis moves.
+const POSITIONS_EVERY: Duration = Duration::from_millis(200);
+
+/// Start and content of the stream.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct EventParams {
     /// Start after this id; 0 for all events. A `Last-Event-ID` header takes precedence.
     since: Option<i64>,
+    /// Also send `rig` events with both positions, five a second while an axis moves. They are not stored and have no id to
+    /// continue after.
+    #[serde(default)]
+    positions: bool,
 }
 
 /// Events as they happen: rig, scan, frame, fit, uncertainty, calculation, forecast, recovered, order, alarm, each with an id.
@@ -71,6 +79,11 @@ pub(super) async fn stream(
         last,
         backlog: VecDeque::new(),
         behind: last < newest,
+        positions: params.positions.then(|| {
+            let mut ticks = interval(POSITIONS_EVERY);
+            ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+            ticks
+        }),
         _place: place,
     };
     let app = app.clone();
@@ -104,6 +117,8 @@ struct Follower {
     last: i64,
     backlog: VecDeque<RecordedEvent>,
     behind: bool,
+    /// When the positions are read, if the client asked for them.
+    positions: Option<Interval>,
     _place: StreamPlace,
 }
 
@@ -127,7 +142,12 @@ impl Follower {
                 }
                 continue;
             }
-            match self.listener.recv().await {
+            let heard = tokio::select! {
+                biased;
+                heard = self.listener.recv() => heard,
+                event = in_motion(&self.lab, self.positions.as_mut()) => return Some(event),
+            };
+            match heard {
                 Ok(event) if !event.is_recorded() => return Some(RecordedEvent::clone(&event)),
                 Ok(event) if event.id <= self.last => {}
                 Ok(event) if event.id == self.last + 1 => {
@@ -137,6 +157,19 @@ impl Follower {
                 Ok(_) | Err(broadcast::error::RecvError::Lagged(_)) => self.behind = true,
                 Err(broadcast::error::RecvError::Closed) => return None,
             }
+        }
+    }
+}
+
+/// Completes with the positions while an axis moves; never where the client did not ask for them.
+async fn in_motion(lab: &Lab, ticks: Option<&mut Interval>) -> RecordedEvent {
+    let Some(ticks) = ticks else {
+        return std::future::pending().await;
+    };
+    loop {
+        ticks.tick().await;
+        if let Some(event) = lab.in_motion().await {
+            return event;
         }
     }
 }

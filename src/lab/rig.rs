@@ -9,12 +9,12 @@ use super::motions::Motion;
 use super::request_checks::invalid;
 use super::rig_work;
 use super::{AxisName, Holder, Lab, LabError, RigSide};
-use crate::bench::stage::{Stage, StageIdentity};
+use crate::bench::stage::{AxisStatus, Stage, StageIdentity};
 use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::runner::{CommandRequest, ScanCommand};
 use crate::scan::visit::stage_code;
-use crate::scan::{Event, ScanState, TravelLimits};
+use crate::scan::{Event, RecordedEvent, ScanState, TravelLimits};
 use crate::series::{CameraFacts, RigFacts};
 use crate::units::Angle;
 
@@ -155,6 +155,26 @@ impl Lab {
             },
             scan_id,
             scan_state,
+        })
+    }
+
+    /// Reads the positions while an axis moves, as an event that is not stored; `None` while both axes are at rest, while the
+    /// rig is not in use, and if the stages do not answer.
+    pub async fn in_motion(&self) -> Option<RecordedEvent> {
+        let side = self.side().ok()?;
+        let activity = side.occupation.borrow().activity?;
+        let status = side.access.stage()?.status().await.ok()?;
+        let of = |axis: &AxisStatus| match axis.homed {
+            true => AxisEvent::at(axis.position),
+            false => AxisEvent::UNKNOWN,
+        };
+        (status.theta_c.moving || status.phi_s.moving).then(|| {
+            let event = Event::Rig {
+                activity,
+                theta_c: of(&status.theta_c),
+                phi_s: of(&status.phi_s),
+            };
+            RecordedEvent::unrecorded(self.clock().utc(), event)
         })
     }
 

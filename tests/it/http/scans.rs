@@ -1,15 +1,21 @@
 //! Scans: begun, commanded and imported; their frames and observations.
 
+use std::sync::Arc;
+
 use axum::body::{Body, to_bytes};
 use axum::http::{StatusCode, header};
 use futures::StreamExt;
+use ridged::bench::AxisName::PhiS;
+use ridged::clock::ScaledClock;
 use ridged::scan::ScanState;
+use ridged::units::Angle;
 use serde_json::{Value, json};
 use tower::ServiceExt;
 
 use crate::cut_short::gone_after;
+use crate::stop::{disturbed_on, idle};
 
-use super::{download, get, imported, is_problem, opened, polymer, post, request, send};
+use super::{download, get, imported, is_problem, opened, polymer, post, request, router_of, send};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_scan_is_begun_found_commanded_and_begun_once_per_key() {
@@ -165,6 +171,51 @@ async fn a_client_that_is_gone_shows_within_seconds() {
     in_time.expect("nothing was written");
     drop(reported);
     bench.end().await;
+}
+
+/// Reads the positions of φs that events without a place in the store have, until the rig was idle twice.
+async fn unstored_positions(events: Body) -> Vec<f64> {
+    let mut parts = events.into_data_stream();
+    let mut text = String::new();
+    while text.matches("\"activity\":\"idle\"").count() < 2 {
+        text.push_str(&String::from_utf8_lossy(
+            &parts.next().await.unwrap().unwrap(),
+        ));
+    }
+    let data = text.lines().filter_map(|line| line.strip_prefix("data: "));
+    let events = data.map(|data| serde_json::from_str::<Value>(data).unwrap());
+    let unstored = events.filter(|event| event["id"].as_i64().unwrap() < 0);
+    let moving = unstored.filter(|event| event["activity"] == "moving");
+    let positions = moving.map(|event| event["axes"]["phi_s"]["position_deg"].as_f64());
+    positions.flatten().collect()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stream_that_asks_for_positions_has_them_while_an_axis_moves() {
+    let (lab, rig, _folder) = disturbed_on(Arc::new(ScaledClock::new(2.0)), |_| ()).await;
+    let router = router_of(&lab);
+    let stream = async |query: &str| {
+        let path = format!("/api/v1/events{query}");
+        let events = request("GET", &path).body(Body::empty()).unwrap();
+        router.clone().oneshot(events).await.unwrap().into_body()
+    };
+    let asking = tokio::spawn(unstored_positions(stream("?positions=true").await));
+    let other = tokio::spawn(unstored_positions(stream("").await));
+    let mut heard = lab.events();
+    lab.have_rig().await.unwrap();
+    lab.home(PhiS).await.unwrap();
+    idle(&mut heard).await;
+    lab.move_axis(PhiS, Angle::from_deg(200.0)).await.unwrap();
+    idle(&mut heard).await;
+    assert!(!rig.world.is_moving());
+    let passed = asking.await.unwrap();
+    assert!(passed.len() > 3, "{passed:?}");
+    assert!(
+        passed.windows(2).all(|pair| pair[0] < pair[1]),
+        "{passed:?}"
+    );
+    assert_eq!(other.await.unwrap(), Vec::<f64>::new());
+    lab.shut_down().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
