@@ -4,6 +4,7 @@ pub mod access;
 pub mod accuracy;
 pub mod analysis;
 pub mod api;
+pub mod archive;
 pub mod bench;
 pub mod cases;
 pub mod check;

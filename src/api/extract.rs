@@ -13,6 +13,9 @@ use crate::wording::json::{self, Fault};
 /// Most bytes of a body.
 pub const BODY_BYTES_MAX: usize = 8 << 20;
 
+/// The route whose body is not JSON, but an archive that goes to a file.
+pub(super) const UPLOAD: &str = "/api/v1/imports/upload";
+
 /// A JSON body.
 pub struct Body<T>(pub T);
 

@@ -12,7 +12,7 @@ use tokio::time::timeout;
 
 use super::App;
 use super::caller::Principal;
-use super::extract::{BODY_BYTES_MAX, announces_json};
+use super::extract::{BODY_BYTES_MAX, UPLOAD, announces_json};
 use super::peers::BodyRoom;
 use super::status::ApiError;
 use super::via::Client;
@@ -31,6 +31,9 @@ pub(super) fn is_stop(request: &Request) -> bool {
     request.method() == Method::POST && request.uri().path() == super::rig::STOP
 }
 
+/// Content type of all bodies but uploads.
+const JSON: &str = "application/json";
+
 /// Refuses bodies that are too large, too many at a time, or not announced as JSON.
 pub(super) async fn check_body(State(app): State<App>, request: Request, next: Next) -> Response {
     if is_stop(&request) {
@@ -43,6 +46,10 @@ pub(super) async fn check_body(State(app): State<App>, request: Request, next: N
         return next.run(request).await;
     }
     let is_open = request.extensions().get::<Principal>().is_none();
+    // An upload goes to a file, part by part.
+    if !is_open && request.uri().path() == UPLOAD {
+        return next.run(request).await;
+    }
     let (bytes_max, wait) = match is_open {
         true => (OPEN_BODY_BYTES_MAX, OPEN_CHUNK_WAIT),
         false => (BODY_BYTES_MAX, CHUNK_WAIT),
@@ -67,8 +74,8 @@ pub(super) async fn check_body(State(app): State<App>, request: Request, next: N
     let has_body = chunked || announced.is_some_and(|bytes| bytes > 0);
     if has_body && !announces_json(request.headers()) {
         return match is_open {
-            true => ApiError::wrong_content_type().into_response(),
-            false => refuse(request, ApiError::wrong_content_type()).await,
+            true => ApiError::wrong_content_type(JSON).into_response(),
+            false => refuse(request, ApiError::wrong_content_type(JSON)).await,
         };
     }
     let Some(client) = request.extensions().get::<Client>() else {
@@ -119,7 +126,8 @@ async fn whole(
     }
 }
 
-async fn refuse(request: Request, problem: ApiError) -> Response {
+/// Answers with a problem after the body was read, so that a client that is still sending receives it.
+pub(super) async fn refuse(request: Request, problem: ApiError) -> Response {
     // A client that waits for a 100-continue gets its answer at once.
     if !request.headers().contains_key(header::EXPECT) {
         drain(request.into_body().into_data_stream()).await;

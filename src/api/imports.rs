@@ -1,16 +1,29 @@
-//! `/imports`: imports a recorded series from this machine into the store.
+//! `/imports`: imports a recorded series into the store, from a folder of this machine or as an upload.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use axum::extract::Extension;
+use axum::extract::{Extension, Request};
+use axum::http::header;
 use axum::response::Response;
+use futures::StreamExt;
 use serde::{Deserialize, Serialize};
+use tokio::time::timeout;
 use utoipa::ToSchema;
 
 use super::caller::{Caller, Principal, Proof};
-use super::extract::Body;
+use super::extract::{Body, Params};
+use super::guard;
 use super::status::{self, ApiError, Problem};
-use crate::lab::{ImportOptions, LabError};
+use crate::lab::{ImportOptions, Imported, LabError, ReceivedFile};
+
+/// Uploads at a time.
+pub(super) const UPLOADS_MAX: usize = 2;
+/// Content types of a zip archive; browsers on Windows send the second one.
+const ZIP: [&str; 2] = ["application/zip", "application/x-zip-compressed"];
+/// Longest name of an upload, in characters and in bytes.
+const NAME_LENGTH_MAX: usize = 200;
+const NAME_BYTES_MAX: usize = 250;
 
 /// A series to import.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -70,8 +83,14 @@ pub(super) async fn add(
         skip_unreadable: body.skip_unreadable,
         ..ImportOptions::default()
     };
-    // On a task of its own, so that a client that leaves does not leave half a series in the store.
-    let import = async move { app.lab.import(&folder, &options, &|_, _| {}).await };
+    answer(async move { app.lab.import(&folder, &options, &|_, _| {}).await }).await
+}
+
+/// Answers with the new scan. On a task of its own, so that a client that leaves does not leave half a series in the
+/// store.
+async fn answer(
+    import: impl Future<Output = Result<Imported, LabError>> + Send + 'static,
+) -> Result<Response, ApiError> {
     let imported = tokio::spawn(import)
         .await
         .map_err(|_| ApiError::from(LabError::Stopping))??;
@@ -86,4 +105,98 @@ pub(super) async fn add(
         differences: imported.like.map_or_else(Vec::new, |like| like.differences),
     };
     Ok(status::created(location, body))
+}
+
+/// How an upload is imported.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct UploadParams {
+    /// Name of the archive, which a series without a name gets; at most 200 characters.
+    #[param(max_length = 200)]
+    name: Option<String>,
+    /// Leave out unreadable frames instead of refusing the series.
+    #[serde(default)]
+    skip_unreadable: bool,
+}
+
+/// Send a recorded series as a zip archive, and take it into the store as a completed scan.
+///
+/// The archive has manifest.toml, the table of frames and the frames, at the top or in one folder; at most 65,535 files and
+/// 4 GB. An Idempotency-Key is ignored: the answer names an earlier scan of the same series.
+#[utoipa::path(post, path = "/api/v1/imports/upload", tag = "scans", params(UploadParams),
+    request_body(content = Vec<u8>, content_type = "application/zip", description = "The archive"), responses(
+    (status = 201, description = "The new scan", body = ImportBody, headers(("Location" = String, description = "The scan"))),
+    (status = 400, description = "The query cannot be read, or the body broke off", body = Problem),
+    (status = 408, description = "The body stopped coming", body = Problem),
+    (status = 415, description = "The body is not announced as a zip archive", body = Problem),
+    (status = 422, description = "The archive cannot be read or contains no series, or a frame cannot be read", body = Problem),
+    (status = 429, description = "Two other uploads are in progress", body = Problem),
+    (status = 507, description = "The disk has no space for the series beside the reserve; nothing was imported", body = Problem),
+))]
+pub(super) async fn upload(
+    Caller(app): Caller,
+    Params(params): Params<UploadParams>,
+    request: Request,
+) -> Result<Response, ApiError> {
+    let file_name = file_name_of(params.name.as_deref())?;
+    let announced = request.headers().get(header::CONTENT_TYPE);
+    let announced = announced.and_then(|kind| kind.to_str().ok());
+    if !announced.is_some_and(|kind| ZIP.contains(&kind)) {
+        let refused = ApiError::wrong_content_type(ZIP[0]);
+        return Ok(guard::refuse(request, refused).await);
+    }
+    let Ok(place_in_line) = Arc::clone(&app.uploads).try_acquire_owned() else {
+        return Ok(guard::refuse(request, ApiError::too_many_bodies()).await);
+    };
+    let mut archive = app.lab.receive(&file_name).await?;
+    receive(request.into_body(), &mut archive).await?;
+    let options = ImportOptions {
+        skip_unreadable: params.skip_unreadable,
+        ..ImportOptions::default()
+    };
+    answer(async move {
+        let _held = place_in_line;
+        let imported = app
+            .lab
+            .import_archive(archive.path(), &options, &|_, _| {})
+            .await;
+        archive.discard().await;
+        imported
+    })
+    .await
+}
+
+/// Returns the name for the file of an upload.
+fn file_name_of(name: Option<&str>) -> Result<String, ApiError> {
+    let name = name.unwrap_or("series.zip");
+    let is_plain =
+        !name.contains(['/', '\\']) && !name.starts_with('.') && !name.contains(char::is_control);
+    match is_plain
+        && (1..=NAME_LENGTH_MAX).contains(&name.chars().count())
+        && name.len() < NAME_BYTES_MAX
+    {
+        true => Ok(name.to_owned()),
+        false => Err(ApiError::invalid(
+            "name",
+            format!("must be the plain name of a file, of 1 to {NAME_LENGTH_MAX} characters"),
+        )),
+    }
+}
+
+/// Writes a body to a file.
+async fn receive(body: axum::body::Body, file: &mut ReceivedFile) -> Result<(), ApiError> {
+    let mut parts = body.into_data_stream();
+    loop {
+        match timeout(guard::CHUNK_WAIT, parts.next()).await {
+            Ok(None) => return Ok(file.end().await?),
+            Ok(Some(Ok(part))) => file.add(&part).await?,
+            Ok(Some(Err(_))) => {
+                return Err(ApiError::bad_request(
+                    "the connection broke before the body was complete",
+                ));
+            }
+            Err(_) => return Err(ApiError::too_slow(guard::CHUNK_WAIT)),
+        }
+    }
 }

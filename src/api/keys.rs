@@ -12,7 +12,7 @@ use tokio::sync::{Mutex, OwnedMutexGuard};
 
 use super::App;
 use super::caller::Principal;
-use super::extract::BODY_BYTES_MAX;
+use super::extract::{BODY_BYTES_MAX, UPLOAD};
 use super::lease::LEASE;
 use super::rig::{PREVIEW, STOP};
 use super::session::SESSION;
@@ -24,8 +24,9 @@ use crate::store::idempotency::KeyedRequest;
 
 /// Longest Idempotency-Key.
 pub(super) const KEY_LENGTH_MAX: usize = 200;
-/// Routes whose answers are not kept: each stop stops, each preview is new, and the answers of the others have a secret.
-pub(super) const UNKEYED: [&str; 4] = [STOP, SESSION, LEASE, PREVIEW];
+/// Routes whose answers are not kept: each stop stops, each preview is new, an upload is too large to compare, and the
+/// answers of the others have a secret.
+pub(super) const UNKEYED: [&str; 5] = [STOP, SESSION, LEASE, PREVIEW, UPLOAD];
 
 /// Executes a POST with an Idempotency-Key once. Sent again, it gets the first answer.
 pub(super) async fn once_per_key(State(app): State<App>, request: Request, next: Next) -> Response {

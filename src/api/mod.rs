@@ -64,6 +64,7 @@ use axum::middleware::{from_fn, from_fn_with_state};
 use axum::response::IntoResponse;
 use axum::routing::get;
 use serde::Serialize;
+use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
@@ -93,6 +94,8 @@ pub(crate) struct App {
     key_locks: keys::KeyLocks,
     access: Arc<Access>,
     peers: peers::Peers,
+    /// One permit for each upload in progress.
+    uploads: Arc<Semaphore>,
 }
 
 /// A page of a list.
@@ -251,6 +254,7 @@ fn described() -> OpenApiRouter<App> {
         .routes(routes!(queue::retry))
         .routes(routes!(reports::of_scan))
         .routes(routes!(imports::add))
+        .routes(routes!(imports::upload))
         .routes(routes!(frames::of_scan))
         .routes(routes!(observations::of_scan))
         .routes(routes!(exports::brdf))
@@ -325,6 +329,7 @@ pub fn router(
         key_locks: keys::KeyLocks::default(),
         access,
         peers: peers::Peers::new(server::limits().seats),
+        uploads: Arc::new(Semaphore::new(imports::UPLOADS_MAX)),
     };
     let (routes, _) = described().split_for_parts();
     routes

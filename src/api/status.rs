@@ -169,13 +169,13 @@ impl ApiError {
         )
     }
 
-    /// A body that is not announced as JSON.
-    pub(super) fn wrong_content_type() -> Self {
+    /// A body that is announced as something else.
+    pub(super) fn wrong_content_type(expected: &str) -> Self {
         ApiError::new(
             StatusCode::UNSUPPORTED_MEDIA_TYPE,
             "wrong-content-type",
-            "`Content-Type` must be `application/json`",
-            "send the body with `Content-Type: application/json`",
+            "the body has another content type",
+            format!("send the body with `Content-Type: {expected}`"),
         )
     }
 
@@ -384,9 +384,10 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::NoLampSwitch => (StatusCode::CONFLICT, "the lamp has no switch"),
         LabError::Lamp(_) => (StatusCode::SERVICE_UNAVAILABLE, "the lamp failed"),
         LabError::Camera(_) => (StatusCode::SERVICE_UNAVAILABLE, "the camera failed"),
-        LabError::Series(_) | LabError::Frame { .. } | LabError::Invalid { .. } => {
-            (StatusCode::UNPROCESSABLE_ENTITY, INVALID)
-        }
+        LabError::Series(_)
+        | LabError::Archive(_)
+        | LabError::Frame { .. }
+        | LabError::Invalid { .. } => (StatusCode::UNPROCESSABLE_ENTITY, INVALID),
         LabError::Analysis(AnalysisError::Reduction(_)) => (
             StatusCode::UNPROCESSABLE_ENTITY,
             "the frames give no observations",

@@ -111,6 +111,7 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("POST", "/api/v1/calibrations", Need::Rig),
     ("GET", "/api/v1/calibrations/{id}", READ),
     ("POST", "/api/v1/imports", COMPUTE),
+    ("POST", "/api/v1/imports/upload", COMPUTE),
     ("GET", "/api/v1/frames/{id}", READ),
     ("GET", "/api/v1/frames/{id}/image.png", READ),
     ("GET", "/api/v1/frames/{id}/pixels", READ),

@@ -303,6 +303,24 @@ impl Client {
         read(request.send_json(body).map_err(unreachable)?)
     }
 
+    /// Sends a file, and waits for the answer however long it takes.
+    ///
+    /// # Errors
+    /// As [`Client::get`].
+    pub fn upload(
+        &self,
+        path: &str,
+        query: &[(&str, &str)],
+        content_type: &str,
+        file: &std::fs::File,
+    ) -> Result<Value, CliError> {
+        let request = self.signed(self.agent.post(format!("{}/api/v1{path}", self.url)));
+        let request = request.query_pairs(query.iter().copied());
+        let request = request.config().timeout_global(None).build();
+        let request = request.content_type(content_type);
+        read(request.send(file).map_err(unreachable)?)
+    }
+
     /// Sends a body; returns `None` for a conflict, where the request came too late.
     ///
     /// # Errors

@@ -1,7 +1,8 @@
 //! `ridged import`: imports a recorded series into the store.
 
+use std::fs::File;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -15,19 +16,21 @@ use super::client::{Client, CredentialArgs};
 use super::interrupt;
 use super::progress::Bar;
 use super::runtime;
+use crate::archive;
 use crate::daemon;
 use crate::lab::ImportOptions;
+use crate::series::Series;
 use crate::store::disk::RealDisk;
 use crate::wording::differences;
 
 /// Imports a recorded series into the store: PNG frames bit for bit, TIFF frames as PNG with the same counts.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  ridged import tests/data/series/polymer-10 && ridged fit --scan 1"
+    after_help = "Example:\n  ridged import tests/data/series/polymer-10 && ridged fit --scan 1\n  ridged import polymer-10.zip"
 )]
 pub struct Args {
-    /// Folder of the series (manifest.toml, frames.csv, frames/).
-    pub dir: PathBuf,
+    /// Folder of the series (manifest.toml, frames.csv, frames/), or a zip archive of it.
+    pub series: PathBuf,
     /// Data folder.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
@@ -52,14 +55,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let answer = match Client::find(&args.data)? {
         Some(client) => {
             let client = client.presenting(&args.credentials)?;
-            // A missing folder has an absolute path too, and the refusal names it.
-            let folder = args
-                .dir
-                .canonicalize()
-                .or_else(|_| std::path::absolute(&args.dir))
-                .unwrap_or_else(|_| args.dir.clone());
-            let body = json!({ "folder": folder, "skip_unreadable": args.skip_unreadable });
-            by_daemon(client, body, &cancel)?
+            let request = Request::of(&args)?;
+            by_daemon(client, request, &cancel)?
         }
         None => runtime::block_on(import(&args, cancel))?,
     };
@@ -96,10 +93,61 @@ pub fn run(args: Args) -> Result<(), CliError> {
         .map_err(CliError::no_result)
 }
 
+/// What the daemon is asked.
+enum Request {
+    /// To read a folder.
+    Folder(Value),
+    /// To take an archive.
+    Archive {
+        file: File,
+        name: String,
+        skip_unreadable: bool,
+    },
+}
+
+impl Request {
+    fn of(args: &Args) -> Result<Request, CliError> {
+        if args.series.is_file() {
+            let file = File::open(&args.series).map_err(|error| {
+                CliError::bad_input(anyhow!("{}: {error}", args.series.display()))
+            })?;
+            let name = args.series.file_name().unwrap_or_default();
+            return Ok(Request::Archive {
+                file,
+                name: name.to_string_lossy().into_owned(),
+                skip_unreadable: args.skip_unreadable,
+            });
+        }
+        // A missing folder has an absolute path too, and the refusal names it.
+        let folder = args
+            .series
+            .canonicalize()
+            .or_else(|_| std::path::absolute(&args.series))
+            .unwrap_or_else(|_| args.series.clone());
+        let body = json!({ "folder": folder, "skip_unreadable": args.skip_unreadable });
+        Ok(Request::Folder(body))
+    }
+
+    fn send(self, client: &Client) -> Result<Value, CliError> {
+        match self {
+            Request::Folder(body) => client.post_patiently("/imports", &body),
+            Request::Archive {
+                file,
+                name,
+                skip_unreadable,
+            } => {
+                let skip_unreadable = skip_unreadable.to_string();
+                let query = [("name", &*name), ("skip_unreadable", &*skip_unreadable)];
+                client.upload("/imports/upload", &query, "application/zip", &file)
+            }
+        }
+    }
+}
+
 /// Waits for the daemon's answer until Ctrl-C.
-fn by_daemon(client: Client, body: Value, cancel: &AtomicBool) -> Result<Value, CliError> {
+fn by_daemon(client: Client, request: Request, cancel: &AtomicBool) -> Result<Value, CliError> {
     let (sender, answer) = mpsc::channel();
-    std::thread::spawn(move || sender.send(client.post_patiently("/imports", &body)));
+    std::thread::spawn(move || sender.send(request.send(&client)));
     loop {
         match answer.recv_timeout(Duration::from_millis(50)) {
             Ok(answer) => return answer,
@@ -115,10 +163,28 @@ fn by_daemon(client: Client, body: Value, cancel: &AtomicBool) -> Result<Value, 
     }
 }
 
+fn check_archive(file: &Path) -> Result<(), CliError> {
+    let wrong = |error: String| {
+        CliError::bad_input(anyhow!(
+            "{} is neither a folder nor a zip archive: {error}",
+            file.display()
+        ))
+    };
+    let opened = File::open(file).map_err(|error| wrong(error.to_string()))?;
+    archive::open(opened).map_err(wrong)?;
+    Ok(())
+}
+
 async fn import(args: &Args, cancel: Arc<AtomicBool>) -> Result<Value, CliError> {
     let reserve_mb = runtime::read_config(None)?.store.reserve_mb;
-    // The series is checked first, so that a wrong folder does not leave an empty store.
-    crate::series::Series::open_own(&args.dir).map_err(CliError::bad_input)?;
+    // The series is checked first, so that a wrong folder or file does not leave an empty store.
+    let is_archive = args.series.is_file();
+    match is_archive {
+        true => check_archive(&args.series)?,
+        false => {
+            Series::open_own(&args.series).map_err(CliError::bad_input)?;
+        }
+    }
     let (lab, _) = daemon::open_lab(&args.data, Arc::new(RealDisk), runtime::real_clock(), None)
         .await
         .map_err(CliError::no_result)?;
@@ -129,11 +195,11 @@ async fn import(args: &Args, cancel: Arc<AtomicBool>) -> Result<Value, CliError>
         follow_links: true,
         cancel,
     };
-    let imported = lab
-        .import(&args.dir, &options, &|done, total| {
-            bar.at(done as u64, total as u64)
-        })
-        .await;
+    let progress = |done, total| bar.at(done as u64, total as u64);
+    let imported = match is_archive {
+        true => lab.import_archive(&args.series, &options, &progress).await,
+        false => lab.import(&args.series, &options, &progress).await,
+    };
     bar.clear();
     lab.shut_down().await;
     let imported = imported.map_err(runtime::lab_error)?;

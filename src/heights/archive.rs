@@ -6,11 +6,12 @@ use std::io::{Cursor, Read};
 use md5::{Digest, Md5};
 use zip::ZipArchive;
 
+use crate::archive::{self, Bounded};
 use crate::wording::hex;
 
 /// An opened archive.
 pub(super) struct Archive<'c> {
-    archive: ZipArchive<Cursor<&'c [u8]>>,
+    archive: ZipArchive<Bounded<Cursor<&'c [u8]>>>,
     /// Index and path of each file, with forward slashes.
     members: Vec<(usize, String)>,
     /// The path before the names of main.xml and its linked files.
@@ -21,7 +22,7 @@ pub(super) struct Archive<'c> {
 impl<'c> Archive<'c> {
     /// Opens an archive and finds its main.xml.
     pub fn open(content: &'c [u8]) -> Result<Self, String> {
-        let archive = ZipArchive::new(Cursor::new(content))
+        let archive = archive::open(Cursor::new(content))
             .map_err(|e| format!("an X3P file is a zip archive, but this file is not: {e}"))?;
         let name = |n: usize| archive.name_for_index(n)?.ok().map(|name| plain(&name));
         let members: Vec<(usize, String)> = (0..archive.len())

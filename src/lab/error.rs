@@ -10,6 +10,7 @@ use crate::job::{JobId, JobState};
 use crate::program::ProgramError;
 use crate::scan::visit::stage_code;
 use crate::scan::{OperatorAction, PlanError, ScanState};
+use crate::series::archive::ArchiveError;
 use crate::series::{FrameReadError, SeriesError};
 use crate::store::StoreError;
 use crate::store::queue::QueueState;
@@ -241,6 +242,9 @@ pub enum LabError {
     /// A folder is not a series.
     #[error(transparent)]
     Series(#[from] SeriesError),
+    /// A file is not an archive of a series.
+    #[error(transparent)]
+    Archive(ArchiveError),
     /// A frame of a series cannot be imported.
     #[error(
         "{reason}; nothing was imported: restore the file, or leave it out (--skip-unreadable, over HTTP \"skip_unreadable\": true)"
@@ -302,7 +306,7 @@ impl LabError {
             LabError::Store(error) => store_code(error),
             LabError::NothingMeasured => "not-found",
             LabError::NoReport { .. } => "no-fit",
-            LabError::Series(_) => "series-invalid",
+            LabError::Series(_) | LabError::Archive(_) => "series-invalid",
             LabError::Frame { .. } => "frame-unreadable",
             LabError::Export(_) => "export-failed",
             LabError::Analysis(_) => "analysis-failed",

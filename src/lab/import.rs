@@ -9,6 +9,7 @@ use super::{Lab, LabError};
 use crate::frame::FrameKind;
 use crate::material::Material;
 use crate::reduction::FrameReadError;
+use crate::series::archive::{ArchiveError, unpack};
 use crate::series::{FrameRow, Series, SeriesError};
 use crate::store::StoreError;
 use crate::store::frames::ImportedFrame;
@@ -107,8 +108,58 @@ impl Lab {
         imported
     }
 
+    /// Imports a zip archive with a recorded series, as [`Lab::import`] imports a folder.
+    ///
+    /// # Errors
+    /// [`LabError::Archive`] for a file that is no archive of a series, and those of [`Lab::import`].
+    pub async fn import_archive(
+        &self,
+        archive: &Path,
+        options: &ImportOptions,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Imported, LabError> {
+        let place = self.upload_place()?;
+        let imported = self
+            .import_archive_at(place.path(), archive, options, progress)
+            .await;
+        reading(move || drop(place)).await;
+        imported
+    }
+
+    async fn import_archive_at(
+        &self,
+        place: &Path,
+        archive: &Path,
+        options: &ImportOptions,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Imported, LabError> {
+        let free = self.store().free_bytes().await?;
+        let room = free.saturating_sub(self.reserve_bytes());
+        // A series without a name gets that of its folder.
+        let name = archive.file_stem().unwrap_or_default();
+        let (from, into) = (archive.to_owned(), place.join(name));
+        let cancel = Arc::clone(&options.cancel);
+        let folder = reading(move || unpack(&from, &into, room, &cancel)).await;
+        let folder = folder.map_err(|error| match error {
+            ArchiveError::Cancelled => LabError::BrokenOff,
+            ArchiveError::NoRoom { needed, .. } => LabError::NoRoomToImport {
+                needed_mb: needed.div_ceil(1_000_000),
+                reserve_mb: self.reserve_bytes().div_ceil(1_000_000),
+                free_mb: free / 1_000_000,
+            },
+            ArchiveError::Io { file, source } => StoreError::file("the file", file, source).into(),
+            error => LabError::Archive(error),
+        })?;
+        // The content of an archive is untrusted.
+        let options = ImportOptions {
+            follow_links: false,
+            ..options.clone()
+        };
+        self.import(&folder, &options, progress).await
+    }
+
     /// Refuses an import that would use up the reserve.
-    async fn check_room(&self, needed: u64) -> Result<(), LabError> {
+    pub(super) async fn check_room(&self, needed: u64) -> Result<(), LabError> {
         let reserve = self.reserve_bytes();
         let free = self.store().free_bytes().await?;
         if free >= needed.saturating_add(reserve) {

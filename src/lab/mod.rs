@@ -43,6 +43,7 @@ mod plans;
 mod preview_work;
 mod previews;
 mod queue;
+mod received;
 mod recipes;
 mod recorder;
 mod reports;
@@ -119,6 +120,7 @@ pub use preview_work::{
     SUGGESTED_MAX,
 };
 pub use queue::{LeaseHolder, QUEUE_WAITS, QueueView};
+pub use received::ReceivedFile;
 pub use recipes::{Recipe, RecipeFit, RecipeLayout, RecipeMaterial};
 pub use reports::{report, report_on_series};
 pub use rig::{AxisView, RigView};
@@ -253,6 +255,7 @@ impl Lab {
         parts: Option<RigParts>,
     ) -> Result<(Lab, Recovery), StoreError> {
         let (store, recovery) = Store::open(folder, disk, Arc::clone(&clock)).await?;
+        received::discard_all(&store).await;
         if !recovery.damaged.is_empty() {
             let message = format!(
                 "{} frames are missing or damaged on disk, first {}; restore them from a copy of the data folder",

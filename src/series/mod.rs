@@ -5,6 +5,7 @@
 //! of one frame. [`write()`] makes such a folder and keeps the frames bit for bit. This module does not interpret counts; the
 //! reduction does.
 
+pub mod archive;
 mod check;
 mod imaging;
 mod keys;

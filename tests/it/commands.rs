@@ -698,6 +698,30 @@ pub(crate) fn holds_a_file(folder: &Path) -> bool {
 }
 
 #[test]
+fn a_zip_archive_is_imported_with_and_without_a_daemon() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("part 7.zip"), crate::http::uploads::archive(6)).unwrap();
+    std::fs::write(at.join("note.txt"), "no archive").unwrap();
+    let import = |file| ridged(at, &["import", file, "--data", "data", "--json"]);
+    let wrong = ["import", "note.txt", "--data", "data"];
+    refuses(at, &wrong, 2, &["note.txt", "neither a folder nor a zip"]);
+    assert!(!at.join("data").exists());
+    let answer = |output: Output| -> Value { serde_json::from_slice(&output.stdout).unwrap() };
+    let alone = answer(import("part 7.zip"));
+    assert_eq!(
+        (&alone["scan_id"], &alone["n_frames"]),
+        (&1.into(), &6.into())
+    );
+    let daemon = Daemon::start(at, &[]);
+    let by_daemon = answer(import("part 7.zip"));
+    assert_eq!(by_daemon["scan_id"], 2);
+    assert_eq!(by_daemon["same_as_scan_id"], 1);
+    refuses(at, &wrong, 2, &["note.txt", "pack the folder"]);
+    drop(daemon);
+}
+
+#[test]
 fn ctrl_c_ends_an_import_and_an_export_with_130_and_nothing_half_done() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();

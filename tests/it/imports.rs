@@ -15,6 +15,7 @@ use code::Code;
 const RULES: &[(&str, &[&str])] = &[
     ("units", &[]),
     ("access", &[]),
+    ("archive", &[]),
     ("material", &[]),
     ("frame", &[]),
     ("clock", &[]),
@@ -37,7 +38,7 @@ const RULES: &[(&str, &[&str])] = &[
         "trace",
         &["units", "geometry", "material", "model", "wording"],
     ),
-    ("heights", &["trace", "wording"]),
+    ("heights", &["archive", "trace", "wording"]),
     (
         "fit",
         &[
@@ -55,7 +56,7 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "series",
         &[
-            "units", "geometry", "material", "frame", "limits", "wording",
+            "units", "geometry", "material", "archive", "frame", "limits", "wording",
         ],
     ),
     (
@@ -117,7 +118,14 @@ const RULES: &[(&str, &[&str])] = &[
     ),
     (
         "contrast",
-        &["units", "geometry", "observation", "model", "wording"],
+        &[
+            "units",
+            "geometry",
+            "observation",
+            "model",
+            "forecast",
+            "wording",
+        ],
     ),
     (
         "report",
@@ -286,6 +294,7 @@ const RULES: &[(&str, &[&str])] = &[
         "api",
         &[
             "access",
+            "accuracy",
             "units",
             "geometry",
             "material",
@@ -293,6 +302,7 @@ const RULES: &[(&str, &[&str])] = &[
             "frame",
             "clock",
             "comparison",
+            "contrast",
             "series",
             "reduction",
             "analysis",

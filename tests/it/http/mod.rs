@@ -16,6 +16,7 @@ mod results;
 mod samples;
 mod scans;
 mod traces;
+pub(crate) mod uploads;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -17,6 +17,7 @@ import type {
   Fit,
   FrameRow,
   GaugeBy,
+  Imported,
   Incident,
   Job,
   JobKind,
@@ -45,7 +46,7 @@ import type {
   TracePlane,
 } from './types';
 
-const PREFIX = '/api/v1';
+export const PREFIX = '/api/v1';
 
 /** A fit has about 20 kB, so a store of thousands is read page by page. */
 const FITS_PER_PAGE = 100;
@@ -64,19 +65,19 @@ export function whenLoginIsNeeded(then: () => void): void {
   askForLogin = then;
 }
 
-/** Shows the daemon that the page, and not a form of another one, sends the request; presents the lease of this page. */
-function withOwnHeaders(init: RequestInit): RequestInit {
-  const headers = new Headers(init.headers);
+/** Headers that show the daemon that the page, and not a form of another one, sends the request, with the lease of this page. */
+export function ownHeaders(init?: HeadersInit): Headers {
+  const headers = new Headers(init);
   headers.set('ridged-request', '1');
   const id = ownLease.id();
   if (id !== null) headers.set('ridged-lease', id);
-  return { ...init, headers };
+  return headers;
 }
 
 async function ask(path: string, init: RequestInit = {}): Promise<Response> {
   let response: Response;
   try {
-    response = await fetch(path, withOwnHeaders(init));
+    response = await fetch(path, { ...init, headers: ownHeaders(init.headers) });
   } catch (cause) {
     if (cause instanceof DOMException && cause.name === 'AbortError') throw cause;
     throw new Problem(0, 'no-answer', 'The daemon does not answer. Is “ridged serve” still running?');
@@ -270,8 +271,7 @@ export const api = {
   surfaceUrl: (scan: number, fit: number): string => `${PREFIX}/scans/${scan}/surface.bsdf?fit_id=${fit}`,
 
   /** Imports a recorded series from a folder of the daemon's machine. */
-  importSeries: (folder: string, skip_unreadable: boolean): Promise<{ readonly scan_id: number; readonly n_frames: number; readonly skipped: readonly string[]; /** A scan that already holds the same series. */ readonly same_as_scan_id?: number | null; /** A scan that holds the same frames under a different description. */ readonly like_scan_id?: number | null; readonly differences?: readonly string[] }> =>
-    post('/imports', { folder, skip_unreadable }),
+  importSeries: (folder: string, skip_unreadable: boolean): Promise<Imported> => post('/imports', { folder, skip_unreadable }),
 
   /** A page of fits of one scan, or of all scans; newest first. */
   fits: (of: { readonly scan_id?: number; readonly cursor?: string } = {}, signal?: AbortSignal): Promise<Page<Fit>> =>

@@ -11,6 +11,41 @@ export interface components {
             /** @description Serial number of the controller of the camera tilt. */
             readonly theta_c_serial: string;
         };
+        /** @description One measurement. */
+        readonly AccuracyPoint: {
+            /**
+             * Format: double
+             * @description Error, in the quantity's unit.
+             */
+            readonly error: number;
+            /** @description Method. */
+            readonly method: string;
+            /** @description The quantity that has the error. */
+            readonly quantity: string;
+            /** @description The reference of the error. */
+            readonly reference: string;
+            /** @description Scene. */
+            readonly scene: string;
+            /**
+             * Format: double
+             * @description Wall-clock seconds.
+             */
+            readonly seconds: number;
+        };
+        /** @description Measurements with the machine that made them: the object of `accuracy --json`. */
+        readonly AccuracyReport: components["schemas"]["Measurements"] & {
+            /** @description What was not measured. */
+            readonly left_out: readonly components["schemas"]["WorkLeftOut"][];
+            /** @description Program, processor, threads, system and seconds of the whole run. */
+            readonly machine: string;
+            /**
+             * Format: double
+             * @description Seconds of the whole run.
+             */
+            readonly seconds: number;
+            /** @description When they were written to the data folder, RFC 3339 in UTC; only over HTTP. */
+            readonly written_at?: string | null;
+        };
         /**
          * @description What the rig is doing.
          * @enum {string}
@@ -261,6 +296,69 @@ export interface components {
         readonly ContinueBody: {
             readonly action?: components["schemas"]["OperatorAction"] | null;
         };
+        /** @description A contrast: its request and its state, and the object of `contrast --json`, once it has completed */
+        readonly Contrast: {
+            /** @description When it was accepted, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /** @description When it ended, RFC 3339 in UTC; null while it runs. */
+            readonly ended_at?: string | null;
+            readonly error?: components["schemas"]["FitError"] | null;
+            readonly findings?: components["schemas"]["ReportedFindings"] | null;
+            readonly forecast?: components["schemas"]["Forecast"] | null;
+            /**
+             * Format: int64
+             * @description Number of the job within its kind.
+             */
+            readonly id: number;
+            /** @description What no uncertainty includes. */
+            readonly left_out?: readonly components["schemas"]["WorkLeftOut"][];
+            /** @description One line for each tilt, and where it was predicted for each ridge angle. */
+            readonly lines?: readonly components["schemas"]["ReportedLine"][];
+            /** @description Means of the contrasts. */
+            readonly mean?: components["schemas"]["ReportedMeans"];
+            /** @description `measured`. */
+            readonly mode?: string;
+            readonly model_error?: components["schemas"]["ForecastError"] | null;
+            /** @description Program and version. */
+            readonly program?: string;
+            readonly progress?: components["schemas"]["WorkProgress"] | null;
+            /** @description Region of the frames; null for the whole frame. */
+            readonly region?: string | null;
+            /** @description The request, as it was accepted. */
+            readonly request: Record<string, never>;
+            /**
+             * Format: int64
+             * @description Number of the sample of that scan.
+             */
+            readonly sample_id?: number | null;
+            /** @description Name of that sample. */
+            readonly sample_name?: string | null;
+            /**
+             * @description `white reference`: radiances and absolute contrasts are for a lamp irradiance of 1; `arbitrary`: they are fractions
+             *     of the brightest level.
+             */
+            readonly scale?: string;
+            /**
+             * Format: int64
+             * @description Number of its scan; null without one.
+             */
+            readonly scan_id?: number | null;
+            /** @description State of the job. */
+            readonly state: components["schemas"]["TaskState"];
+            /** @description Stray light in every signal. */
+            readonly stray_light?: components["schemas"]["StrayLight"];
+            /** @description What a person must know. */
+            readonly warnings?: readonly string[];
+            /** @description Who started it: the name of a token, or `local`. */
+            readonly who: string;
+        };
+        /** @description Contrasts of the paper's pairs of azimuths φs. */
+        readonly ContrastByPair: {
+            /** @description Between 0° and 90°. */
+            readonly "0-90": components["schemas"]["ReportedContrast"];
+            /** @description Between 90° and 180°. */
+            readonly "90-180": components["schemas"]["ReportedContrast"];
+        };
         /** @description A request for a contrast table. */
         readonly ContrastRequest: {
             /** @description Region of a sample that has several. */
@@ -282,6 +380,23 @@ export interface components {
             readonly firmware: string;
             /** @description Serial number. */
             readonly serial: string;
+        };
+        /** @description Convergence of the last steps of a solver, predicted and measured. */
+        readonly ConvergenceRate: {
+            /**
+             * Format: double
+             * @description Measured value; null where rounding hides it.
+             */
+            readonly found?: number | null;
+            /**
+             * Format: double
+             * @description Prediction of theory.
+             */
+            readonly predicted: number;
+            /** @description The predicted quantity. */
+            readonly quantity: string;
+            /** @description Scene. */
+            readonly scene: string;
         };
         /** @description The order whose scan has begun and has not ended. */
         readonly CurrentOrder: {
@@ -348,6 +463,11 @@ export interface components {
              */
             readonly repeats?: number | null;
         };
+        /**
+         * @description An effect that can be omitted.
+         * @enum {string}
+         */
+        readonly Decision: "polarisation" | "bounces" | "layers" | "cone-average" | "per-pixel-geometry" | "costly-terms";
         /** @description Allowed risks; the documentation of the module states the rule. */
         readonly DecisionRule: {
             /**
@@ -1176,6 +1296,21 @@ export interface components {
              */
             readonly value: number;
         };
+        /** @description A forecast with the time that the work took. */
+        readonly ForecastOutcome: {
+            /**
+             * Format: double
+             * @description Seconds forecast before the start.
+             */
+            readonly forecast_s: number;
+            /** @description Scene. */
+            readonly scene: string;
+            /**
+             * Format: double
+             * @description Seconds taken.
+             */
+            readonly taken_s: number;
+        };
         /** @description Seconds of a part. */
         readonly ForecastPart: {
             /**
@@ -1510,39 +1645,6 @@ export interface components {
          * @enum {string}
          */
         readonly IncidentKind: "alarm" | "recovered";
-        /** @description A job with the fields of its result, once it has one. */
-        readonly Job: {
-            /** @description When it was accepted, RFC 3339 in UTC. */
-            readonly created_at: string;
-            /** @description When it ended, RFC 3339 in UTC; null while it runs. */
-            readonly ended_at?: string | null;
-            readonly error?: components["schemas"]["FitError"] | null;
-            readonly forecast?: components["schemas"]["Forecast"] | null;
-            /**
-             * Format: int64
-             * @description Number of the job within its kind.
-             */
-            readonly id: number;
-            readonly progress?: components["schemas"]["WorkProgress"] | null;
-            /** @description The request, as it was accepted. */
-            readonly request: Record<string, never>;
-            /**
-             * Format: int64
-             * @description Number of the sample of that scan.
-             */
-            readonly sample_id?: number | null;
-            /** @description Name of that sample. */
-            readonly sample_name?: string | null;
-            /**
-             * Format: int64
-             * @description Number of its scan; null without one.
-             */
-            readonly scan_id?: number | null;
-            /** @description State of the job. */
-            readonly state: components["schemas"]["TaskState"];
-            /** @description Who started it: the name of a token, or `local`. */
-            readonly who: string;
-        };
         /**
          * @description The kind of a job.
          * @enum {string}
@@ -1776,6 +1878,69 @@ export interface components {
             readonly next_cursor?: string | null;
         };
         /** @description A page of a list. */
+        readonly List_Contrast: {
+            /** @description Rows of this page that the store cannot read; omitted if there are none. */
+            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
+            /** @description The rows of this page. */
+            readonly items: readonly {
+                /** @description When it was accepted, RFC 3339 in UTC. */
+                readonly created_at: string;
+                /** @description When it ended, RFC 3339 in UTC; null while it runs. */
+                readonly ended_at?: string | null;
+                readonly error?: components["schemas"]["FitError"] | null;
+                readonly findings?: components["schemas"]["ReportedFindings"] | null;
+                readonly forecast?: components["schemas"]["Forecast"] | null;
+                /**
+                 * Format: int64
+                 * @description Number of the job within its kind.
+                 */
+                readonly id: number;
+                /** @description What no uncertainty includes. */
+                readonly left_out?: readonly components["schemas"]["WorkLeftOut"][];
+                /** @description One line for each tilt, and where it was predicted for each ridge angle. */
+                readonly lines?: readonly components["schemas"]["ReportedLine"][];
+                /** @description Means of the contrasts. */
+                readonly mean?: components["schemas"]["ReportedMeans"];
+                /** @description `measured`. */
+                readonly mode?: string;
+                readonly model_error?: components["schemas"]["ForecastError"] | null;
+                /** @description Program and version. */
+                readonly program?: string;
+                readonly progress?: components["schemas"]["WorkProgress"] | null;
+                /** @description Region of the frames; null for the whole frame. */
+                readonly region?: string | null;
+                /** @description The request, as it was accepted. */
+                readonly request: Record<string, never>;
+                /**
+                 * Format: int64
+                 * @description Number of the sample of that scan.
+                 */
+                readonly sample_id?: number | null;
+                /** @description Name of that sample. */
+                readonly sample_name?: string | null;
+                /**
+                 * @description `white reference`: radiances and absolute contrasts are for a lamp irradiance of 1; `arbitrary`: they are fractions
+                 *     of the brightest level.
+                 */
+                readonly scale?: string;
+                /**
+                 * Format: int64
+                 * @description Number of its scan; null without one.
+                 */
+                readonly scan_id?: number | null;
+                /** @description State of the job. */
+                readonly state: components["schemas"]["TaskState"];
+                /** @description Stray light in every signal. */
+                readonly stray_light?: components["schemas"]["StrayLight"];
+                /** @description What a person must know. */
+                readonly warnings?: readonly string[];
+                /** @description Who started it: the name of a token, or `local`. */
+                readonly who: string;
+            }[];
+            /** @description `cursor` of the next page; null at the end. */
+            readonly next_cursor?: string | null;
+        };
+        /** @description A page of a list. */
         readonly List_Fit: {
             /** @description Rows of this page that the store cannot read; omitted if there are none. */
             readonly damaged?: readonly components["schemas"]["DamagedBody"][];
@@ -2002,46 +2167,6 @@ export interface components {
                  * @description Time from the fault to the first point that counted again, s; null for an alarm.
                  */
                 readonly took_s?: number | null;
-            }[];
-            /** @description `cursor` of the next page; null at the end. */
-            readonly next_cursor?: string | null;
-        };
-        /** @description A page of a list. */
-        readonly List_Job: {
-            /** @description Rows of this page that the store cannot read; omitted if there are none. */
-            readonly damaged?: readonly components["schemas"]["DamagedBody"][];
-            /** @description The rows of this page. */
-            readonly items: readonly {
-                /** @description When it was accepted, RFC 3339 in UTC. */
-                readonly created_at: string;
-                /** @description When it ended, RFC 3339 in UTC; null while it runs. */
-                readonly ended_at?: string | null;
-                readonly error?: components["schemas"]["FitError"] | null;
-                readonly forecast?: components["schemas"]["Forecast"] | null;
-                /**
-                 * Format: int64
-                 * @description Number of the job within its kind.
-                 */
-                readonly id: number;
-                readonly progress?: components["schemas"]["WorkProgress"] | null;
-                /** @description The request, as it was accepted. */
-                readonly request: Record<string, never>;
-                /**
-                 * Format: int64
-                 * @description Number of the sample of that scan.
-                 */
-                readonly sample_id?: number | null;
-                /** @description Name of that sample. */
-                readonly sample_name?: string | null;
-                /**
-                 * Format: int64
-                 * @description Number of its scan; null without one.
-                 */
-                readonly scan_id?: number | null;
-                /** @description State of the job. */
-                readonly state: components["schemas"]["TaskState"];
-                /** @description Who started it: the name of a token, or `local`. */
-                readonly who: string;
             }[];
             /** @description `cursor` of the next page; null at the end. */
             readonly next_cursor?: string | null;
@@ -2866,6 +2991,32 @@ export interface components {
             /** @enum {string} */
             readonly kind: "conductor";
         };
+        /** @description The mean of a ridge angle. */
+        readonly MeanAtRidge: components["schemas"]["ReportedContrast"] & {
+            /**
+             * Format: double
+             * @description Ridge angle, degrees.
+             */
+            readonly theta_r_deg: number;
+        };
+        /** @description The mean at a tilt. */
+        readonly MeanAtTilt: components["schemas"]["ReportedContrast"] & {
+            /**
+             * Format: double
+             * @description Camera tilt, degrees.
+             */
+            readonly theta_c_deg: number;
+        };
+        /** @description The mean of all contrasts. */
+        readonly MeanOfAll: components["schemas"]["ReportedContrast"] & {
+            /** @description The tilts that it includes, degrees. */
+            readonly theta_c_deg: readonly number[];
+        };
+        /** @description The mean of a pair of azimuths. */
+        readonly MeanOfPair: components["schemas"]["ReportedContrast"] & {
+            /** @description `0-90` or `90-180`. */
+            readonly phi_s_deg: string;
+        };
         /** @description What was measured. */
         readonly MeasuredPart: {
             /** @description Names that it had, oldest first. */
@@ -2955,6 +3106,17 @@ export interface components {
             readonly verdict?: components["schemas"]["ReportedVerdict"] | null;
             /** @description The white reference. */
             readonly white_reference?: Record<string, never> | null;
+        };
+        /** @description All measurements. */
+        readonly Measurements: {
+            /** @description Forecasts against seconds. */
+            readonly forecasts: readonly components["schemas"]["ForecastOutcome"][];
+            /** @description Errors against seconds. */
+            readonly points: readonly components["schemas"]["AccuracyPoint"][];
+            /** @description Plans compared with full computations. */
+            readonly proofs: readonly components["schemas"]["PlanCheck"][];
+            /** @description Rates of solvers. */
+            readonly rates: readonly components["schemas"]["ConvergenceRate"][];
         };
         /** @description The rig as the scan used it. */
         readonly MeasuringRig: {
@@ -3291,8 +3453,10 @@ export interface components {
             readonly exposures_s: readonly number[];
             /** @description White-reference frames. */
             readonly flat: components["schemas"]["FlatPlan"];
-            /** @description Sample azimuths. */
+            /** @description Sample azimuths, degrees; where the plan states poses, each azimuth among them once. */
             readonly phi_s_deg: readonly number[];
+            /** @description Poses of the sample in the order of the visits; empty where each tilt is visited at each azimuth. */
+            readonly poses?: readonly components["schemas"]["PlanPose"][];
             /**
              * Format: int32
              * @description Points of the sample between two checks of a reference pose; 0 for none.
@@ -3305,8 +3469,84 @@ export interface components {
             readonly repeats: number;
             /** @description Whether valid calibration frames save their operator steps. */
             readonly reuse_calibrations: boolean;
-            /** @description Camera tilts. */
+            /** @description Camera tilts, degrees; where the plan states poses, each tilt among them once. */
             readonly theta_c_deg: readonly number[];
+        };
+        /** @description A plan compared with the full computation. */
+        readonly PlanCheck: {
+            /**
+             * Format: double
+             * @description Tolerance and two standard errors of the difference, relative.
+             */
+            readonly allowed: number;
+            /** @description Full computation: value and standard error. */
+            readonly full: readonly number[];
+            /**
+             * Format: double
+             * @description Seconds of the full computation, to a standard error equal to the tolerance.
+             */
+            readonly full_s: number;
+            /** @description Whether the difference is allowed. */
+            readonly holds: boolean;
+            /**
+             * Format: double
+             * @description Relative difference of the two.
+             */
+            readonly off: number;
+            /** @description The decisions that omit an effect. */
+            readonly parts: readonly components["schemas"]["PlanPart"][];
+            /** @description Planned computation: value and standard error. */
+            readonly planned: readonly number[];
+            /**
+             * Format: double
+             * @description Seconds of the planned computation, planning included.
+             */
+            readonly planned_s: number;
+            /**
+             * Format: double
+             * @description Seconds of planning.
+             */
+            readonly planning_s: number;
+            /** @description The compared quantity. */
+            readonly quantity: string;
+            /** @description Scene. */
+            readonly scene: string;
+            /**
+             * Format: double
+             * @description Allowed relative error of the plan.
+             */
+            readonly tolerance: number;
+        };
+        /** @description The effect of one decision alone. */
+        readonly PlanPart: {
+            /**
+             * Format: double
+             * @description Its cost as the plan states it.
+             */
+            readonly cost?: number | null;
+            /** @description The decision. */
+            readonly decision: components["schemas"]["Decision"];
+            /**
+             * Format: double
+             * @description Time of the full run over the time without the effect, both to the same standard error; null where the scene does not
+             *     have the effect.
+             */
+            readonly speed_up?: number | null;
+            /** @description The omitted effect. */
+            readonly what: string;
+        };
+        /** @description A pose that a plan states. */
+        readonly PlanPose: {
+            /**
+             * Format: double
+             * @description Sample azimuth φs, degrees.
+             */
+            readonly phi_s_deg: number;
+            /**
+             * Format: double
+             * @description Camera tilt θc, degrees.
+             */
+            readonly theta_c_deg: number;
         };
         /**
          * @description A plan as a file or a request states it: everything may be left out that a preset or the rig's
@@ -3320,6 +3560,8 @@ export interface components {
             /** @description White-reference frames. */
             readonly flat?: components["schemas"]["FlatRequest"];
             readonly phi_s_deg?: components["schemas"]["Values"] | null;
+            /** @description Poses of the sample one by one, visited in this order, instead of tilts and azimuths. */
+            readonly poses?: readonly components["schemas"]["PlanPose"][] | null;
             readonly preset?: components["schemas"]["Preset"] | null;
             /**
              * Format: int32
@@ -3587,6 +3829,24 @@ export interface components {
          * @enum {string}
          */
         readonly QueueState: "stopped" | "running" | "stopping" | "paused";
+        /** @description Radiances at the paper's azimuths φs. */
+        readonly RadianceByAzimuth: {
+            /**
+             * Format: double
+             * @description At 0°.
+             */
+            readonly 0: number;
+            /**
+             * Format: double
+             * @description At 90°.
+             */
+            readonly 90: number;
+            /**
+             * Format: double
+             * @description At 180°.
+             */
+            readonly 180: number;
+        };
         /** @description Readiness of the daemon. */
         readonly ReadyBody: {
             /** @description Why it is not ready; null if it is ready. */
@@ -3805,6 +4065,38 @@ export interface components {
             /** @description Lines of the budget, and whether they have the same error in all scans. */
             readonly shared_lines: readonly components["schemas"]["SharedLine"][];
         };
+        /** @description A contrast, with its standard uncertainties (k = 1) where it was measured. */
+        readonly ReportedContrast: {
+            /**
+             * Format: double
+             * @description |a − b|, in the unit of the radiances.
+             */
+            readonly absolute: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty.
+             */
+            readonly absolute_std?: number | null;
+            /**
+             * Format: double
+             * @description |a − b|/(a + b); null where both are dark.
+             */
+            readonly michelson?: number | null;
+            /**
+             * Format: double
+             * @description Its standard uncertainty.
+             */
+            readonly michelson_std?: number | null;
+        };
+        /** @description The paper's three findings, each with whether the table shows it. */
+        readonly ReportedFindings: {
+            /** @description The mean of 0° to 90° is greater than that of 90° to 180°. */
+            readonly "0-90_above_90-180": boolean;
+            /** @description Mean contrast is greatest at the smallest ridge angle. */
+            readonly greatest_at_smallest_theta_r: boolean;
+            /** @description Mean contrast is greatest at θc = 0. */
+            readonly greatest_at_theta_c_0: boolean;
+        };
         /** @description The fit. */
         readonly ReportedFit: components["schemas"]["FitReport"] & {
             /** @description Program that computed it, with its commit. */
@@ -3822,6 +4114,33 @@ export interface components {
             readonly request: Record<string, never>;
             /** @description Who started it. */
             readonly who?: string | null;
+        };
+        /** @description A line of the table. */
+        readonly ReportedLine: {
+            /** @description Contrasts by pair of azimuths. */
+            readonly contrast: components["schemas"]["ContrastByPair"];
+            /** @description Radiances by azimuth. */
+            readonly radiance: components["schemas"]["RadianceByAzimuth"];
+            /**
+             * Format: double
+             * @description Camera tilt, degrees.
+             */
+            readonly theta_c_deg: number;
+            /**
+             * Format: double
+             * @description Ridge angle, degrees; only of a prediction.
+             */
+            readonly theta_r_deg?: number | null;
+        };
+        /** @description Means of contrasts over all other settings. */
+        readonly ReportedMeans: {
+            readonly all?: components["schemas"]["MeanOfAll"] | null;
+            /** @description By pair of azimuths. */
+            readonly by_phi_s: readonly components["schemas"]["MeanOfPair"][];
+            /** @description By camera tilt. */
+            readonly by_theta_c: readonly components["schemas"]["MeanAtTilt"][];
+            /** @description Means by ridge angle; only of a prediction. */
+            readonly by_theta_r?: readonly components["schemas"]["MeanAtRidge"][] | null;
         };
         /** @description An observation. */
         readonly ReportedObservation: {
@@ -3850,6 +4169,16 @@ export interface components {
              * @description Camera tilt θc read back, degrees.
              */
             readonly theta_c_deg: number;
+        };
+        /** @description A contrast table, measured or predicted. */
+        readonly ReportedTable: {
+            readonly findings?: components["schemas"]["ReportedFindings"] | null;
+            /** @description One line for each tilt, and where it was predicted for each ridge angle. */
+            readonly lines: readonly components["schemas"]["ReportedLine"][];
+            /** @description Means of the contrasts. */
+            readonly mean: components["schemas"]["ReportedMeans"];
+            /** @description Program and version. */
+            readonly program: string;
         };
         /** @description The verdict. */
         readonly ReportedVerdict: Record<string, never> & {
@@ -4805,6 +5134,19 @@ export interface components {
             /** @description The controller of the camera tilt. */
             readonly theta_c: components["schemas"]["ControllerBody"];
         };
+        /** @description Stray light as radiance where the scale is absolute, otherwise in the unit of the signals. */
+        readonly StrayLight: {
+            /**
+             * Format: double
+             * @description Amount in every signal.
+             */
+            readonly radiance: number;
+            /**
+             * Format: double
+             * @description Its standard uncertainty.
+             */
+            readonly std: number;
+        };
         /** @description A result of the study. */
         readonly StudiedResult: components["schemas"]["ResultOf"] & {
             /** @description Lines of the budget that are not zero: standard uncertainties. */
@@ -5582,6 +5924,8 @@ export interface components {
     pathItems: never;
 }
 export type AcceptStagesBody = components['schemas']['AcceptStagesBody'];
+export type AccuracyPoint = components['schemas']['AccuracyPoint'];
+export type AccuracyReport = components['schemas']['AccuracyReport'];
 export type Activity = components['schemas']['Activity'];
 export type AreaBody = components['schemas']['AreaBody'];
 export type AxesBody = components['schemas']['AxesBody'];
@@ -5597,14 +5941,18 @@ export type ComparedParameter = components['schemas']['ComparedParameter'];
 export type ComparedValue = components['schemas']['ComparedValue'];
 export type Comparison = components['schemas']['Comparison'];
 export type ContinueBody = components['schemas']['ContinueBody'];
+export type Contrast = components['schemas']['Contrast'];
+export type ContrastByPair = components['schemas']['ContrastByPair'];
 export type ContrastRequest = components['schemas']['ContrastRequest'];
 export type ControllerBody = components['schemas']['ControllerBody'];
+export type ConvergenceRate = components['schemas']['ConvergenceRate'];
 export type CurrentOrder = components['schemas']['CurrentOrder'];
 export type CurveBody = components['schemas']['CurveBody'];
 export type CurvesBody = components['schemas']['CurvesBody'];
 export type DamagedBody = components['schemas']['DamagedBody'];
 export type DarkPlan = components['schemas']['DarkPlan'];
 export type DarkRequest = components['schemas']['DarkRequest'];
+export type Decision = components['schemas']['Decision'];
 export type DecisionRule = components['schemas']['DecisionRule'];
 export type DefinitionName = components['schemas']['DefinitionName'];
 export type DefinitionRef = components['schemas']['DefinitionRef'];
@@ -5645,6 +5993,7 @@ export type Forecast = components['schemas']['Forecast'];
 export type ForecastAmount = components['schemas']['ForecastAmount'];
 export type ForecastAtLimit = components['schemas']['ForecastAtLimit'];
 export type ForecastError = components['schemas']['ForecastError'];
+export type ForecastOutcome = components['schemas']['ForecastOutcome'];
 export type ForecastPart = components['schemas']['ForecastPart'];
 export type FrameBody = components['schemas']['FrameBody'];
 export type FrameHash = components['schemas']['FrameHash'];
@@ -5664,7 +6013,6 @@ export type ImportBody = components['schemas']['ImportBody'];
 export type ImportRequest = components['schemas']['ImportRequest'];
 export type IncidentBody = components['schemas']['IncidentBody'];
 export type IncidentKind = components['schemas']['IncidentKind'];
-export type Job = components['schemas']['Job'];
 export type JobKind = components['schemas']['JobKind'];
 export type JogAnswer = components['schemas']['JogAnswer'];
 export type JogBody = components['schemas']['JogBody'];
@@ -5676,10 +6024,10 @@ export type LeaseStateBody = components['schemas']['LeaseStateBody'];
 export type LeftOutScan = components['schemas']['LeftOutScan'];
 export type ListCalibrationBody = components['schemas']['List_CalibrationBody'];
 export type ListCertaintyBody = components['schemas']['List_CertaintyBody'];
+export type ListContrast = components['schemas']['List_Contrast'];
 export type ListFit = components['schemas']['List_Fit'];
 export type ListFrameBody = components['schemas']['List_FrameBody'];
 export type ListIncidentBody = components['schemas']['List_IncidentBody'];
-export type ListJob = components['schemas']['List_Job'];
 export type ListMap = components['schemas']['List_Map'];
 export type ListOrderBody = components['schemas']['List_OrderBody'];
 export type ListRecipeBody = components['schemas']['List_RecipeBody'];
@@ -5700,9 +6048,14 @@ export type MapShared = components['schemas']['MapShared'];
 export type MapSpread = components['schemas']['MapSpread'];
 export type MapTiming = components['schemas']['MapTiming'];
 export type MaterialBody = components['schemas']['MaterialBody'];
+export type MeanAtRidge = components['schemas']['MeanAtRidge'];
+export type MeanAtTilt = components['schemas']['MeanAtTilt'];
+export type MeanOfAll = components['schemas']['MeanOfAll'];
+export type MeanOfPair = components['schemas']['MeanOfPair'];
 export type MeasuredPart = components['schemas']['MeasuredPart'];
 export type MeasuredScan = components['schemas']['MeasuredScan'];
 export type MeasurementReport = components['schemas']['MeasurementReport'];
+export type Measurements = components['schemas']['Measurements'];
 export type MeasuringRig = components['schemas']['MeasuringRig'];
 export type MetalBody = components['schemas']['MetalBody'];
 export type MonteCarloEstimate = components['schemas']['MonteCarloEstimate'];
@@ -5728,6 +6081,9 @@ export type Phase = components['schemas']['Phase'];
 export type PictureBody = components['schemas']['PictureBody'];
 export type Pitch = components['schemas']['Pitch'];
 export type Plan = components['schemas']['Plan'];
+export type PlanCheck = components['schemas']['PlanCheck'];
+export type PlanPart = components['schemas']['PlanPart'];
+export type PlanPose = components['schemas']['PlanPose'];
 export type PlanRequest = components['schemas']['PlanRequest'];
 export type PointBody = components['schemas']['PointBody'];
 export type Preset = components['schemas']['Preset'];
@@ -5739,6 +6095,7 @@ export type Problem = components['schemas']['Problem'];
 export type ProgressBody = components['schemas']['ProgressBody'];
 export type QueueBody = components['schemas']['QueueBody'];
 export type QueueState = components['schemas']['QueueState'];
+export type RadianceByAzimuth = components['schemas']['RadianceByAzimuth'];
 export type ReadyBody = components['schemas']['ReadyBody'];
 export type Recipe = components['schemas']['Recipe'];
 export type RecipeBody = components['schemas']['RecipeBody'];
@@ -5749,8 +6106,13 @@ export type RecipeMaterial = components['schemas']['RecipeMaterial'];
 export type RecordChange = components['schemas']['RecordChange'];
 export type RenameBody = components['schemas']['RenameBody'];
 export type Repeatability = components['schemas']['Repeatability'];
+export type ReportedContrast = components['schemas']['ReportedContrast'];
+export type ReportedFindings = components['schemas']['ReportedFindings'];
 export type ReportedFit = components['schemas']['ReportedFit'];
+export type ReportedLine = components['schemas']['ReportedLine'];
+export type ReportedMeans = components['schemas']['ReportedMeans'];
 export type ReportedObservation = components['schemas']['ReportedObservation'];
+export type ReportedTable = components['schemas']['ReportedTable'];
 export type ReportedVerdict = components['schemas']['ReportedVerdict'];
 export type Result = components['schemas']['Result'];
 export type ResultOf = components['schemas']['ResultOf'];
@@ -5781,6 +6143,7 @@ export type SpecificationBody = components['schemas']['SpecificationBody'];
 export type SpecificationChange = components['schemas']['SpecificationChange'];
 export type StageController = components['schemas']['StageController'];
 export type StagesBody = components['schemas']['StagesBody'];
+export type StrayLight = components['schemas']['StrayLight'];
 export type StudiedResult = components['schemas']['StudiedResult'];
 export type SuggestionBody = components['schemas']['SuggestionBody'];
 export type TagBody = components['schemas']['TagBody'];

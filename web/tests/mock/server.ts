@@ -18,7 +18,7 @@ import { traceFiles, traceResult } from './trace';
 type Json = Record<string, unknown>;
 
 interface MockScan {
-  body: Json & { id: number; state: string; sample_id: number; plan: { theta_c_deg: number[]; phi_s_deg: number[]; exposures_s: number[]; repeats: number } };
+  body: Json & { id: number; state: string; sample_id: number; plan: { theta_c_deg: number[]; phi_s_deg: number[]; poses: unknown[]; exposures_s: number[]; repeats: number } };
   frames: Json[];
   steps: string[];
 }
@@ -151,7 +151,7 @@ export class MockDaemon {
 
   /** A scan with all its frames, as if it had run. */
   addScan(sampleId: number, preset: keyof typeof PRESETS & string): number {
-    const scan = this.#newScan(sampleId, { ...(PRESETS[preset] ?? { theta_c_deg: [], phi_s_deg: [] }), exposures_s: [0.02, 0.06, 0.18], repeats: 1 });
+    const scan = this.#newScan(sampleId, { ...(PRESETS[preset] ?? { theta_c_deg: [], phi_s_deg: [] }), poses: [], exposures_s: [0.02, 0.06, 0.18], repeats: 1 });
     scan.steps = [];
     this.#shots(scan).forEach((shot) => this.#expose(scan, shot));
     this.#finish(scan);
@@ -387,7 +387,8 @@ export class MockDaemon {
     const path = url.pathname.slice('/api/v1'.length);
     let text = '';
     for await (const part of request) text += String(part);
-    const body = (text === '' ? {} : JSON.parse(text)) as Json;
+    const isArchive = request.headers['content-type'] === 'application/zip';
+    const body = (isArchive ? { archive: text } : text === '' ? {} : JSON.parse(text)) as Json;
     if (method === 'POST' || method === 'PATCH') this.requests.push({ method, path, body });
     else this.reads.push(url.pathname.slice('/api/v1'.length) + url.search);
 
@@ -553,7 +554,7 @@ export class MockDaemon {
     if ((path === '/scans' && method === 'POST') || path === '/scans/estimate') {
       const recipe = this.recipes.named(body['recipe']);
       const asked = (recipe?.content['plan'] ?? body['plan']) as Json;
-      const plan = { exposures_s: [0.02, 0.06, 0.18], repeats: 1, ...PRESETS[String(asked['preset'])], ...asked } as MockScan['body']['plan'];
+      const plan = { poses: [], exposures_s: [0.02, 0.06, 0.18], repeats: 1, ...PRESETS[String(asked['preset'])], ...asked } as MockScan['body']['plan'];
       const beyond = plan.theta_c_deg.findIndex((t) => Math.abs(t) > 60);
       if (beyond >= 0) {
         return send(422, { status: 422, code: 'plan-invalid', title: 'the plan cannot run', detail: 'the plan goes beyond the travel of an axis', errors: [{ field: `plan.theta_c_deg[${beyond}]`, message: `${plan.theta_c_deg[beyond]}° is beyond the limit of 60°` }] }, 'application/problem+json');
@@ -639,7 +640,7 @@ export class MockDaemon {
       return send(200, picture(Number(previewMatch[1])), 'image/png');
     }
     if (imageMatch) return send(200, this.#image(Number(imageMatch[1])), 'image/png');
-    if (path === '/imports' && method === 'POST') {
+    if ((path === '/imports' || path === '/imports/upload') && method === 'POST') {
       const id = this.addScan(1, 'paper');
       Object.assign(this.scans.find((s) => s.body.id === id)?.body ?? {}, { origin: 'import' });
       return send(201, { scan_id: id, sample_id: 1, n_frames: 48, skipped: ['frames/7.png'], same_as_scan_id: null });

@@ -198,6 +198,20 @@ describe('a recorded series', () => {
     await page.locator('#answer-title').waitFor();
   });
 
+  it('is imported from a zip archive of this computer', async () => {
+    await page.goto(`${url}/#/records`);
+    await page.getByText('Import a series').click();
+    await page.getByLabel('Zip archive of the series').setInputFiles({ name: 'seven.zip', mimeType: 'application/zip', buffer: Buffer.from('PK') });
+    await page.getByLabel('Folder on the measuring PC').waitFor({ state: 'detached' });
+    await page.getByRole('button', { name: 'Import' }).click();
+    await page.getByText('Scan 1 with 48 frames; left out: frames/7.png.').waitFor();
+    expect(daemon.requests.find((r) => r.path === '/imports/upload')?.body).toEqual({ archive: 'PK' });
+
+    daemon.refusals.set('POST /imports/upload', { status: 422, body: { code: 'series-invalid', title: 'a value is not valid', detail: 'seven.zip: it contains no manifest.toml; pack the folder' } });
+    await page.getByRole('button', { name: 'Import' }).click();
+    await page.getByRole('alert').filter({ hasText: 'it contains no manifest.toml' }).waitFor();
+  });
+
   it('reports beside the folder what is wrong and what to do', async () => {
     daemon.refusals.set('POST /imports', { status: 422, body: { code: 'frame-unreadable', title: 'a value is not valid', detail: 'frames/7.png is torn; nothing was imported' } });
     await page.goto(`${url}/#/records`);
