@@ -18,8 +18,8 @@ TARGET = ROOT / "python/src/ridged/_api.py"
 # Bodies and answers that the package names; their parts follow.
 NAMED = [
     "CalibrationBody", "CertaintyBody", "Comparison", "CurvesBody", "EstimateBody", "Fit", "FrameBody", "IncidentBody",
-    "Job", "LeaseBody", "LeaseStateBody", "ObservationsBody", "PlanRequest", "PreviewAnswer", "Problem", "RecipeBody",
-    "Repeatability", "RigBody", "SampleBody", "ScanBody", "SessionBody", "SpecificationBody",
+    "LeaseBody", "LeaseStateBody", "ObservationsBody", "OrderBody", "PlanRequest", "PreviewAnswer", "Problem",
+    "QueueBody", "RecipeBody", "Repeatability", "Result", "RigBody", "SampleBody", "ScanBody", "SessionBody", "SpecificationBody",
 ]  # fmt: skip
 
 HEAD = '''"""Bodies of the HTTP API, as TypedDicts. Made by `tools/python_types.py` from the OpenAPI document; do not edit."""
@@ -61,7 +61,7 @@ def annotation(schema: dict[str, Any]) -> str:
         if word in schema:
             return union([annotation(part) for part in schema[word]])
     if "enum" in schema:
-        return f"Literal[{', '.join(json.dumps(value) for value in schema['enum'])}]"
+        return f"Literal[{', '.join('None' if value is None else json.dumps(value) for value in schema['enum'])}]"
     kinds = schema.get("type", "any")
     return union([of_kind(kind, schema) for kind in ([kinds] if isinstance(kinds, str) else kinds)])
 

@@ -106,6 +106,26 @@ def test_a_scan_pauses_resumes_and_gives_its_documents(engine: RunEngine, device
     assert abs(fit["scan_theta_r_deg"][0] - 15) < fit["scan_theta_r_U_deg"][0]
 
 
+def test_poses_of_a_script_are_one_scan_in_their_order(engine: RunEngine, lab: ridged.Lab) -> None:
+    poses = [(10, 90), (-10, 0), (10, 0), (0, 45), (-10, 90), (0, 0), (0, 90), (10, 45), (-10, 45)]
+    steps: list[ridged.OperatorStep] = []
+
+    def noted(step: ridged.OperatorStep) -> bool:
+        steps.append(step)
+        return ridged.confirm(step)
+
+    scanner = ridged.bluesky.devices(lab, on_step=noted).scan
+    scanner.prepare_scan("model 15°", poses=poses, exposures_s=[0.02])
+    documents = collected(engine, ridged.bluesky.measure(scanner))
+    pages = {frozenset(page["data"]): page["data"] for page in documents["event_page"]}
+    [observations] = [data for data in pages.values() if "scan_signal" in data]
+    assert len(observations["scan_signal"]) == 9
+    assert len(steps) <= 3, "cap, white reference and sample once"
+    scan = scanner.last_scan
+    assert scan is not None
+    assert [(pose["theta_c_deg"], pose["phi_s_deg"]) for pose in scan.body["plan"]["poses"]] == poses
+
+
 @pytest.mark.parametrize("by", ["the plan of the package", "the plan of Bluesky"])
 def test_an_abort_ends_the_scan_and_stops_the_rig(
     engine: RunEngine, devices: Devices, lab: ridged.Lab, by: str

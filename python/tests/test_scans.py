@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
+from conftest import Daemon
 
 import ridged
 from ridged import fits, samples
@@ -181,3 +185,55 @@ def test_scans_are_compared_and_their_scatter_is_put_beside_the_stated_uncertain
     assert study["gauge"] is None and study["gauge_note"]
     with pytest.raises(ridged.Invalid, match="expected 2 to 200 scans"):
         lab.repeatability([scan])
+
+
+def test_a_zip_archive_of_this_machine_is_imported(lab: ridged.Lab, tmp_path: Path) -> None:
+    series = Path(__file__).parents[2] / "tests" / "data" / "series" / "paper-rig-full"
+    archive = shutil.make_archive(str(tmp_path / "paper"), "zip", series)
+    imported = lab.import_series(archive)
+    assert imported.body["origin"] == "import"
+    with pytest.raises(ridged.Invalid, match="pack the folder"):
+        (tmp_path / "empty.zip").write_bytes(b"no archive")
+        lab.import_series(tmp_path / "empty.zip")
+
+
+def test_a_queue_measures_its_parts_and_their_results_are_a_table(own_daemon: Callable[..., Daemon]) -> None:
+    with ridged.connect(data=own_daemon().data) as lab:
+        lab.add_recipe(
+            {
+                "name": "quick",
+                "plan": {"preset": "paper", "exposures_s": [0.02]},
+                "fit": {"variant": "sawtooth"},
+                "material": {"eta": 1.5},
+            }
+        )
+        lab.add_specification({"name": "drawing", "limits": {"theta_r_deg": {"lower": 5, "upper": 30}}})
+        parts = [{"part": "model 15°", "external_id": f"A-{n}"} for n in range(3)]
+        orders = lab.queue.add(parts, recipe="quick", specification="drawing", lot="4")
+        lab.queue.remove(lab.queue.add("model 15°", recipe="quick")[0]["id"])
+        assert [order["state"] for order in lab.queue.orders()] == ["waiting"] * 3
+        with pytest.raises(ridged.Conflict, match="A-0"):
+            lab.queue.add(parts[0], recipe="quick")
+        with pytest.raises(ridged.QueueStopped, match="while 3 orders wait"):
+            lab.queue.wait(progress=False)
+        assert lab.queue.move(orders[2]["id"], 1)["external_id"] == "A-2"
+        lab.queue.start()
+        seen: list[str] = []
+
+        def on_step(step: ridged.OperatorStep) -> bool:
+            seen.append(step.action)
+            return True
+
+        lab.queue.wait(on_step=on_step, progress=False, timeout_s=120)
+        assert seen.count("place-sample") == 3
+        assert seen.count("cap-lens") == 1, "references are taken once"
+        done = lab.queue.orders("done")
+        assert [order["external_id"] for order in done] == ["A-2", "A-0", "A-1"]
+        for order in done:
+            assert order["scan_id"] is not None
+            lab.scan(order["scan_id"]).fit.wait(progress=False)
+        rows = lab.results(lot="4", rows=True, sort="scan_id")
+        assert [row["external_id"] for row in rows] == ["A-2", "A-0", "A-1"]
+        table = lab.results(lot="4", limit=2)
+        assert not isinstance(table, list) and list(table["recipe"]) == ["quick", "quick"]
+        assert lab.results(lot="5", rows=True) == []

@@ -18,6 +18,7 @@ from .errors import (
     MotionFailed,
     NoDaemon,
     NotFound,
+    QueueStopped,
     Refused,
     RidgedError,
     ScanStopped,
@@ -29,6 +30,7 @@ from .errors import (
 from .fits import Fit, Quantity
 from .jobs import Files, Map, Work
 from .lab import Lab, connect
+from .queue import Queue
 from .rig import Lease, Preview, Rig, RigStatus
 from .samples import Sample
 from .scans import Scan
@@ -54,6 +56,8 @@ __all__ = [
     "Preview",
     "Progress",
     "Quantity",
+    "Queue",
+    "QueueStopped",
     "Refused",
     "RidgedError",
     "Rig",

@@ -40,8 +40,14 @@ Loss = Literal["linear", "huber", "tukey"]
 MaterialBody = dict[str, Any]
 """Nominal material: complex index N = n + ik with standard uncertainties."""
 
+OnFailure = Literal["stop", "end"]
+"""What follows a failed order of the queue."""
+
 OperatorAction = Literal["cap-lens", "place-white-reference", "place-sample"]
 """What a person has to do at the rig before the scan can go on."""
+
+OrderState = Literal["waiting", "running", "done", "failed", "removed"]
+"""State of an order."""
 
 Phase = Literal["dark", "flat", "sample", "done"]
 """Phase of a scan: the kind of the frames being taken, and done at its end."""
@@ -51,6 +57,9 @@ Pitch = float | list[float]
 
 Preset = Literal["paper", "full"]
 """Named plans."""
+
+QueueState = Literal["stopped", "running", "stopping", "paused"]
+"""State of the queue."""
 
 Role = Literal["viewer", "analyst", "operator", "admin"]
 """What the holder of a token may do. Every role may stop the rig."""
@@ -188,6 +197,14 @@ class ControllerBody(TypedDict):
     serial: str
 
 
+class CurrentOrder(TypedDict):
+    """The order whose scan has begun and has not ended."""
+
+    operator: NotRequired[OperatorBody | None]
+    order: OrderBody
+    scan_state: ScanState
+
+
 class CurveBody(TypedDict):
     """Predicted signal over φs at one tilt."""
 
@@ -223,6 +240,13 @@ class DecisionRule(TypedDict):
 
     max_false_accept_risk: NotRequired[float]
     max_false_reject_risk: NotRequired[float]
+
+
+class DefinitionName(TypedDict):
+    """A recipe or specification of an order. Its newest version at the start of the scan counts."""
+
+    id: int
+    name: str
 
 
 class DefinitionRef(TypedDict):
@@ -672,23 +696,6 @@ class IncidentBody(TypedDict):
     took_s: NotRequired[float | None]
 
 
-class Job(TypedDict):
-    """A job with the fields of its result, once it has one."""
-
-    created_at: str
-    ended_at: NotRequired[str | None]
-    error: NotRequired[FitError | None]
-    forecast: NotRequired[Forecast | None]
-    id: int
-    progress: NotRequired[WorkProgress | None]
-    request: dict[str, Any]
-    sample_id: NotRequired[int | None]
-    sample_name: NotRequired[str | None]
-    scan_id: NotRequired[int | None]
-    state: TaskState
-    who: str
-
-
 class LeaseBody(TypedDict):
     """A lease that was taken."""
 
@@ -743,6 +750,37 @@ class OperatorBody(TypedDict):
     message: str
 
 
+class OrderBody(TypedDict):
+    """An order of the queue."""
+
+    created_at: str
+    external_id: NotRequired[str | None]
+    failures: int
+    id: int
+    lot: NotRequired[str | None]
+    note: NotRequired[str | None]
+    operator_name: NotRequired[str | None]
+    part: str
+    reason: NotRequired[str | None]
+    recipe: DefinitionName
+    sample_id: int
+    scan_id: NotRequired[int | None]
+    specification: NotRequired[DefinitionName | None]
+    state: OrderState
+    verdict: NotRequired[str | None]
+    who: str
+
+
+class OrderCounts(TypedDict):
+    """Number of orders by state."""
+
+    done: int
+    failed: int
+    removed: int
+    running: int
+    waiting: int
+
+
 class OutOfRange(TypedDict):
     """A value and the range that it should be in, in the unit of the field."""
 
@@ -768,10 +806,18 @@ class Plan(TypedDict):
     exposures_s: list[float]
     flat: FlatPlan
     phi_s_deg: list[float]
+    poses: NotRequired[list[PlanPose]]
     reference_every: NotRequired[int]
     repeats: int
     reuse_calibrations: bool
     theta_c_deg: list[float]
+
+
+class PlanPose(TypedDict):
+    """A pose that a plan states."""
+
+    phi_s_deg: float
+    theta_c_deg: float
 
 
 class PlanRequest(TypedDict):
@@ -781,6 +827,7 @@ class PlanRequest(TypedDict):
     exposures_s: NotRequired[list[float] | None]
     flat: NotRequired[FlatRequest]
     phi_s_deg: NotRequired[Values | None]
+    poses: NotRequired[list[PlanPose] | None]
     preset: NotRequired[Preset | None]
     reference_every: NotRequired[int | None]
     repeats: NotRequired[int | None]
@@ -864,6 +911,20 @@ class ProgressBody(TypedDict):
     time_left_s: NotRequired[float | None]
 
 
+class QueueBody(TypedDict):
+    """The queue."""
+
+    changed_at: NotRequired[str | None]
+    counts: OrderCounts
+    current: NotRequired[CurrentOrder | None]
+    message: str
+    next: NotRequired[OrderBody | None]
+    on_failure: OnFailure
+    reason: NotRequired[str | None]
+    state: QueueState
+    who: NotRequired[str | None]
+
+
 class Recipe(TypedDict):
     """How a part is measured: the keys of docs/example-recipe.toml."""
 
@@ -936,6 +997,61 @@ class Repeatability(TypedDict):
     results: list[StudiedResult]
     scatter: NotRequired[Scatter | None]
     shared_lines: list[SharedLine]
+
+
+class Result(TypedDict):
+    """A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and at most 600 bytes where its texts have 80 together. Uncertainties have three significant digits, values end at the same decimal; /fits/{id} has all digits"""
+
+    alpha_u: NotRequired[float | None]
+    alpha_u_std: NotRequired[float | None]
+    alpha_v: NotRequired[float | None]
+    alpha_v_std: NotRequired[float | None]
+    archived: NotRequired[bool | None]
+    azimuth_offset_deg: NotRequired[float | None]
+    azimuth_offset_deg_std: NotRequired[float | None]
+    background: NotRequired[float | None]
+    background_std: NotRequired[float | None]
+    coverage_factor: NotRequired[float | None]
+    created_at: NotRequired[str | None]
+    crest_radius: NotRequired[float | None]
+    crest_radius_std: NotRequired[float | None]
+    ended_at: NotRequired[str | None]
+    eta: NotRequired[float | None]
+    external_id: NotRequired[str | None]
+    fit_id: NotRequired[int | None]
+    fitted_at: NotRequired[str | None]
+    k: NotRequired[float | None]
+    lot: NotRequired[str | None]
+    material: NotRequired[Literal["dielectric", "conductor", None]]
+    note: NotRequired[str | None]
+    operator_name: NotRequired[str | None]
+    origin: NotRequired[Literal["rig", "import", None]]
+    part: NotRequired[str | None]
+    recipe: NotRequired[str | None]
+    recipe_version: NotRequired[int | None]
+    region: NotRequired[str | None]
+    rho_d: NotRequired[float | None]
+    rho_d_std: NotRequired[float | None]
+    rms_residual: NotRequired[float | None]
+    sample_id: NotRequired[int | None]
+    scale: NotRequired[float | None]
+    scale_std: NotRequired[float | None]
+    scan_id: NotRequired[int | None]
+    specification: NotRequired[str | None]
+    state: NotRequired[Literal["planned", "waiting-for-operator", "running", "pausing", "paused", "interrupted", "completed", "aborted", "failed", None]]
+    status: NotRequired[Literal["converged", "at-bound", "rank-deficient", "stalled", "not-finite", "too-few-observations", "cancelled", None]]
+    tags: NotRequired[list[str]]
+    theta_r_deg: NotRequired[float | None]
+    theta_r_deg_expanded: NotRequired[float | None]
+    theta_r_deg_std: NotRequired[float | None]
+    tilt_offset_deg: NotRequired[float | None]
+    tilt_offset_deg_std: NotRequired[float | None]
+    translucency: NotRequired[float | None]
+    translucency_std: NotRequired[float | None]
+    variant: NotRequired[Literal["paper", "sawtooth", "traced", None]]
+    verdict: NotRequired[Literal["pass", "fail", "cannot-tell", None]]
+    verdict_id: NotRequired[int | None]
+    who: NotRequired[str | None]
 
 
 class ResultOf(TypedDict):

@@ -9,6 +9,7 @@ import time
 import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -57,6 +58,20 @@ class Connection:
     def post(self, path: str, body: object = None, *, timeout_s: float | None = ANSWER_S) -> Any:
         """Posts a body, or none. The daemon executes it once, even if it must be sent again."""
         return self.send("POST", path, body=body, timeout_s=timeout_s).json()
+
+    def upload(self, path: str, file: Path, content_type: str, params: Mapping[str, Any]) -> Any:
+        """Sends a file, part by part, and waits for the answer however long it takes. It is sent once."""
+        with file.open("rb") as content:
+            answer = self._client.post(
+                f"{self.address.url}/api/v1{path}",
+                content=content,
+                params=params,
+                headers={"content-type": content_type} | self._credentials(),
+                timeout=None,
+            )
+        if not answer.is_success:
+            raise refusal(answer)
+        return answer.json()
 
     def patch(self, path: str, body: object) -> Any:
         """Sends a correction."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 if TYPE_CHECKING:
     import httpx
 
-    from ._api import FieldProblem, HolderBody, Problem
+    from ._api import FieldProblem, HolderBody, Problem, QueueBody
     from .scans import Scan
 
 
@@ -98,6 +98,14 @@ class ScanStopped(RidgedError):
     def __init__(self, message: str, scan: Scan) -> None:
         super().__init__(message)
         self.scan = scan
+
+
+class QueueStopped(RidgedError):
+    """The queue stopped while orders wait; `status` is its state."""
+
+    def __init__(self, message: str, status: QueueBody) -> None:
+        super().__init__(message)
+        self.status = status
 
 
 class WorkFailed(RidgedError):

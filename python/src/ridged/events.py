@@ -18,22 +18,24 @@ Event = dict[str, Any]
 """An event: `id`, `at`, `who`, `type` (rig, scan, frame, fit, …) and the fields of its type."""
 
 
-def follow(connection: Connection, since: int | None) -> Iterator[Event]:
+def follow(connection: Connection, since: int | None, positions: bool = False) -> Iterator[Event]:
     """Yields events as they happen, without end.
 
     When the stream breaks off, it continues after the last event that was received: none is missed, none is repeated.
     """
     last = since
+    asked = {"positions": "true"} if positions else {}
     while True:
         for attempt in Attempts(connection.patience_s):
             is_open = False
             try:
                 headers = {} if last is None else {"last-event-id": str(last)}
-                with connection.stream("/events", {}, headers) as answer:
+                with connection.stream("/events", asked, headers) as answer:
                     is_open = True
                     for event in parsed(answer.iter_lines()):
-                        # An event that the daemon does not keep has no number to continue after.
-                        last = event["id"] or last
+                        # An event that the daemon does not keep has a negative number, after which nothing continues.
+                        if event["id"] > 0:
+                            last = event["id"]
                         yield event
             except httpx.TransportError as error:
                 if not is_open:

@@ -6,21 +6,25 @@ import os
 import ssl
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast, overload
 
-from . import events, samples
-from ._api import CalibrationBody, Comparison, EstimateBody, Preset, Problem, RecipeBody, Repeatability, Role
-from ._api import ScanState, SessionBody, SpecificationBody
+from . import events, samples, tables
+from ._api import CalibrationBody, Comparison, EstimateBody, Preset, Problem, RecipeBody, Repeatability, Result
+from ._api import Role, ScanState, SessionBody, SpecificationBody
 from ._connection import Connection
 from ._place import place_of
 from .errors import ConnectionLost, NoDaemon, NotFound
 from .events import Event
 from .fits import Fit
 from .jobs import Files, Map, Work
-from .plans import Angles, plan_of
+from .plans import Angles, Poses, plan_of
+from .queue import Queue
 from .rig import Rig
 from .samples import Sample
 from .scans import Scan
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 def connect(
@@ -70,6 +74,8 @@ class Lab:
         """What this program may do: viewer, analyst, operator, admin."""
         self.rig = Rig(connection)
         """The stages."""
+        self.queue = Queue(connection)
+        """Parts in sequence, each by its recipe."""
 
     def __repr__(self) -> str:
         return f"<lab {self.url} as {self.who} ({self.role})>"
@@ -145,6 +151,7 @@ class Lab:
         plan: Mapping[str, Any] | None = None,
         theta_c_deg: Angles | None = None,
         phi_s_deg: Angles | None = None,
+        poses: Poses | None = None,
         exposures_s: Iterable[float] | None = None,
         repeats: int | None = None,
         operator_name: str | None = None,
@@ -154,11 +161,11 @@ class Lab:
         """Starts a scan of a sample and returns it at once; `scan.wait()` waits for it.
 
         A `recipe` (name or number) states plan and fit, and the material of a sample whose name is new. Without one,
-        `preset` is `paper` (5 × 3 poses) or `full` (9 × 12), or give the angles; `plan` takes all fields of the plan
-        of a request. With a `specification` the scan is judged once it is fitted (`scan.verdict`). Raises Invalid if
+        `preset` is `paper` (5 × 3 poses) or `full` (9 × 12), or give the angles, or the `poses` one by one as pairs of
+        θc and φs; `plan` takes all fields of the plan of a request. With a `specification` the scan is judged once it is fitted (`scan.verdict`). Raises Invalid if
         the plan cannot run (`fields` lists why), Conflict if the rig is busy.
         """
-        given = (plan, preset, theta_c_deg, phi_s_deg, exposures_s, repeats)
+        given = (plan, preset, theta_c_deg, phi_s_deg, poses, exposures_s, repeats)
         if recipe is None:
             request: dict[str, Any] = {"plan": plan_of(*given), "sample_id": self.sample(sample).id}
         elif any(part is not None for part in given):
@@ -226,13 +233,14 @@ class Lab:
         plan: Mapping[str, Any] | None = None,
         theta_c_deg: Angles | None = None,
         phi_s_deg: Angles | None = None,
+        poses: Poses | None = None,
         exposures_s: Iterable[float] | None = None,
         repeats: int | None = None,
     ) -> EstimateBody:
         """Returns time, disk space and operator steps of a scan. Nothing moves and nothing is stored."""
         request = {
             "sample_id": self.sample(sample).id,
-            "plan": plan_of(plan, preset, theta_c_deg, phi_s_deg, exposures_s, repeats),
+            "plan": plan_of(plan, preset, theta_c_deg, phi_s_deg, poses, exposures_s, repeats),
         }
         return cast("EstimateBody", self._connection.post("/scans/estimate", request))
 
@@ -248,9 +256,39 @@ class Lab:
         rows = self._connection.pages("/scans", {"sample_id": of, "state": state}, limit)
         return [Scan(self._connection, row) for row in rows]
 
-    def import_series(self, folder: str | Path, *, skip_unreadable: bool = False) -> Scan:
-        """Imports a recorded series from a folder of the daemon's machine, and returns it as a scan."""
-        body = {"folder": str(folder), "skip_unreadable": skip_unreadable}
+    @overload
+    def results(self, *, rows: Literal[True], limit: int | None = None, **filters: Any) -> list[Result]: ...
+
+    @overload
+    def results(
+        self, *, rows: bool = False, limit: int | None = None, **filters: Any
+    ) -> DataFrame | list[Result]: ...
+
+    def results(
+        self, *, rows: bool = False, limit: int | None = None, **filters: Any
+    ) -> DataFrame | list[Result]:
+        """Returns one short row per scan with its newest result, newest first.
+
+        A filter is a parameter of `GET /results`: `part="B-17"`, `verdict="fail"`, `theta_r_deg_min=14.9`,
+        `since="2026-11-01"`, `latest="part"`, `sort="-theta_r_deg"`. A DataFrame; with `rows=True`, or without pandas, a
+        list of typed rows.
+        """
+        found: list[Result] = list(self._connection.pages("/results", filters, limit))
+        frame = None if rows else tables.frame_of(found)
+        return found if frame is None else frame
+
+    def import_series(self, series: str | Path, *, skip_unreadable: bool = False) -> Scan:
+        """Imports a recorded series and returns it as a scan.
+
+        `series` is a zip archive of this machine (its name ends with .zip), or a folder of the daemon's machine. Without
+        `skip_unreadable`, a frame that cannot be read refuses the series.
+        """
+        if str(series).lower().endswith(".zip"):
+            archive = Path(series)
+            params = {"name": archive.name, "skip_unreadable": skip_unreadable}
+            answer = self._connection.upload("/imports/upload", archive, "application/zip", params)
+            return self.scan(answer["scan_id"])
+        body = {"folder": str(series), "skip_unreadable": skip_unreadable}
         return self.scan(self._connection.post("/imports", body, timeout_s=None)["scan_id"])
 
     def fit(self, number: int) -> Fit:
@@ -334,12 +372,12 @@ class Lab:
         """Returns dark frames and white references that were taken, newest first."""
         return list(self._connection.pages("/calibrations", {}, limit))
 
-    def events(self, since: int | None = None) -> Iterator[Event]:
+    def events(self, since: int | None = None, *, positions: bool = False) -> Iterator[Event]:
         """Yields events as they happen, without end; `since` continues after an id, 0 begins with the first.
 
-        When the stream breaks off it is opened again, and continues after the last event.
+        With `positions`, events `rig` tell both positions five times a second while an axis moves. When the stream breaks off it is opened again, and continues after the last event.
         """
-        return events.follow(self._connection, since)
+        return events.follow(self._connection, since, positions)
 
 
 def study_of(scans: Iterable[int | Scan], region: str | None, shared: Iterable[str] | None) -> dict[str, Any]:

@@ -1,0 +1,148 @@
+"""The queue: parts in sequence, each by its recipe."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, cast
+
+from . import steps
+from ._api import OrderBody, OrderState, QueueBody
+from ._connection import Connection
+from ._progress import Bar, Progress, ShowProgress
+from .errors import QueueStopped
+from .jobs import Pace
+from .steps import OnStep, OperatorStep
+
+
+class Queue:
+    """The queue of the daemon."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def __repr__(self) -> str:
+        return f"<queue: {self.status()['message']}>"
+
+    def status(self) -> QueueBody:
+        """Returns its state, what it waits for, the present and the next order, and the counts."""
+        return cast("QueueBody", self._connection.get("/queue"))
+
+    def orders(self, state: OrderState | None = None, *, limit: int | None = None) -> list[OrderBody]:
+        """Returns the orders in sequence: those that run or wait, or those in one state."""
+        return list(self._connection.pages("/queue/orders", {"state": state}, limit))
+
+    def order(self, number: int) -> OrderBody:
+        """Returns an order with its scan and verdict."""
+        return cast("OrderBody", self._connection.get(f"/queue/orders/{number}"))
+
+    def add(
+        self,
+        parts: str | Mapping[str, Any] | Iterable[str | Mapping[str, Any]],
+        *,
+        recipe: str | int | None = None,
+        specification: str | int | None = None,
+        lot: str | None = None,
+        operator_name: str | None = None,
+        note: str | None = None,
+    ) -> list[OrderBody]:
+        """Adds orders at the end, all or none, and returns them.
+
+        A part is its name, or a mapping with `part` (or `sample_id`) and optionally `recipe`, `specification`, `lot`,
+        `external_id`, `operator_name` and `note`; the arguments fill what it leaves out. A name that the store does not
+        know becomes a new sample with the material of the recipe. Raises Conflict for an external id that another order
+        has, Invalid for a value that is not valid (`fields` names the order, as `orders[3].recipe`).
+        """
+        given = {
+            "recipe": recipe,
+            "specification": specification,
+            "lot": lot,
+            "operator_name": operator_name,
+            "note": note,
+        }
+        common = {name: value for name, value in given.items() if value is not None}
+        listed = [parts] if isinstance(parts, str | Mapping) else parts
+        orders = [common | ({"part": part} if isinstance(part, str) else dict(part)) for part in listed]
+        added = self._connection.post("/queue/orders", {"orders": orders})
+        return cast("list[OrderBody]", added["items"])
+
+    def start(self) -> QueueBody:
+        """Starts it, or resumes it and the scan of its order."""
+        return self._do("start")
+
+    def stop(self) -> QueueBody:
+        """Stops it after the present order."""
+        return self._do("stop")
+
+    def pause(self) -> QueueBody:
+        """Pauses it and the scan of its order."""
+        return self._do("pause")
+
+    def confirm(self) -> QueueBody:
+        """Confirms the operator step of the present order, for instance that its part is on the table."""
+        return self._do("continue")
+
+    def _do(self, order: str) -> QueueBody:
+        return cast("QueueBody", self._connection.post(f"/queue/{order}"))
+
+    def move(self, number: int, to: int) -> OrderBody:
+        """Moves a waiting order to a place among those that wait; 1 is the next one."""
+        return cast("OrderBody", self._connection.post(f"/queue/orders/{number}/move", {"to": to}))
+
+    def retry(self, number: int) -> OrderBody:
+        """Lets a failed order wait again, as the next one."""
+        return cast("OrderBody", self._connection.post(f"/queue/orders/{number}/retry"))
+
+    def remove(self, number: int) -> OrderBody:
+        """Removes a waiting or failed order. It stays on record."""
+        return cast("OrderBody", self._connection.delete(f"/queue/orders/{number}"))
+
+    def wait(
+        self, *, timeout_s: float | None = None, progress: ShowProgress = True, on_step: OnStep | None = None
+    ) -> QueueBody:
+        """Waits until no order runs or waits, and shows how far the queue is.
+
+        `on_step` is called at each operator step, as in `Scan.wait`. A paused queue can be resumed by another program, so
+        the wait continues. Raises QueueStopped if the queue stops while orders wait, TimedOut after `timeout_s`.
+        """
+        on_step = on_step or steps.default()
+        pace = Pace("the queue", timeout_s)
+        announced: object = None
+        with Bar(progress) as bar:
+            while True:
+                now = self.status()
+                counts = now["counts"]
+                left = counts["running"] + counts["waiting"]
+                if left == 0:
+                    return now
+                if now["state"] == "stopped" and counts["running"] == 0:
+                    raise QueueStopped(f"the queue is stopped while {left} orders wait: {now['message']}", now)
+                bar.update(progress_of(now))
+                current = now.get("current")
+                operator = current.get("operator") if current else None
+                at = (now["state"], current and current["order"]["id"], operator and operator["action"])
+                if at != announced:
+                    announced = at
+                    if current and operator:
+                        scan_id = current["order"]["scan_id"] or 0
+                        step = OperatorStep(scan_id, operator["action"], operator["message"])
+                        bar.note(f"scan {scan_id}: {step.message}")
+                        if on_step(step):
+                            self._confirmed(step)
+                            continue
+                    elif now["state"] == "paused":
+                        bar.note(now["message"])
+                pace.wait()
+
+    def _confirmed(self, step: OperatorStep) -> None:
+        from .scans import Scan
+
+        Scan(self._connection, self._connection.get(f"/scans/{step.scan_id}")).confirm(step)
+
+
+def progress_of(now: QueueBody) -> Progress:
+    """How far a queue is, by its orders."""
+    counts = now["counts"]
+    over = counts["done"] + counts["failed"]
+    total = over + counts["running"] + counts["waiting"]
+    failed = f", {counts['failed']} failed" if counts["failed"] else ""
+    return Progress("queue", over / max(total, 1), None, f"{over} of {total} orders{failed}")
