@@ -261,7 +261,7 @@ describe('a lab’s day', () => {
     await form.getByLabel('Material').selectOption('metal');
     await form.getByRole('button', { name: 'Add sample' }).click();
     // Chromium at the lamp's wavelength, from the daemon's tables.
-    await expect.poll(() => samples.locator('option:checked').innerText()).toMatch(/^die 4 \(n [23]\.\d+, k [2345]\.\d+\)$/);
+    await expect.poll(() => samples.locator('option:checked').innerText()).toMatch(/^die 4 \(n [23]\.\d+, κ [2345]\.\d+\)$/);
     const calibrations = page.getByTestId('calibrations');
     await calibrations.getByText(/^Reused: white reference of scan \d+ \(.*\), dark frames of scan \d+ \(.*\)\.$/).waitFor();
     await calibrations.getByLabel('take new dark frames').check();
