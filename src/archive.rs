@@ -44,8 +44,8 @@ impl<R: Seek> Seek for Bounded<R> {
     }
 }
 
-/// Opens an archive with at most 65,535 files and 4 GB: the large form of the table of contents may state any number of
-/// files, for which memory would be taken.
+/// Opens an archive with at most 65,535 files and 4 GB. The large form of the table of contents is refused: it may state a
+/// file for every 46 bytes of the archive, and memory would be taken for all of them at once.
 ///
 /// # Errors
 /// What is wrong with the archive.
