@@ -2,7 +2,7 @@
 
 use super::report::{FitReport, Parameter, Status, VariantName};
 use crate::model::domain::{self, OutOfDomain};
-use crate::model::extended::Real;
+use crate::model::extended::{Real, slopes};
 use crate::model::surface_brdf::SurfaceBrdf;
 use crate::model::{Optics, Surface, Variant};
 use crate::observation::ObservationSet;
@@ -66,8 +66,8 @@ pub fn fitted_surface(report: &FitReport, set: &ObservationSet) -> Result<Surfac
 /// Returns the deviations from an ideal sawtooth that the fit includes.
 fn real(report: &FitReport) -> Option<Real> {
     let p = &report.parameters;
-    let slopes = report.slope_distribution.as_ref();
-    let gamma = slopes.and_then(|slopes| slopes.shape);
+    let distribution = report.slope_distribution.as_ref();
+    let gamma = distribution.and_then(|slopes| slopes.shape);
     let value = |p: &Option<Parameter>| p.as_ref().and_then(|p| p.value);
     let (translucency, crest) = (value(&p.translucency), value(&p.crest_radius));
     if gamma.is_none() && translucency.is_none() && crest.is_none() {
@@ -75,7 +75,7 @@ fn real(report: &FitReport) -> Option<Real> {
     }
     Some(Real {
         translucency: translucency.unwrap_or(0.0),
-        tail: gamma.map_or(0.0, |gamma| 1.0 / (gamma - 1.0)),
+        tail: gamma.map_or(0.0, slopes::tail),
         crest: crest.unwrap_or(0.0),
     })
 }

@@ -22,6 +22,7 @@ use rayon::prelude::*;
 use super::half_vectors::{Grid, Warp, of_zenith, solid_angle, vector, zenith};
 use super::tensor_file::TensorFile;
 use crate::geometry::Directions;
+use crate::model::extended::slopes::relative_density;
 use crate::model::surface_brdf::SurfaceBrdf;
 
 /// Azimuths of incidence over the full turn; the last one repeats the first.
@@ -77,11 +78,7 @@ impl Lobe {
         }
         let [a, b] = self.alpha;
         let square = ((h.x / a).powi(2) + (y / b).powi(2)) / (z * z);
-        let shape = match self.tail > 0.0 {
-            true => (1.0 + self.tail * square).powf(-1.0 - 1.0 / self.tail),
-            false => (-square).exp(),
-        };
-        shape / (PI * a * b * z.powi(4))
+        relative_density(self.tail, square) / (PI * a * b * z.powi(4))
     }
 
     /// Returns the same lobe, wider, and no narrower than the nodes of the density that maps the square.

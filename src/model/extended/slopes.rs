@@ -33,9 +33,9 @@ impl<N: Number> Slopes<N> {
         let (one, two) = (x2.like(1.0), x2.like(2.0));
         let (qx, qy) = (x2 / self.u2, y2 / self.v2);
         let q = qx + qy;
+        let density = relative_density(self.tail, q);
         let z = self.tail * q;
         let steep = one + self.tail;
-        let density = (-(steep * q * log_over(z))).exponential();
         if self.widening == 0.0 {
             return density;
         }
@@ -72,6 +72,12 @@ impl<N: Number> Slopes<N> {
     }
 }
 
+/// Returns P π αu αv, the density over its peak, where the slopes have q = x²/αu² + y²/αv².
+pub fn relative_density<N: Number>(tail: N, q: N) -> N {
+    let steep = q.like(1.0) + tail;
+    (-(steep * q * log_over(tail * q))).exponential()
+}
+
 /// Returns ln(1 + z)/z.
 fn log_over<N: Number>(z: N) -> N {
     z.map(|z| {
@@ -95,6 +101,12 @@ pub fn half_width_over_alpha(tail: f64) -> f64 {
     }
     let per_gamma = tail / (1.0 + tail);
     ((per_gamma * std::f64::consts::LN_2).exp_m1() / tail / std::f64::consts::LN_2).sqrt()
+}
+
+/// Returns the tail of a γ above 1.
+#[must_use]
+pub fn tail(gamma: f64) -> f64 {
+    1.0 / (gamma - 1.0)
 }
 
 /// Returns γ of a tail; `None` for Beckmann.
