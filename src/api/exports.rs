@@ -81,6 +81,7 @@ pub(super) async fn surface(
     (status = 200, description = "The file", content_type = "application/x-hdf5", body = Binary),
     (status = 404, description = "There is no such scan", body = Problem),
     (status = 422, description = "The scan has no frames, or the file cannot be written", body = Problem),
+    (status = 507, description = "The disk has no space for the file beside the reserve", body = Problem),
 ))]
 pub(super) async fn nexus(State(app): State<App>, Id(id): Id) -> Result<Response, ApiError> {
     let file = app.lab.nexus_download(id).await?;

@@ -350,7 +350,7 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::NoRig => (StatusCode::SERVICE_UNAVAILABLE, "this daemon has no rig"),
         LabError::Stopping => (StatusCode::SERVICE_UNAVAILABLE, "the daemon is stopping"),
         LabError::Plan(_) => (StatusCode::UNPROCESSABLE_ENTITY, "the plan cannot run"),
-        LabError::NoRoom { .. } | LabError::NoRoomToImport { .. } => {
+        LabError::NoRoom { .. } | LabError::NoRoomFor { .. } => {
             (StatusCode::INSUFFICIENT_STORAGE, "the disk is full")
         }
         LabError::BrokenOff => (StatusCode::SERVICE_UNAVAILABLE, "cancelled"),

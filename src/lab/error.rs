@@ -154,12 +154,14 @@ pub enum LabError {
         /// Free space.
         free_mb: u64,
     },
-    /// There is not enough disk space for a series.
+    /// There is not enough disk space for a series or a file.
     #[error(
-        "the disk is full: the series needs up to {needed_mb} MB beside {reserve_mb} MB of reserve, {free_mb} MB are free; nothing was imported: free some space first"
+        "the disk is full: {what} needs up to {needed_mb} MB beside {reserve_mb} MB of reserve, {free_mb} MB are free; nothing was kept: free some space first"
     )]
-    NoRoomToImport {
-        /// Largest size of its frames.
+    NoRoomFor {
+        /// What has no room: "the series".
+        what: &'static str,
+        /// Its largest size.
         needed_mb: u64,
         /// Reserve that stays free.
         reserve_mb: u64,
@@ -292,7 +294,7 @@ impl LabError {
             | LabError::NotOfThisRig { .. } => "state-conflict",
             LabError::OtherStep { .. } => "other-step",
             LabError::Plan(_) => "plan-invalid",
-            LabError::NoRoom { .. } | LabError::NoRoomToImport { .. } => "disk-full",
+            LabError::NoRoom { .. } | LabError::NoRoomFor { .. } => "disk-full",
             LabError::BrokenOff => "broken-off",
             LabError::Stage(error)
             | LabError::NotStopped { source: error }

@@ -8,9 +8,11 @@ use super::tasks::blocking;
 use super::{Lab, LabError, StoredSeries};
 use crate::fit::FitReport;
 use crate::fit::fitted_surface::fitted_surface;
+use crate::frame::Frame;
 use crate::frame::tiff_stack::TiffStack;
 use crate::observation::ObservationSet;
 use crate::reduction::FrameSource;
+use crate::series::FrameRow;
 use crate::store::scans::Scan;
 use crate::store::{PROGRAM, Store};
 use crate::tables::bird_out::{self, BirdFacts};
@@ -33,7 +35,7 @@ impl FrameStack {
         if series.rows().is_empty() {
             return Err(not_for_this(scan_id, "it has no frames"));
         }
-        let describe = |row: &crate::series::FrameRow| {
+        let describe = |row: &FrameRow| {
             json!({
                 "file": row.file, "kind": row.kind, "theta_c_deg": row.theta_c_deg, "phi_s_deg": row.phi_s_deg,
                 "exposure_s": row.exposure_s, "repeat": row.repeat, "timestamp": row.timestamp,
@@ -71,16 +73,8 @@ impl FrameStack {
     pub fn page(&self, index: usize) -> Result<Vec<u8>, LabError> {
         let frame = self.series.read(index);
         let frame = frame.map_err(|reason| LabError::Frame { reason })?;
-        self.layout.page(index, &frame).ok_or_else(|| {
-            let row = &self.series.rows()[index];
-            LabError::Export(format!(
-                "{} has {} × {} pixels, and the camera of the scan has others; a stack has pages of one size, so export the \
-                 scan as a series",
-                row.file,
-                frame.width_px(),
-                frame.height_px()
-            ))
-        })
+        let page = self.layout.page(index, &frame);
+        page.ok_or_else(|| of_other_size(&self.series.rows()[index], &frame))
     }
 }
 
@@ -168,8 +162,19 @@ fn described(scan: &Scan, fit_id: i64, report: &FitReport, wavelength_nm: Option
     )
 }
 
+/// The error for a frame of another size than the camera's.
+pub(super) fn of_other_size(row: &FrameRow, frame: &Frame) -> LabError {
+    LabError::Export(format!(
+        "{} has {} × {} pixels, and the camera of the scan has others; this file has frames of one size, so export the scan as \
+         a series",
+        row.file,
+        frame.width_px(),
+        frame.height_px()
+    ))
+}
+
 /// The error for a scan that cannot have this form.
-fn not_for_this(scan_id: i64, problem: &str) -> LabError {
+pub(super) fn not_for_this(scan_id: i64, problem: &str) -> LabError {
     LabError::Invalid {
         field: format!("scan {scan_id}"),
         problem: problem.to_owned(),

@@ -16,6 +16,9 @@ use crate::store::frames::ImportedFrame;
 use crate::store::samples::NewSample;
 use crate::store::scans::NewScan;
 
+/// What has no room, in errors.
+pub(super) const SERIES: &str = "the series";
+
 /// Options of an import.
 #[derive(Debug, Clone, Default)]
 pub struct ImportOptions {
@@ -87,7 +90,7 @@ impl Lab {
     /// the number of imported frames and the total.
     ///
     /// # Errors
-    /// [`LabError::Series`] for a folder that is not a series, [`LabError::NoRoomToImport`] if it would use up the
+    /// [`LabError::Series`] for a folder that is not a series, [`LabError::NoRoomFor`] if it would use up the
     /// reserve, [`LabError::Frame`] for an unreadable frame, [`LabError::BrokenOff`]; then nothing is imported.
     pub async fn import(
         &self,
@@ -142,7 +145,8 @@ impl Lab {
         let folder = reading(move || unpack(&from, &into, room, &cancel)).await;
         let folder = folder.map_err(|error| match error {
             ArchiveError::Cancelled => LabError::BrokenOff,
-            ArchiveError::NoRoom { needed, .. } => LabError::NoRoomToImport {
+            ArchiveError::NoRoom { needed, .. } => LabError::NoRoomFor {
+                what: SERIES,
                 needed_mb: needed.div_ceil(1_000_000),
                 reserve_mb: self.reserve_bytes().div_ceil(1_000_000),
                 free_mb: free / 1_000_000,
@@ -158,14 +162,15 @@ impl Lab {
         self.import(&folder, &options, progress).await
     }
 
-    /// Refuses an import that would use up the reserve.
-    pub(super) async fn check_room(&self, needed: u64) -> Result<(), LabError> {
+    /// Refuses what would use up the reserve.
+    pub(super) async fn check_room(&self, what: &'static str, needed: u64) -> Result<(), LabError> {
         let reserve = self.reserve_bytes();
         let free = self.store().free_bytes().await?;
         if free >= needed.saturating_add(reserve) {
             return Ok(());
         }
-        Err(LabError::NoRoomToImport {
+        Err(LabError::NoRoomFor {
+            what,
             needed_mb: needed.div_ceil(1_000_000),
             reserve_mb: reserve.div_ceil(1_000_000),
             free_mb: free / 1_000_000,
@@ -183,7 +188,7 @@ impl Lab {
         let from = folder.to_owned();
         let own = options.follow_links;
         let given = reading(move || SeriesToImport::open(&from, own)).await?;
-        self.check_room(given.bytes.iter().sum()).await?;
+        self.check_room(SERIES, given.bytes.iter().sum()).await?;
         let series = &given.series;
         let saturation_dn = series.manifest().camera.full_count();
         let total = series.rows().len();
@@ -193,7 +198,7 @@ impl Lab {
                 return Err(LabError::BrokenOff);
             }
             // Other tasks also write during a long import.
-            self.check_room(given.bytes[i]).await?;
+            self.check_room(SERIES, given.bytes[i]).await?;
             let source = Arc::clone(series);
             let kept = match reading(move || source.read_bytes(i)).await {
                 Ok(file) => match self.store().keep_recorded(file, saturation_dn).await {

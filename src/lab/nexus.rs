@@ -18,6 +18,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rust_hdf5::{Hdf5Error, VarLenUnicode};
 
 use super::chosen_fit::{ReportChoice, chosen};
+use super::exports::{not_for_this, of_other_size};
 use super::hdf5_group::Group;
 use super::{Lab, LabError, StoredSeries};
 use crate::fit::FitReport;
@@ -95,10 +96,7 @@ impl NexusFile {
         let scan = store.scan(scan_id).await?;
         let series = StoredSeries::open(store, scan_id).await?;
         if series.rows().is_empty() {
-            return Err(LabError::Invalid {
-                field: format!("scan {scan_id}"),
-                problem: "it has no frames".to_owned(),
-            });
+            return Err(not_for_this(scan_id, "it has no frames"));
         }
         let mut regions: Vec<Option<String>> = Lab::regions(series.manifest())
             .into_iter()
@@ -323,14 +321,7 @@ impl NexusFile {
             let frame = self.series.read(index);
             let frame = frame.map_err(|reason| LabError::Frame { reason })?;
             if (frame.width_px(), frame.height_px()) != (camera.width_px, camera.height_px) {
-                return Err(LabError::Export(format!(
-                    "{} has {} × {} pixels, and the camera of the scan has others; a NeXus file has frames of one size, so \
-                     export the scan as a series",
-                    row.file,
-                    frame.width_px(),
-                    frame.height_px()
-                ))
-                .into());
+                return Err(of_other_size(row, &frame).into());
             }
             let bytes: Vec<u8> = frame
                 .pixels_dn()

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::nexus::NexusFile;
 use super::tasks::blocking;
-use super::{Lab, LabError, RESERVE_BYTES};
+use super::{Lab, LabError};
 
 /// Bytes of a part of a file that is sent.
 const PART_BYTES: u64 = 1 << 20;
@@ -46,20 +46,11 @@ impl Lab {
     /// Writes a scan as a NeXus file beside the store, to be sent.
     ///
     /// # Errors
-    /// As [`NexusFile::open`] and [`NexusFile::write`]; [`LabError::Export`] if the disk has no room.
+    /// As [`NexusFile::open`] and [`NexusFile::write`]; [`LabError::NoRoomFor`].
     pub async fn nexus_download(&self, scan_id: i64) -> Result<NexusDownload, LabError> {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         let nexus = NexusFile::open(self.store(), scan_id).await?;
-        let (needed, free) = (nexus.bytes_max(), self.store().free_bytes().await?);
-        if free < needed.saturating_add(RESERVE_BYTES) {
-            return Err(LabError::Export(format!(
-                "the disk is full: the NeXus file needs up to {} MB beside {} MB of reserve, {} MB are free; free some space, or \
-                 use `ridged export --format nexus` with a file on another disk",
-                needed / 1_000_000,
-                RESERVE_BYTES / 1_000_000,
-                free / 1_000_000
-            )));
-        }
+        self.check_room("the NeXus file", nexus.bytes_max()).await?;
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
         let name = format!(".nexus-{}-{number}.part", std::process::id());
         let path = self.store().folder().join(name);

@@ -6,6 +6,7 @@ use tempfile::TempDir;
 use tokio::fs::File;
 use tokio::io::AsyncWriteExt;
 
+use super::import::SERIES;
 use super::{Lab, LabError};
 use crate::store::{Store, StoreError};
 
@@ -55,12 +56,12 @@ impl ReceivedFile {
     /// Adds a part. The reserve of the disk stays free.
     ///
     /// # Errors
-    /// [`LabError::NoRoomToImport`], or a file that cannot be written.
+    /// [`LabError::NoRoomFor`], or a file that cannot be written.
     pub async fn add(&mut self, part: &[u8]) -> Result<(), LabError> {
         let bytes = part.len() as u64;
         if bytes > self.allowed {
             self.allowed = bytes + CHECKED_EVERY_BYTES;
-            self.lab.check_room(self.allowed).await?;
+            self.lab.check_room(SERIES, self.allowed).await?;
         }
         self.allowed -= bytes;
         let written = self.file.write_all(part).await;
