@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use axum::body::Body;
+use axum::body::{Body, BodyDataStream, Bytes};
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, Method, header};
 use axum::middleware::Next;
@@ -102,27 +102,30 @@ async fn whole(
 ) -> Result<Vec<u8>, ApiError> {
     let mut bytes = Vec::new();
     let mut stream = body.into_data_stream();
-    loop {
-        match timeout(wait, stream.next()).await {
-            Ok(None) => return Ok(bytes),
-            Ok(Some(Ok(chunk))) if bytes.len() + chunk.len() <= bytes_max => {
-                if !room.take(chunk.len()) {
-                    return Err(ApiError::too_many_bodies());
-                }
-                bytes.extend_from_slice(&chunk);
-            }
-            Ok(Some(Ok(_))) => {
-                drop(bytes);
-                drain(stream).await;
-                return Err(ApiError::too_large(bytes_max));
-            }
-            Ok(Some(Err(_))) => {
-                return Err(ApiError::bad_request(
-                    "the connection broke before the body was complete",
-                ));
-            }
-            Err(_) => return Err(ApiError::too_slow(wait)),
+    while let Some(chunk) = next_part(&mut stream, wait).await? {
+        if bytes.len() + chunk.len() > bytes_max {
+            drop(bytes);
+            drain(stream).await;
+            return Err(ApiError::too_large(bytes_max));
         }
+        if !room.take(chunk.len()) {
+            return Err(ApiError::too_many_bodies());
+        }
+        bytes.extend_from_slice(&chunk);
+    }
+    Ok(bytes)
+}
+
+/// Reads the next part of a body, which must arrive within `wait`; `None` at its end.
+pub(super) async fn next_part(
+    stream: &mut BodyDataStream,
+    wait: Duration,
+) -> Result<Option<Bytes>, ApiError> {
+    match timeout(wait, stream.next()).await {
+        Ok(part) => part.transpose().map_err(|_| {
+            ApiError::bad_request("the connection broke before the body was complete")
+        }),
+        Err(_) => Err(ApiError::too_slow(wait)),
     }
 }
 
@@ -135,7 +138,7 @@ pub(super) async fn refuse(request: Request, problem: ApiError) -> Response {
     problem.into_response()
 }
 
-async fn drain(mut stream: axum::body::BodyDataStream) {
+async fn drain(mut stream: BodyDataStream) {
     let mut drained = 0;
     while let Ok(Some(Ok(chunk))) = timeout(CHUNK_WAIT, stream.next()).await {
         drained += chunk.len();

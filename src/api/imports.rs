@@ -6,9 +6,7 @@ use std::sync::Arc;
 use axum::extract::{Extension, Request};
 use axum::http::header;
 use axum::response::Response;
-use futures::StreamExt;
 use serde::{Deserialize, Serialize};
-use tokio::time::timeout;
 use utoipa::ToSchema;
 
 use super::caller::{Caller, Principal, Proof};
@@ -187,16 +185,8 @@ fn file_name_of(name: Option<&str>) -> Result<String, ApiError> {
 /// Writes a body to a file.
 async fn receive(body: axum::body::Body, file: &mut ReceivedFile) -> Result<(), ApiError> {
     let mut parts = body.into_data_stream();
-    loop {
-        match timeout(guard::CHUNK_WAIT, parts.next()).await {
-            Ok(None) => return Ok(file.end().await?),
-            Ok(Some(Ok(part))) => file.add(&part).await?,
-            Ok(Some(Err(_))) => {
-                return Err(ApiError::bad_request(
-                    "the connection broke before the body was complete",
-                ));
-            }
-            Err(_) => return Err(ApiError::too_slow(guard::CHUNK_WAIT)),
-        }
+    while let Some(part) = guard::next_part(&mut parts, guard::CHUNK_WAIT).await? {
+        file.add(&part).await?;
     }
+    Ok(file.end().await?)
 }
