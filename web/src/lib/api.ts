@@ -2,7 +2,7 @@
 
 import type { FitOptions } from './fitoptions';
 import type { PlanRequest } from './plan';
-import { Problem, problemOf } from './problems';
+import { noAnswer, problemOf } from './problems';
 import type { SampleRequest } from './newsample';
 import type { ShapeRequest } from './shape';
 import type {
@@ -80,7 +80,7 @@ async function ask(path: string, init: RequestInit = {}): Promise<Response> {
     response = await fetch(path, { ...init, headers: ownHeaders(init.headers) });
   } catch (cause) {
     if (cause instanceof DOMException && cause.name === 'AbortError') throw cause;
-    throw new Problem(0, 'no-answer', 'The daemon does not answer. Is “ridged serve” still running?');
+    throw noAnswer();
   }
   if (response.ok) return response;
   const body: unknown = await response.json().catch(() => null);

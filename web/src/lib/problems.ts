@@ -114,6 +114,8 @@ export function problemOf(status: number, body: unknown, fallback: string): Prob
   return new Problem(status, word, hint === undefined ? message : `${message} ${hint}`, named);
 }
 
+export const noAnswer = (): Problem => new Problem(0, 'no-answer', 'The daemon does not answer. Is “ridged serve” still running?');
+
 /** The sentence to show for anything that was thrown. */
 export function spoken(error: unknown): string {
   return error instanceof Error ? error.message : sentence(String(error));

@@ -1,7 +1,7 @@
 // Sends a recorded series as a zip archive. `fetch` reports no progress of a body, so this uses XMLHttpRequest.
 
 import { ownHeaders, PREFIX } from './api';
-import { Problem, problemOf } from './problems';
+import { noAnswer, problemOf } from './problems';
 import type { Imported } from './types';
 
 /** Sends an archive and waits until it is imported. `progress` gets the share that has been sent. */
@@ -17,7 +17,7 @@ export function sendArchive(archive: File, skipUnreadable: boolean, progress: (s
       if (request.status < 300) resolve(request.response as Imported);
       else reject(problemOf(request.status, request.response, `the daemon answered ${request.status} ${request.statusText}`));
     };
-    request.onerror = () => reject(new Problem(0, 'no-answer', 'The daemon does not answer. Is “ridged serve” still running?'));
+    request.onerror = () => reject(noAnswer());
     request.send(archive);
   });
 }
