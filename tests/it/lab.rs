@@ -569,10 +569,7 @@ async fn an_import_leaves_the_reserve_alone_and_nothing_behind_where_it_fails() 
     // The disk says 10 GB.
     lab.keep_free(9_999_900_000);
     let refused = import(Default::default(), 0).await.unwrap_err();
-    assert!(
-        matches!(refused, LabError::NoRoomFor { .. }),
-        "{refused}"
-    );
+    assert!(matches!(refused, LabError::NoRoomFor { .. }), "{refused}");
     lab.keep_free(1_000_000);
     // The disk is full in the middle, and somebody breaks it off.
     disk.files_left.store(7, Ordering::Relaxed);
