@@ -163,7 +163,7 @@ describe('the repeatability of a part', () => {
     expect(await text('[data-testid=repeat-probability]')).toBe('< 0.01 %');
     await page.getByText('Lines of the budget that are the same').click();
     for (const line of ['angles', 'model']) await page.getByLabel(`${line}: same error in all scans`).uncheck();
-    // The answer for the first choice is already consistent; the uncertainty tells the second one.
+    // The answer for the first choice is already consistent; only the uncertainty differs.
     await expect.poll(() => text('[data-testid=repeat-stated]')).toBe('0.043°');
     expect(await text('[data-testid=repeat-verdict]')).toBe('consistent');
     // One part has no gauge R&R, and the card says what it needs.
