@@ -16,6 +16,8 @@ use crate::plan::scene::{TracePlanRequest, apply, plan};
 use crate::trace::run::{self, Shard};
 use crate::trace::scene::{PreparedScene, Scene};
 
+use Medium::{Dielectric, Metal};
+
 /// One scene at one angle.
 pub(super) struct TracedScene {
     pub(super) name: String,
@@ -24,71 +26,62 @@ pub(super) struct TracedScene {
 }
 
 /// Roughness (0 for flat) and the medium below.
-type SceneLayer = (f64, &'static str);
+type SceneLayer = (f64, Medium);
 
-const GLASS: &str = "{ n = 1.5 }";
-const DENSE: &str = "{ n = 2.4 }";
+#[derive(Clone, Copy)]
+enum Medium {
+    /// A dielectric by its refractive index.
+    Dielectric(f64),
+    /// A metal by its symbol.
+    Metal(&'static str),
+}
 
-/// From easy to stiff: flat stacks with an exact result, single interfaces, layers, metals.
-const SIMULATIONS: [(&str, &[SceneLayer], &[f64]); 16] = [
-    ("flat 1.5/2.4", &[(0.0, GLASS), (0.0, DENSE)], &[60.0]),
-    ("flat 1.5/Au", &[(0.0, GLASS), (0.0, "\"Au\"")], &[60.0]),
-    ("1.5 (.25)", &[(0.25, GLASS)], &[45.0]),
-    ("Au (.25)", &[(0.25, "\"Au\"")], &[45.0]),
+/// Layers and angles of incidence in degrees, from easy to stiff: flat stacks with an exact result, single interfaces,
+/// layers, metals.
+const SIMULATIONS: [(&[SceneLayer], &[f64]); 16] = [
+    (&[(0.0, Dielectric(1.5)), (0.0, Dielectric(2.4))], &[60.0]),
+    (&[(0.0, Dielectric(1.5)), (0.0, Metal("Au"))], &[60.0]),
+    (&[(0.25, Dielectric(1.5))], &[45.0]),
+    (&[(0.25, Metal("Au"))], &[45.0]),
     (
-        "1.5/2.4 (.1/.1)",
-        &[(0.1, GLASS), (0.1, DENSE)],
+        &[(0.1, Dielectric(1.5)), (0.1, Dielectric(2.4))],
         &[50.0, 56.0, 60.0, 65.0],
     ),
     (
-        "1.5/2.4 (.3/.7)",
-        &[(0.3, GLASS), (0.7, DENSE)],
+        &[(0.3, Dielectric(1.5)), (0.7, Dielectric(2.4))],
         &[50.0, 65.0],
     ),
     (
-        "1.5/2.4 (.1/.7)",
-        &[(0.1, GLASS), (0.7, DENSE)],
+        &[(0.1, Dielectric(1.5)), (0.7, Dielectric(2.4))],
         &[50.0, 65.0],
     ),
     (
-        "1.5/2.4 (.7/.1)",
-        &[(0.7, GLASS), (0.1, DENSE)],
+        &[(0.7, Dielectric(1.5)), (0.1, Dielectric(2.4))],
         &[50.0, 65.0],
     ),
     (
-        "1.5/Au (.1/.1)",
-        &[(0.1, GLASS), (0.1, "\"Au\"")],
+        &[(0.1, Dielectric(1.5)), (0.1, Metal("Au"))],
         &[10.0, 60.0, 80.0],
     ),
+    (&[(0.1, Dielectric(1.5)), (0.4, Metal("Au"))], &[40.0, 80.0]),
+    (&[(0.3, Dielectric(1.5)), (0.1, Metal("Au"))], &[40.0, 80.0]),
+    (&[(0.1, Dielectric(1.5)), (0.1, Metal("Al"))], &[60.0, 80.0]),
+    (&[(0.1, Dielectric(1.5)), (0.4, Metal("Al"))], &[60.0]),
+    (&[(0.5, Dielectric(1.3)), (0.3, Metal("Cu"))], &[40.0, 80.0]),
     (
-        "1.5/Au (.1/.4)",
-        &[(0.1, GLASS), (0.4, "\"Au\"")],
+        &[
+            (0.2, Dielectric(1.3)),
+            (0.3, Dielectric(1.5)),
+            (0.4, Dielectric(1.8)),
+        ],
         &[40.0, 80.0],
     ),
     (
-        "1.5/Au (.3/.1)",
-        &[(0.3, GLASS), (0.1, "\"Au\"")],
-        &[40.0, 80.0],
-    ),
-    (
-        "1.5/Al (.1/.1)",
-        &[(0.1, GLASS), (0.1, "\"Al\"")],
-        &[60.0, 80.0],
-    ),
-    ("1.5/Al (.1/.4)", &[(0.1, GLASS), (0.4, "\"Al\"")], &[60.0]),
-    (
-        "1.3/Cu (.5/.3)",
-        &[(0.5, "{ n = 1.3 }"), (0.3, "\"Cu\"")],
-        &[40.0, 80.0],
-    ),
-    (
-        "1.3/1.5/1.8 (.2/.3/.4)",
-        &[(0.2, "{ n = 1.3 }"), (0.3, GLASS), (0.4, "{ n = 1.8 }")],
-        &[40.0, 80.0],
-    ),
-    (
-        "1.3/1.5/Au (.1/.1/.1)",
-        &[(0.1, "{ n = 1.3 }"), (0.1, GLASS), (0.1, "\"Au\"")],
+        &[
+            (0.1, Dielectric(1.3)),
+            (0.1, Dielectric(1.5)),
+            (0.1, Metal("Au")),
+        ],
         &[40.0, 80.0],
     ),
 ];
@@ -97,14 +90,14 @@ pub(super) fn scenes(effort: AccuracyEffort) -> Vec<TracedScene> {
     let all = SIMULATIONS
         .iter()
         .enumerate()
-        .flat_map(|(n, (name, layers, angles))| {
+        .flat_map(|(n, (layers, angles))| {
             // A quick run takes the first angle of every fourth simulation.
             let taken = match effort {
                 AccuracyEffort::Full => angles.len(),
                 AccuracyEffort::Quick => usize::from(n % 4 == 0),
             };
             angles[..taken].iter().map(move |theta_deg| TracedScene {
-                name: format!("{name} at {theta_deg}°"),
+                name: name(layers, *theta_deg),
                 theta_deg: *theta_deg,
                 layers,
             })
@@ -112,11 +105,31 @@ pub(super) fn scenes(effort: AccuracyEffort) -> Vec<TracedScene> {
     all.collect()
 }
 
+/// The layers from the top, e.g. `n = 1.5 (α = 0.1) on Al (α = 0.4) at 60°`.
+fn name(layers: &[SceneLayer], theta_deg: f64) -> String {
+    let layer = |(alpha, medium): &SceneLayer| {
+        let medium = match medium {
+            Dielectric(n) => format!("n = {n}"),
+            Metal(symbol) => (*symbol).to_owned(),
+        };
+        match *alpha {
+            0.0 => format!("{medium} (flat)"),
+            alpha => format!("{medium} (α = {alpha})"),
+        }
+    };
+    let layers: Vec<String> = layers.iter().map(layer).collect();
+    format!("{} at {theta_deg}°", layers.join(" on "))
+}
+
 impl TracedScene {
     /// The surfaces are the same in every run; only the seed of the photons changes.
     fn scene(&self, method: &str, polarised: &str, photons: u64, seed: u64) -> Option<Scene> {
         let mut text = format!("[light]\ntheta_i_deg = {:?}\n", self.theta_deg);
-        for (n, (alpha, below)) in self.layers.iter().enumerate() {
+        for (n, (alpha, medium)) in self.layers.iter().enumerate() {
+            let below = match medium {
+                Dielectric(n) => format!("{{ n = {n:?} }}"),
+                Metal(symbol) => format!("{symbol:?}"),
+            };
             text += &if *alpha == 0.0 {
                 format!("[[interface]]\nshape = \"flat\"\nbelow = {below}\n")
             } else {
@@ -150,15 +163,10 @@ impl TracedScene {
             return None;
         }
         let mut indices = vec![nalgebra::Complex::new(1.0, 0.0)];
-        for (_, below) in self.layers {
-            let index = match below.strip_prefix('"') {
-                Some(name) => {
-                    crate::material::tables::index_of(name.trim_end_matches('"'), 550.0).ok()?
-                }
-                None => {
-                    let n = below.trim_matches(|c: char| !c.is_ascii_digit() && c != '.');
-                    nalgebra::Complex::new(n.parse().ok()?, 0.0)
-                }
+        for (_, medium) in self.layers {
+            let index = match medium {
+                Dielectric(n) => nalgebra::Complex::new(*n, 0.0),
+                Metal(symbol) => crate::material::tables::index_of(symbol, 550.0).ok()?,
             };
             indices.push(index);
         }

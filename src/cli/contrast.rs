@@ -10,21 +10,20 @@ use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 use clap::Args as _;
-use serde_json::{Value, json};
+use serde::Serialize;
 
-use compare::TableComparison;
+use compare::{ReportedComparison, TableComparison};
 
 use super::limits::{PredictionLimits, Stopwatch};
 use super::prediction::{Model, Scene};
 use super::{CliError, interrupt, output, output_collision, output_path, runtime};
-use crate::contrast::{ReportedTable, measure, rounded_deg};
+use crate::contrast::{ContrastReport, ReportedContrast, ReportedTable, measure, rounded_deg};
 use crate::forecast::Expected;
 use crate::model::LeftOut;
-use crate::model::contrast::{PAIRS, PAPER_RIDGES_DEG, Pace, Table, Tier, predict_paced};
+use crate::model::contrast::{Line, Mean, PAPER_RIDGES_DEG, Pace, Table, Tier, predict_paced};
 use crate::observation::ObservationSet;
 use crate::reduction::{FrameSource, ReductionError, reduce};
 use crate::series::Series;
-use crate::units::Angle;
 use crate::wording::significant;
 
 /// Contrast after rotation: absolute difference of radiances at azimuths 0°, 90° and 180°.
@@ -75,6 +74,37 @@ pub struct Args {
     pub json: bool,
 }
 
+/// What the command prints.
+#[derive(Debug, Serialize)]
+struct Answer {
+    #[serde(flatten)]
+    contrasts: Contrasts,
+    /// Time of the calculation.
+    seconds: f64,
+    /// Beside the table of `--compare`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    comparison: Option<ReportedComparison>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Contrasts {
+    Measured(Box<ContrastReport>),
+    Predicted(Box<Prediction>),
+}
+
+#[derive(Debug, Serialize)]
+struct Prediction {
+    #[serde(flatten)]
+    table: ReportedTable,
+    /// `predicted`.
+    mode: &'static str,
+    variant: &'static str,
+    /// Largest error of a radiance, as a share of the brightest; null where it was not determined.
+    model_error: Option<Expected>,
+    left_out: Vec<LeftOut>,
+}
+
 /// Options that do not apply to a measured contrast.
 fn of_predictions(arg: clap::Arg) -> clap::Arg {
     let options = PredictionLimits::augment_args(Scene::augment_args(clap::Command::new("")));
@@ -100,7 +130,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     }
     let started = Instant::now();
     let region = args.region.as_deref();
-    let (table, mut report) = match (&args.dir, args.scan) {
+    let (table, contrasts) = match (&args.dir, args.scan) {
         (Some(dir), _) => {
             let series = Series::open_own(dir).map_err(CliError::bad_input)?;
             if let Some(svg) = &args.svg {
@@ -109,22 +139,22 @@ pub fn run(args: Args) -> Result<(), CliError> {
             measured(&series, region)?
         }
         (None, Some(scan)) => measured(&runtime::stored_series(&args.data, scan)?, region)?,
-        (None, None) => predicted(&args)?,
+        (None, None) => {
+            let (table, prediction) = predicted(&args)?;
+            (table, Contrasts::Predicted(Box::new(prediction)))
+        }
     };
-    report["seconds"] = json!(started.elapsed().as_secs_f64());
+    let seconds = started.elapsed().as_secs_f64();
     let (mut others, mut compared) = (Vec::new(), None);
     if let Some(path) = &args.compare {
         let other = compare::read_radiances(path, args.scene.alpha)?;
-        let found = compare::comparison(&table, &other, path)?;
-        report["comparison"] = found.as_json();
-        compared = Some(found);
+        compared = Some(compare::comparison(&table, &other, path)?);
         others.push(("compared", other));
     }
     if let Some(path) = &args.svg {
-        let label = if args.dir.is_some() || args.scan.is_some() {
-            "measured"
-        } else {
-            "predicted"
+        let label = match &contrasts {
+            Contrasts::Measured(_) => "measured",
+            Contrasts::Predicted(_) => "predicted",
         };
         let mut series = vec![(label, &table)];
         series.extend(others.iter().map(|(name, t)| (*name, t)));
@@ -132,12 +162,24 @@ pub fn run(args: Args) -> Result<(), CliError> {
             .with_context(|| format!("cannot write {}", path.display()))
             .map_err(CliError::NoResult)?;
     }
-    output::write(args.json, &report, || {
-        as_text(&table, &report, compared.as_ref())
+    let answer = Answer {
+        contrasts,
+        seconds,
+        comparison: compared.as_ref().map(TableComparison::report),
+    };
+    output::write(args.json, &answer, || {
+        let mut text = match &answer.contrasts {
+            Contrasts::Measured(report) => measured_text(&table, report),
+            Contrasts::Predicted(_) => predicted_text(&table),
+        };
+        if let Some(comparison) = &compared {
+            let _ = writeln!(text, "{comparison}");
+        }
+        text
     })
 }
 
-fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
+fn predicted(args: &Args) -> Result<(Table, Prediction), CliError> {
     let (rig, optics, surface) = args.scene.build(&args.theta_r_deg)?;
     args.limits.check(args.variant)?;
     let tilts = &args.scene.theta_c_deg;
@@ -170,14 +212,10 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
                 .flatten()
         }
     };
-    let mut report = json!(ReportedTable::predicted(&found.table));
-    report["mode"] = json!("predicted");
-    report["variant"] = json!(args.variant.name());
     let error = found.error.or(apart).map(|value| Expected {
         value,
         of: "a radiance, of the brightest".to_owned(),
     });
-    report["model_error"] = json!(error);
     let mut left_out = args.variant.left_out(
         &rig.cones,
         surface.alpha_u.min(surface.alpha_v),
@@ -192,15 +230,24 @@ fn predicted(args: &Args) -> Result<(Table, Value), CliError> {
             None,
         ));
     }
-    report["left_out"] = json!(left_out);
-    Ok((found.table, report))
+    let prediction = Prediction {
+        table: ReportedTable::predicted(&found.table),
+        mode: "predicted",
+        variant: args.variant.name(),
+        model_error: error,
+        left_out,
+    };
+    Ok((found.table, prediction))
 }
 
-fn measured(source: &dyn FrameSource, region: Option<&str>) -> Result<(Table, Value), CliError> {
+fn measured(
+    source: &dyn FrameSource,
+    region: Option<&str>,
+) -> Result<(Table, Contrasts), CliError> {
     let cancel = interrupt::flag()?;
     let set = reduced(source, region, &cancel)?;
     let (table, report) = measure(&set).map_err(CliError::no_result)?;
-    Ok((table, json!(report)))
+    Ok((table, Contrasts::Measured(Box::new(report))))
 }
 
 fn reduced(
@@ -217,100 +264,106 @@ fn reduced(
     })
 }
 
-fn as_text(table: &Table, report: &Value, compared: Option<&TableComparison>) -> String {
-    let mut text = String::new();
-    let predicted = report["mode"] == "predicted";
-    let ridge = |a: Angle| {
-        if predicted {
-            format!("{:6.2}", rounded_deg(a))
-        } else {
-            "     –".to_owned()
-        }
+const HEADING: &str =
+    "θr / ° θc / °     L(0°)   L(90°)  L(180°)  |0–90| (Mich.) |90–180| (Mich.)\n";
+
+fn predicted_text(table: &Table) -> String {
+    let mut text = HEADING.to_owned();
+    for line in &table.lines {
+        let _ = writeln!(text, "{:6.2}{}", rounded_deg(line.theta_r), values(line));
+    }
+    means_text(&mut text, "θc", &table.by_theta_c);
+    means_text(&mut text, "θr", &table.by_theta_r);
+    means_text(&mut text, "φs", &table.by_phi_s);
+    findings_text(&mut text, table);
+    text
+}
+
+fn measured_text(table: &Table, report: &ContrastReport) -> String {
+    let mut text = HEADING.to_owned();
+    let expanded = |std: Option<f64>| match std {
+        Some(std) if std.is_finite() => format!("{:.1e}", 2.0 * std),
+        _ => "–".to_owned(),
+    };
+    for (line, reported) in table.lines.iter().zip(&report.table.lines) {
+        let of = |contrast: &ReportedContrast| {
+            let (absolute, michelson) = (contrast.absolute_std, contrast.michelson_std);
+            format!("{:>7} {:>7}", expanded(absolute), expanded(michelson))
+        };
+        let [first, second] = [&reported.contrast.first, &reported.contrast.second].map(of);
+        let _ = writeln!(
+            text,
+            "     –{}\n{:>42} {first}  {second}",
+            values(line),
+            "±"
+        );
+    }
+    let unit = match report.scale {
+        "white reference" => "sr⁻¹ (L is BRDF × cos θi)",
+        _ => "shares of the brightest level",
     };
     let _ = writeln!(
         text,
-        "θr / ° θc / °     L(0°)   L(90°)  L(180°)  |0–90| (Mich.) |90–180| (Mich.)"
+        "L and |0–90|, |90–180| in {unit}, ± expanded uncertainties (k = 2); stray light {} ± {} subtracted",
+        significant(report.stray_light.radiance),
+        significant(2.0 * report.stray_light.std)
     );
-    let michelson = |m: f64| match m.is_nan() {
+    means_text(&mut text, "θc", &table.by_theta_c);
+    means_text(&mut text, "φs", &table.by_phi_s);
+    if let Some(all) = &report.table.mean.all {
+        let of = &all.contrast;
+        let _ = writeln!(
+            text,
+            "mean of all: {:.4} ± {} ({} ± {}; k = 2), as `judge` uses it",
+            of.absolute,
+            expanded(of.absolute_std),
+            michelson(of.michelson),
+            expanded(of.michelson_std),
+        );
+    }
+    findings_text(&mut text, table);
+    text
+}
+
+/// Tilt, radiances and contrasts of a line.
+fn values(line: &Line) -> String {
+    let [first, second] = line.contrast;
+    format!(
+        "{:7.2}  {:8.5} {:8.5} {:8.5} {:7.4} {:>7}  {:7.4} {:>7}",
+        rounded_deg(line.theta_c),
+        line.radiance[0],
+        line.radiance[1],
+        line.radiance[2],
+        first.absolute,
+        michelson(first.michelson),
+        second.absolute,
+        michelson(second.michelson)
+    )
+}
+
+/// A Michelson contrast; a dash where both azimuths are dark.
+fn michelson(value: f64) -> String {
+    match value.is_nan() {
         true => "–".to_owned(),
-        false => format!("{m:.3}"),
+        false => format!("{value:.3}"),
+    }
+}
+
+fn means_text(text: &mut String, by: &str, means: &[Mean]) {
+    let of = |mean: &Mean| {
+        let contrast = &mean.contrast;
+        format!(
+            "{}°: {:.4} ({})",
+            mean.setting,
+            contrast.absolute,
+            michelson(contrast.michelson)
+        )
     };
-    for (n, l) in table.lines.iter().enumerate() {
-        let [a, b] = l.contrast;
-        let _ = write!(
-            text,
-            "{}{:7.2}  {:8.5} {:8.5} {:8.5} {:7.4} {:>7}  {:7.4} {:>7}",
-            ridge(l.theta_r),
-            rounded_deg(l.theta_c),
-            l.radiance[0],
-            l.radiance[1],
-            l.radiance[2],
-            a.absolute,
-            michelson(a.michelson),
-            b.absolute,
-            michelson(b.michelson)
-        );
-        if !predicted {
-            let std = |pair: usize, key: &str| {
-                let std = &report["lines"][n]["contrast"][PAIRS[pair].0][key];
-                std.as_f64()
-                    .map_or("–".to_owned(), |std| format!("{:.1e}", 2.0 * std))
-            };
-            let _ = write!(
-                text,
-                "\n{:>42} {:>7} {:>7}  {:>7} {:>7}",
-                "±",
-                std(0, "absolute_std"),
-                std(0, "michelson_std"),
-                std(1, "absolute_std"),
-                std(1, "michelson_std")
-            );
-        }
-        text.push('\n');
-    }
-    if !predicted {
-        let unit = match report["scale"] == "white reference" {
-            true => "sr⁻¹ (L is BRDF × cos θi)",
-            false => "shares of the brightest level",
-        };
-        let of = |key: &str| report["stray_light"][key].as_f64().unwrap_or(f64::NAN);
-        let _ = writeln!(
-            text,
-            "L and |0–90|, |90–180| in {unit}, ± expanded uncertainties (k = 2); stray light {} ± {} subtracted",
-            significant(of("radiance")),
-            significant(2.0 * of("std"))
-        );
-    }
-    let mut means = vec![("θc", &table.by_theta_c), ("φs", &table.by_phi_s)];
-    if predicted {
-        means.insert(1, ("θr", &table.by_theta_r));
-    }
-    for (name, means) in means {
-        let list: Vec<String> = means
-            .iter()
-            .map(|m| {
-                format!(
-                    "{}°: {:.4} ({})",
-                    m.setting,
-                    m.contrast.absolute,
-                    michelson(m.contrast.michelson)
-                )
-            })
-            .collect();
-        let _ = writeln!(text, "mean by {name}: {}", list.join("   "));
-    }
-    if !predicted {
-        let all = &report["mean"]["all"];
-        let of = |key: &str| all[key].as_f64().unwrap_or(f64::NAN);
-        let _ = writeln!(
-            text,
-            "mean of all: {:.4} ± {:.1e} ({} ± {:.1e}; k = 2), as `judge` uses it",
-            of("absolute"),
-            2.0 * of("absolute_std"),
-            michelson(of("michelson")),
-            2.0 * of("michelson_std"),
-        );
-    }
+    let list: Vec<String> = means.iter().map(of).collect();
+    let _ = writeln!(text, "mean by {by}: {}", list.join("   "));
+}
+
+fn findings_text(text: &mut String, table: &Table) {
     if let Some(f) = table.findings() {
         let word = |b: bool| if b { "yes" } else { "no" };
         let _ = writeln!(
@@ -321,10 +374,6 @@ fn as_text(table: &Table, report: &Value, compared: Option<&TableComparison>) ->
             word(f.first_quarter_stronger)
         );
     }
-    if let Some(comparison) = compared {
-        let _ = writeln!(text, "{comparison}");
-    }
-    text
 }
 
 #[cfg(test)]
@@ -334,7 +383,8 @@ mod tests {
 
     #[test]
     fn the_defaults_are_the_papers_experiment_and_show_its_findings() {
-        let (table, report) = predicted(&parsed(&[])).unwrap();
+        let (table, prediction) = predicted(&parsed(&[])).unwrap();
+        let report = serde_json::to_value(&prediction).unwrap();
         assert_eq!(table.lines.len(), 20);
         assert_eq!(report["findings"]["greatest_at_theta_c_0"], true);
         assert_eq!(report["findings"]["greatest_at_smallest_theta_r"], true);
@@ -342,7 +392,7 @@ mod tests {
         assert_eq!(report["lines"][0]["theta_r_deg"], 5.0);
         assert_eq!(report["mean"]["by_theta_c"][2]["theta_c_deg"], 0.0);
         assert_eq!(report["mean"]["by_phi_s"][0]["phi_s_deg"], "0-90");
-        assert!(as_text(&table, &report, None).lines().count() > 20);
+        assert!(predicted_text(&table).lines().count() > 20);
     }
 
     #[test]

@@ -17,7 +17,7 @@ use crate::observation::ObservationSet;
 use crate::units::Angle;
 use crate::wording::counted;
 pub use compared_tilts::{ComparedTilts, CompleteTilt, missing_poses};
-pub use report::{ContrastReport, ReportedFindings, ReportedTable};
+pub use report::{ContrastReport, ReportedContrast, ReportedFindings, ReportedTable};
 pub use scan::{ContrastKind, ContrastScan, ContrastValue, ScanPair};
 pub use slopes::{RadianceSlope, RadianceSlopes};
 pub use stray_light::{SampleRadiances, StrayLight};

@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
-use serde_json::{Value, json};
+use serde::Serialize;
 
 use crate::cli::CliError;
 use crate::contrast::ReportedFindings;
@@ -25,19 +25,32 @@ pub(super) struct TableComparison {
 }
 
 impl TableComparison {
-    /// The JSON object; relative differences are null for a file without contrast.
-    pub(super) fn as_json(&self) -> Value {
-        json!({
-            "file": self.file.display().to_string(),
-            "n_contrasts": self.n_contrasts,
-            "rms": self.rms,
-            "worst": self.worst,
-            "largest_contrast": self.largest_contrast,
-            "rms_relative": self.rms / self.largest_contrast,
-            "worst_relative": self.worst / self.largest_contrast,
-            "findings": self.findings.map(ReportedFindings::from),
-        })
+    /// The same with relative differences.
+    pub(super) fn report(&self) -> ReportedComparison {
+        ReportedComparison {
+            file: self.file.display().to_string(),
+            n_contrasts: self.n_contrasts,
+            rms: self.rms,
+            worst: self.worst,
+            largest_contrast: self.largest_contrast,
+            rms_relative: self.rms / self.largest_contrast,
+            worst_relative: self.worst / self.largest_contrast,
+            findings: self.findings.map(ReportedFindings::from),
+        }
     }
+}
+
+/// A comparison as `--json` prints it; relative differences are null for a file without contrast.
+#[derive(Debug, Serialize)]
+pub(super) struct ReportedComparison {
+    file: String,
+    n_contrasts: usize,
+    rms: f64,
+    worst: f64,
+    largest_contrast: f64,
+    rms_relative: f64,
+    worst_relative: f64,
+    findings: Option<ReportedFindings>,
 }
 
 impl fmt::Display for TableComparison {
@@ -170,7 +183,7 @@ mod tests {
                 .to_string()
                 .contains("40 contrasts, rms difference 0.")
         );
-        assert_eq!(found.as_json()["n_contrasts"], 40);
+        assert_eq!(found.report().n_contrasts, 40);
         assert!(read_radiances(&path, 0.5).is_err());
     }
 

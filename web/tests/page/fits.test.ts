@@ -112,7 +112,7 @@ describe('the uncertainty along a scan', () => {
 });
 
 describe('error against run time', () => {
-  const point = (method: string, seconds: number, error: number, scene = 'flat 1.5/2.4 at 60°') => ({
+  const point = (method: string, seconds: number, error: number, scene = 'n = 1.5 (flat) on n = 2.4 (flat) at 60°') => ({
     scene, method, seconds, error, quantity: 'relative error of the reflected energy', reference: 'exact (flat layers)',
   });
 
