@@ -1,21 +1,27 @@
 //! Fits a scan of the rig once it is completed (setting `scan.fit_at_end`, or a recipe), and judges it against its
-//! specification.
+//! specification. After a restart the daemon starts what it was ended before.
 
 use std::collections::HashSet;
 use std::sync::Arc;
 
 use super::recipes::{Recipe, RecipeFit};
-use super::{Lab, LabError, StoredSeries, VerdictRequest};
+use super::{FitRequest, Lab, LabError, StoredSeries, VerdictRequest};
+use crate::access::DAEMON;
 use crate::job::{JobId, JobState};
 use crate::reduction::FrameSource;
 use crate::scan::ScanState;
+use crate::store::PageRequest;
 use crate::store::definitions::{Definition, DefinitionKind, DefinitionRef, Wanted};
-use crate::store::scans::Scan;
+use crate::store::jobs::Job;
+use crate::store::scans::{Origin, Scan, ScanFilter};
 
 /// Code of the alarm about a completed scan whose fit did not start.
 pub const FIT_NOT_STARTED: &str = "fit-not-started";
 /// Code of the alarm about a completed scan that could not be judged against its specification.
 pub const NOT_JUDGED: &str = "not-judged";
+
+/// Completed scans that a new daemon examines for a missing fit or verdict, newest first.
+const EXAMINED: u32 = 20;
 
 /// Starts the task that fits and judges completed scans. The task ends with the lab.
 pub(super) fn start(lab: &Lab) {
@@ -23,6 +29,11 @@ pub(super) fn start(lab: &Lab) {
         let mut ends = lab.inner.ends.subscribe();
         let inner = Arc::downgrade(&lab.inner);
         tokio::spawn(async move {
+            if let Some(lab) = Lab::of_daemon(&inner)
+                && let Err(error) = lab.catch_up().await
+            {
+                tracing::warn!(%error, "the last scans were not examined for missing fits and verdicts");
+            }
             let mut over = HashSet::new();
             while ends.changed().await.is_ok() {
                 let ended: Vec<i64> = ends.borrow_and_update().keys().copied().collect();
@@ -35,8 +46,8 @@ pub(super) fn start(lab: &Lab) {
                     };
                     if let Some(state) = lab.end_of(scan_id).await {
                         over.insert(scan_id);
-                        if state == ScanState::Completed && lab.is_fitted_at_end(scan_id).await {
-                            lab.fit_completed(scan_id).await;
+                        if state == ScanState::Completed {
+                            lab.follow(scan_id).await;
                         }
                     }
                 }
@@ -52,13 +63,21 @@ impl Lab {
         state.is_end().then_some(state)
     }
 
-    /// Whether a scan is fitted without a request: by the settings, or because its recipe or specification needs a fit.
-    async fn is_fitted_at_end(&self, scan_id: i64) -> bool {
-        let by_setting = self.side().is_ok_and(|side| side.settings.fit_at_end);
-        match self.store().scan(scan_id).await {
-            Ok(scan) => by_setting || scan.recipe.is_some() || scan.specification.is_some(),
-            Err(_) => by_setting,
+    /// Fits a completed scan if the settings say so, or if its recipe or specification needs a fit.
+    async fn follow(&self, scan_id: i64) {
+        let is_fitted = match self.store().scan(scan_id).await {
+            Ok(scan) => self.is_fitted_at_end(&scan),
+            // The fit states the error of the store.
+            Err(_) => true,
+        };
+        if is_fitted {
+            self.fit_completed(scan_id).await;
         }
+    }
+
+    fn is_fitted_at_end(&self, scan: &Scan) -> bool {
+        let by_setting = self.side().is_ok_and(|side| side.settings.fit_at_end);
+        by_setting || scan.recipe.is_some() || scan.specification.is_some()
     }
 
     /// Starts a fit of each region of a scan, or an alarm that says why it cannot.
@@ -68,6 +87,71 @@ impl Lab {
                 format!("scan {scan_id} is completed, but its fit did not start: {error}");
             self.alarm(FIT_NOT_STARTED, message, Some(scan_id)).await;
         }
+    }
+
+    /// Starts the fits and verdicts that the last daemon was ended before: of the newest completed scans of the rig, back to
+    /// the first that has all of them.
+    async fn catch_up(&self) -> Result<(), LabError> {
+        let completed = ScanFilter {
+            state: Some(ScanState::Completed),
+            ..ScanFilter::default()
+        };
+        let newest = PageRequest {
+            limit: EXAMINED,
+            cursor: None,
+        };
+        let scans = self.store().scans(completed, newest).await?.items;
+        let of_rig = scans.iter().filter(|scan| scan.origin == Origin::Rig);
+        for scan in of_rig.filter(|scan| self.is_fitted_at_end(scan)) {
+            if !self.catch_up_with(scan).await? {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Starts what a scan lacks; false where it lacks nothing. An alarm has said why nothing follows a scan that was given up.
+    async fn catch_up_with(&self, scan: &Scan) -> Result<bool, LabError> {
+        if self.gave_up(scan.id).await? {
+            return Ok(true);
+        }
+        let outcome = self.outcome(scan.id).await?;
+        // A fit that a person asked for is not repeated, and stands for no fit that follows by itself.
+        let own: Vec<&Job> = outcome
+            .fits
+            .iter()
+            .filter(|fit| fit.who == DAEMON)
+            .collect();
+        if own.is_empty() && !outcome.fits.is_empty() {
+            return Ok(false);
+        }
+        let mut lacks = false;
+        for request in self.requests_at_end(scan).await? {
+            let of_region = |fit: &&&Job| {
+                serde_json::from_str::<FitRequest>(&fit.request)
+                    .is_ok_and(|made| made.region == request.region)
+            };
+            match own.iter().find(of_region) {
+                Some(fit) if fit.state == JobState::Completed => {
+                    let judged = outcome.verdicts.iter().any(|verdict| {
+                        verdict.state != JobState::Interrupted
+                            && serde_json::from_str::<VerdictRequest>(&verdict.request)
+                                .is_ok_and(|made| made.fit_id == Some(fit.number))
+                    });
+                    if scan.specification.is_some() && !judged {
+                        self.judge_once_fitted(scan, fit.id());
+                        lacks = true;
+                    }
+                }
+                Some(fit) if fit.state != JobState::Interrupted => {}
+                _ => {
+                    let fit_id = self.start_job(request).await?;
+                    self.judge_once_fitted(scan, fit_id);
+                    lacks = true;
+                }
+            }
+        }
+        Ok(lacks)
     }
 
     /// Reads the version that a scan refers to.
@@ -95,34 +179,47 @@ impl Lab {
 
     async fn start_fits(&self, scan_id: i64) -> Result<(), LabError> {
         let scan = self.store().scan(scan_id).await?;
+        for request in self.requests_at_end(&scan).await? {
+            let fit_id = self.start_job(request).await?;
+            self.judge_once_fitted(&scan, fit_id);
+        }
+        Ok(())
+    }
+
+    /// The fits that follow a scan: one for each region.
+    async fn requests_at_end(&self, scan: &Scan) -> Result<Vec<FitRequest>, LabError> {
         // A scan for calibrations only has no sample.
         if scan.plan.as_ref().is_some_and(|plan| plan.is_calibration()) {
-            return Ok(());
+            return Ok(Vec::new());
         }
-        let fit = match self.recipe_of(&scan).await? {
+        let fit = match self.recipe_of(scan).await? {
             Some(recipe) => recipe.fit,
             None => RecipeFit::default(),
         };
-        let series = StoredSeries::open(self.store(), scan_id).await?;
+        let series = StoredSeries::open(self.store(), scan.id).await?;
         let regions = Lab::regions(series.manifest());
         let regions: Vec<Option<String>> = match (&fit.region, regions.is_empty()) {
             (Some(region), _) => vec![Some(region.clone())],
             (None, true) => vec![None],
             (None, false) => regions.into_iter().map(Some).collect(),
         };
-        for region in regions {
-            let fit_id = self.start_job(fit.request(scan_id, region)).await?;
-            if let Some(used) = scan.specification.clone() {
-                let lab = self.clone();
-                tokio::spawn(async move {
-                    if let Err(why) = lab.judge_fit(scan_id, fit_id, &used).await {
-                        let message = format!("scan {scan_id} is not judged: {why}");
-                        lab.alarm(NOT_JUDGED, message, Some(scan_id)).await;
-                    }
-                });
-            }
+        let requests = regions.into_iter();
+        Ok(requests
+            .map(|region| fit.request(scan.id, region))
+            .collect())
+    }
+
+    /// Judges a fit against the specification of its scan, if there is one, as soon as the fit is completed.
+    fn judge_once_fitted(&self, scan: &Scan, fit_id: JobId) {
+        if let Some(used) = scan.specification.clone() {
+            let (lab, scan_id) = (self.clone(), scan.id);
+            tokio::spawn(async move {
+                if let Err(why) = lab.judge_fit(scan_id, fit_id, &used).await {
+                    let message = format!("scan {scan_id} is not judged: {why}");
+                    lab.alarm(NOT_JUDGED, message, Some(scan_id)).await;
+                }
+            });
         }
-        Ok(())
     }
 
     /// Waits for the end of a fit and judges its result against a specification.

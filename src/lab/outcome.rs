@@ -65,7 +65,7 @@ impl Lab {
     }
 
     /// Whether an alarm says that no fit or no verdict follows.
-    async fn gave_up(&self, scan_id: i64) -> Result<bool, LabError> {
+    pub(super) async fn gave_up(&self, scan_id: i64) -> Result<bool, LabError> {
         let incidents = self.store().incidents(scan_id, 0, 10_000).await?;
         Ok(incidents.iter().any(|incident| {
             matches!(&incident.event, Event::Alarm { code, .. } if [FIT_NOT_STARTED, NOT_JUDGED].contains(&code.as_str()))

@@ -1,13 +1,16 @@
 //! Recipes and specifications: kept in versions, and followed by scans up to the verdict.
 
+use std::sync::Arc;
+
 use ridged::scan::ScanState;
+use ridged::store::disk::RealDisk;
 use serde_json::{Value, json};
 
 use super::{Answer, get, is_problem, opened, post, request, send};
 use axum::Router;
 use axum::body::Body;
 
-use crate::bench_in_a_box::BenchInABox;
+use crate::bench_in_a_box::{BenchInABox, small};
 
 /// A recipe of few poses, with the material of the parts.
 pub(crate) fn recipe(name: &str) -> Value {
@@ -250,5 +253,62 @@ async fn a_scan_of_a_recipe_is_fitted_by_it_and_judged_without_a_request() {
         is_problem(&refused, 422, "invalid-value");
         assert!(refused.detail().contains(words), "{}", refused.detail());
     }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_restart_fits_and_judges_the_scan_whose_fit_the_last_daemon_was_ended_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let open = async || {
+        let bench = BenchInABox::open(folder.path(), Arc::new(RealDisk), false).await;
+        let router = super::router_of(&bench.lab);
+        (bench, router)
+    };
+    let (bench, router) = open().await;
+    added(&router, "recipes", &recipe("PX-1")).await;
+    added(&router, "specifications", &wide_limits("drawing 1")).await;
+    let hands = bench.rig.operate(&bench.lab, true);
+    bench
+        .start(small(&[-20.0, 0.0, 20.0], &[0.0, 90.0, 180.0]))
+        .await;
+    bench.until(1, ScanState::Completed).await;
+    hands.abort();
+    // Fits of a person take all slots.
+    for _ in 0..4 {
+        let long = r#"{"scan_id": 1, "variant": "sawtooth", "bootstrap": 10000}"#;
+        assert_eq!(post(&router, "/api/v1/fits", long).await.status, 202);
+    }
+    let body = r#"{"sample_id": 1, "recipe": "PX-1", "specification": 1}"#;
+    assert_eq!(post(&router, "/api/v1/scans", body).await.status, 202);
+    attended(&bench, 2).await;
+    let of_scan = async |router: &Router, noun: &str, scan_id: i64| {
+        let path = format!("/api/v1/{noun}?scan_id={scan_id}");
+        get(router, &path).await.body["items"].clone()
+    };
+    let states = |jobs: &Value| -> Vec<String> {
+        let jobs = jobs.as_array().unwrap().iter();
+        jobs.map(|job| job["state"].as_str().unwrap().to_owned())
+            .collect()
+    };
+    let mut events = bench.lab.events();
+    while states(&of_scan(&router, "fits", 2).await).is_empty() {
+        events.recv().await.ok();
+    }
+    bench.end().await;
+
+    let (bench, router) = open().await;
+    let mut events = bench.lab.events();
+    while states(&of_scan(&router, "verdicts", 2).await) != ["completed"] {
+        events.recv().await.ok();
+    }
+    let fits = of_scan(&router, "fits", 2).await;
+    assert_eq!(states(&fits), ["completed", "interrupted"]);
+    let verdict = of_scan(&router, "verdicts", 2).await;
+    assert_eq!(verdict[0]["request"]["fit_id"], fits[0]["id"]);
+    // Nothing follows a fit that a person asked for.
+    assert_eq!(
+        states(&of_scan(&router, "fits", 1).await),
+        ["interrupted"; 4]
+    );
     bench.end().await;
 }
