@@ -149,7 +149,7 @@ impl Lab {
         self.inner.jobs.start(id, |cancel, progress| async move {
             let end = match lab.run_job(id, new.scan_id, work, &progress, &cancel).await {
                 Ok(end) => end,
-                Err(Failure::Cancelled) => JobEnd::Cancelled,
+                Err(Failure::Cancelled) => lab.inner.jobs.end_of_cancelled(),
                 Err(Failure::Because { code, detail }) => JobEnd::Failed {
                     code: code.into(),
                     detail,

@@ -642,7 +642,7 @@ impl Lab {
                 owner.await.ok();
             }
         }
-        self.inner.jobs.cancel_all().await;
+        self.inner.jobs.interrupt_all().await;
         if let Some(side) = &self.inner.rig {
             // A locked database must not hold the daemon.
             let flush = side.sink.flush();

@@ -8,6 +8,7 @@ use tokio::task::JoinHandle;
 
 use super::job_progress::ProgressMeter;
 use crate::job::JobId;
+use crate::store::jobs::JobEnd;
 
 struct RunningJob {
     cancel: Arc<AtomicBool>,
@@ -17,7 +18,11 @@ struct RunningJob {
 
 /// All jobs that have not ended.
 #[derive(Default)]
-pub(super) struct RunningJobs(Mutex<HashMap<JobId, RunningJob>>);
+pub(super) struct RunningJobs {
+    all: Mutex<HashMap<JobId, RunningJob>>,
+    /// Whether the daemon ends.
+    interrupted: AtomicBool,
+}
 
 impl RunningJobs {
     /// Spawns `work`, which gets its cancel flag and its progress meter. `work` calls [`RunningJobs::ended`] at its end.
@@ -58,8 +63,17 @@ impl RunningJobs {
         running.is_some()
     }
 
-    /// Cancels all jobs and waits until the end of each is stored.
-    pub async fn cancel_all(&self) {
+    /// Returns the end of a job whose cancel flag was raised: by a person, or by the end of the daemon.
+    pub fn end_of_cancelled(&self) -> JobEnd {
+        match self.interrupted.load(Ordering::Relaxed) {
+            true => JobEnd::Interrupted,
+            false => JobEnd::Cancelled,
+        }
+    }
+
+    /// Interrupts all jobs and waits until the end of each is stored.
+    pub async fn interrupt_all(&self) {
+        self.interrupted.store(true, Ordering::Relaxed);
         let all: Vec<RunningJob> = self.lock().drain().map(|(_, job)| job).collect();
         for job in &all {
             job.cancel.store(true, Ordering::Relaxed);
@@ -70,6 +84,6 @@ impl RunningJobs {
     }
 
     fn lock(&self) -> MutexGuard<'_, HashMap<JobId, RunningJob>> {
-        self.0.lock().expect("no holder of this lock panics")
+        self.all.lock().expect("no holder of this lock panics")
     }
 }
