@@ -181,7 +181,7 @@ pub struct Begun {
 #[openapi(
     info(
         title = "ridged",
-        description = "Drives a rig for surfaces of fine parallel ridges, keeps its frames, fits the ridge angle and states the uncertainty. Errors are RFC 9457 problems with a stable `code`. POSTs except stop, login, lease and preview may carry an `Idempotency-Key`, which is known for a day. Loopback needs no token, unless the settings ask for one; any other address needs one. `docs/access.md` describes roles and the lease of the rig.",
+        description = "Drives a rig for surfaces of fine parallel ridges, keeps its frames, fits the ridge angle and states the uncertainty. Errors are RFC 9457 problems with a stable `code`. POSTs except stop, login, lease and preview may carry an `Idempotency-Key`, which is known for a day. Loopback needs no token, unless the settings ask for one; any other address needs one. `docs/reference/access.md` describes roles and the lease of the rig.",
         license(name = "MIT OR Apache-2.0")
     ),
     tags(

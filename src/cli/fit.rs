@@ -41,7 +41,7 @@ use crate::tables;
 )]
 pub struct Args {
     /// Folder of a recorded series (manifest.toml, frames.csv, frames/), or of a goniometer's table of BRDF
-    /// (docs/brdf-tables.md). Several folders of frames of one sample
+    /// (docs/reference/brdf-tables.md). Several folders of frames of one sample
     /// are fitted together: one surface, but offsets and gain of each scan its own.
     #[arg(
         value_name = "DIR",

@@ -19,7 +19,7 @@ use crate::wording::{decimals, names, significant, stated, toml_text};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
-  ridged judge tests/data/series/polymer-10 --spec docs/example-specification.toml
+  ridged judge tests/data/series/polymer-10 --spec docs/examples/specification.toml
 
 The verdict is in the output; the exit code is 0 whatever it says. Decision rule (JCGM 106, guarded
 acceptance): pass where the risk that the sample does not conform is at most the specification's
@@ -35,7 +35,7 @@ pub struct Args {
     /// Data folder of the store.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
-    /// Specification (TOML); docs/example-specification.toml shows all keys.
+    /// Specification (TOML); docs/examples/specification.toml shows all keys.
     #[arg(long, value_name = "FILE")]
     pub spec: PathBuf,
     /// Model the reported result is based on.
@@ -69,7 +69,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let file = args.spec.display().to_string();
     let text = std::fs::read_to_string(&args.spec).map_err(|error| {
         CliError::bad_input(anyhow::Error::new(error).context(format!(
-            "{file} cannot be read; docs/example-specification.toml is an example of a specification"
+            "{file} cannot be read; docs/examples/specification.toml is an example of a specification"
         )))
     })?;
     let specification = specified(&text, &file)?;

@@ -23,7 +23,7 @@ use super::{CliError, interrupt, output, say};
   ridged queue start
   ridged queue attend                    asks for each part at this terminal
   ridged queue stop                      after the present order
-docs/queue.md describes the queue and the columns of the CSV file.")]
+docs/how-to/queue.md describes the queue and the columns of the CSV file.")]
 pub struct Args {
     /// The action.
     #[command(subcommand)]

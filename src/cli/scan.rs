@@ -40,7 +40,7 @@ pub enum Action {
 #[command(after_help = "Examples:
   ridged scan --preset paper --simulated-rig --data /tmp/try
   ridged scan --preset full --calibrate --config rig.toml
-  ridged scan docs/example-plan.toml --config rig.toml --sample \"batch 7\"
+  ridged scan docs/examples/plan.toml --config rig.toml --sample \"batch 7\"
   ridged scan --recipe PX-1204 --specification \"drawing 4711\" --sample \"Panel B-17\" --lot 4
   ridged scan pause 12
   ridged scan tag 12 --add study-1
@@ -49,7 +49,7 @@ pub struct Args {
     /// What to do with a running or an earlier scan instead.
     #[command(subcommand)]
     pub action: Option<Action>,
-    /// Plan (TOML); docs/example-plan.toml shows all keys.
+    /// Plan (TOML); docs/examples/plan.toml shows all keys.
     #[arg(
         value_name = "PLAN.toml",
         required_unless_present_any = ["preset", "recipe"],

@@ -926,7 +926,7 @@ class QueueBody(TypedDict):
 
 
 class Recipe(TypedDict):
-    """How a part is measured: the keys of docs/example-recipe.toml."""
+    """How a part is measured: the keys of docs/examples/recipe.toml."""
 
     fit: NotRequired[RecipeFit]
     layout: NotRequired[RecipeLayout | None]
@@ -1191,7 +1191,7 @@ class SessionBody(TypedDict):
 
 
 class ShapeFile(TypedDict):
-    """The sample's own shape, measured: a profile or a height map (see `docs/height-maps.md`)."""
+    """The sample's own shape, measured: a profile or a height map (see `docs/reference/height-maps.md`)."""
 
     content: str
     height_unit_um: NotRequired[float | None]

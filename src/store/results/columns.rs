@@ -213,7 +213,7 @@ mod tests {
 
     #[test]
     fn the_document_lists_every_column() {
-        let document = include_str!("../../../docs/results.md");
+        let document = include_str!("../../../docs/reference/results.md");
         for of in COLUMNS {
             assert!(document.contains(&format!("`{}`", of.name)), "{}", of.name);
         }

@@ -3858,7 +3858,7 @@ export interface components {
             /** @description Whether the store commits, records all running scans and has disk space. */
             readonly store: boolean;
         };
-        /** @description How a part is measured: the keys of docs/example-recipe.toml. */
+        /** @description How a part is measured: the keys of docs/examples/recipe.toml. */
         readonly Recipe: {
             /** @description Model and options of the fit that follows the scan. */
             readonly fit?: components["schemas"]["RecipeFit"];
@@ -5025,7 +5025,7 @@ export interface components {
             /** @description Name of the token; `local` for a caller on the daemon's machine without one. */
             readonly who: string;
         };
-        /** @description The sample's own shape, measured: a profile or a height map (see `docs/height-maps.md`). */
+        /** @description The sample's own shape, measured: a profile or a height map (see `docs/reference/height-maps.md`). */
         readonly ShapeFile: {
             /** @description Content, base64. */
             readonly content: string;
