@@ -5,7 +5,7 @@ SHELL := /bin/bash
 help:  ## What can be made
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 20
 
-demo: setup-build web  ## A simulated rig scans a sample, fits it, and the page shows it (Ctrl-C ends)
+demo: setup-build web  ## A simulated rig scans a part, fits it, and the page shows it (Ctrl-C ends)
 	cargo run --release --quiet -- demo $(ARGS)
 
 build: setup-build web  ## The program with its page, in target/release/ridged

@@ -186,7 +186,7 @@ pub struct Begun {
     ),
     tags(
         (name = "rig", description = "The stages, one axis at a time"),
-        (name = "samples", description = "Surfaces to be measured"),
+        (name = "samples", description = "Parts: names and materials. A part is a `sample` in routes and keys"),
         (name = "recipes", description = "How parts are measured, in versions"),
         (name = "specifications", description = "Limits of parts, in versions"),
         (name = "queue", description = "Parts in sequence, each measured by its recipe"),

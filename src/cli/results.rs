@@ -25,7 +25,7 @@ use crate::store::results::{LIMIT_USUAL, ResultPages, ResultQuery, ResultRow, cs
 docs/reference/results.md lists all columns. `--filter` takes NAME=VALUE for texts, words and numbers of rows, and NAME_min=VALUE and
 NAME_max=VALUE for numbers and times.")]
 pub struct Args {
-    /// Only scans of the sample of this name.
+    /// Only scans of the part of this name.
     #[arg(long, value_name = "NAME")]
     pub part: Option<String>,
     /// Only scans of this lot.
@@ -43,10 +43,10 @@ pub struct Args {
     /// Only with this verdict: pass, fail, cannot-tell; several separated by commas; empty for scans without one.
     #[arg(long, value_name = "WORDS")]
     pub verdict: Option<String>,
-    /// Only the newest fitted scan of each sample.
+    /// Only the newest fitted scan of each part.
     #[arg(long)]
     pub latest: bool,
-    /// Only with this text in the name of sample, lot, recipe, operator or specification, in the external id, a tag or
+    /// Only with this text in the name of part, lot, recipe, operator or specification, in the external id, a tag or
     /// the note.
     #[arg(long, value_name = "TEXT")]
     pub search: Option<String>,

@@ -8,7 +8,7 @@ use super::quantity::QUANTITIES;
 use crate::fit::report::ReferencePlane;
 use crate::wording::stated;
 
-/// Limits and decision rule of one kind of sample.
+/// Limits and decision rule of one kind of part.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Specification {
