@@ -5,7 +5,7 @@ SHELL := /bin/bash
 help:  ## What can be made
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 20
 
-demo: setup-build web  ## A simulated rig scans a sample, fits it, and the page shows it (Ctrl-C ends)
+demo: setup-build web  ## A simulated rig scans a part, fits it, and the page shows it (Ctrl-C ends)
 	cargo run --release --quiet -- demo $(ARGS)
 
 build: setup-build web  ## The program with its page, in target/release/ridged
@@ -41,7 +41,7 @@ test-times: web  ## The slowest Rust tests
 soak: web  ## Scans under seeded faults: make soak SEEDS=0..10000
 	RIDGED_SOAK_SEEDS=$(or $(SEEDS),0..1000) cargo test --test it soak:: -- --nocapture
 
-faults: web  ## The table of faults (docs/faults.md) with the results of its tests
+faults: web  ## The table of faults (docs/reference/faults.md) with the results of its tests
 	@tools/fault_table.py
 
 fuzz: web  ## Changed inputs through every parser: make fuzz CASES=2000000
@@ -86,7 +86,7 @@ web/node_modules/.installed: web/package.json web/package-lock.json
 	cd web && npm ci --no-audit --no-fund
 	@touch $@
 
-screenshots: build setup-test  ## docs/screenshot*.png from a day on the simulated rig
+screenshots: build setup-test  ## docs/pictures/screenshot*.png from a day on the simulated rig
 	cd web && RIDGED_BIN=../target/release/ridged npm run screenshot
 
 bench-peers: bench-peers-fit bench-peers-trace  ## ridged against what one would use instead

@@ -200,7 +200,7 @@ pub struct ObservationSet {
     pub lamp: Option<LampDrift>,
     /// The camera's nonlinearity, if significant; signals are corrected for it.
     pub detector: Option<DetectorCurve>,
-    /// Region of interest, if the sample has several.
+    /// Region of interest, if the part has several.
     pub region: Option<String>,
     /// Direction of this region's lean relative to the rig's azimuth zero (90° for the odd patches
     /// of a checkerboard). It is already part of the model's azimuth and not of the offset.

@@ -2,7 +2,7 @@
 """Writes tests/data/extreme/*.csv: stiff and extreme cases of the closed forms in 60-digit arithmetic.
 
 An independent transcription (mpmath) of the printed BRDF (Luongo et al. 2017, Eqs. 1-6), the full
-sawtooth (docs/sawtooth.md), Fresnel reflectances, flat incoherent stacks and the sawtooth's
+sawtooth (docs/explanation/sawtooth.md), Fresnel reflectances, flat incoherent stacks and the sawtooth's
 visibility. Inputs are exact doubles. `cond` is the relative condition number of the value, the sum
 over all inputs x of |x df/dx / f| (angles included). Needs: pip install mpmath
 
@@ -68,7 +68,7 @@ def brdf(theta_i, phi_i, theta_o, phi_o, theta_r, alpha_u, alpha_v, rho_d, eta, 
 
 
 def sawtooth(theta_i, phi_i, theta_o, phi_o, theta_r, alpha_u, alpha_v, rho_d, eta, k, theta_l=None, lamp=0, a=1):
-    """Radiance for irradiance 1 facing the lamp, docs/sawtooth.md."""
+    """Radiance for irradiance 1 facing the lamp, docs/explanation/sawtooth.md."""
     theta_l = mpf(THETA_L) if theta_l is None else theta_l
     i, o = direction(theta_i, phi_i), direction(theta_o, phi_o)
     return sawtooth_of(i, o, theta_r, alpha_u, alpha_v, rho_d, eta, k, theta_l, mpf(lamp), mpf(a))

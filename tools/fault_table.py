@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Runs the tests that docs/faults.md names and prints its tables with their results."""
+"""Runs the tests that docs/reference/faults.md names and prints its tables with their results."""
 
 import re
 import subprocess
 import sys
 from pathlib import Path
 
-page = Path("docs/faults.md").read_text(encoding="utf-8")
+page = Path("docs/reference/faults.md").read_text(encoding="utf-8")
 rows = [line for line in page.splitlines() if re.match(r"\| \d+ \|", line)]
 names = sorted({name for row in rows for name in re.findall(r"`([a-z_0-9]+)`", row.split("|")[-2])})
 run = subprocess.run(

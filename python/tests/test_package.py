@@ -94,7 +94,7 @@ def names_of(block: str) -> set[str]:
     return set(re.findall(r"\b(?:ridged|lab|scan|fit|rig|lab\.rig)\.(\w+)", block))
 
 
-@pytest.mark.parametrize("document", ["README.md", "docs/python.md", "python/README.md"])
+@pytest.mark.parametrize("document", ["README.md", "docs/reference/python.md", "python/README.md"])
 def test_documents_name_what_the_package_has(document: str) -> None:
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / document).read_text(), re.DOTALL)
     assert blocks, f"{document} has an example"

@@ -34,7 +34,7 @@ def test_a_scan_tells_its_steps_and_its_progress(lab: ridged.Lab, capsys: pytest
     scan = lab.measure("model 15°", theta_c_deg=[-10, 10], phi_s_deg=(0, 180), exposures_s=[0.02])
     scan.wait(on_step=ridged.confirm, timeout_s=60)
     lines = capsys.readouterr().err.splitlines()
-    assert f"scan {scan.id}: Take the cap off, put the sample on the table, then continue." in lines
+    assert f"scan {scan.id}: Take the cap off, put the part on the table, then continue." in lines
 
 
 def test_observations_are_a_table_or_typed_rows(scan: ridged.Scan, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -107,7 +107,7 @@ pub(super) async fn list(
     responses(
     (status = 202, description = "The scan that takes them is planned and about to run", body = Begun, headers(("Location" = String, description = "That scan"))),
     (status = 400, description = "The body cannot be read", body = Problem),
-    (status = 404, description = "There is no such sample", body = Problem),
+    (status = 404, description = "There is no such part", body = Problem),
     (status = 409, description = "The rig is busy", body = Problem),
     (status = 422, description = "The plan cannot run; `errors` lists everything that is wrong", body = Problem),
     (status = 503, description = "The stages cannot be had", body = Problem),
@@ -120,7 +120,7 @@ pub(super) async fn take(
     if request.recipe.is_some() || request.specification.is_some() {
         return Err(ApiError::invalid(
             "recipe",
-            "calibrations have no sample to measure or judge: give a plan",
+            "calibrations have no part to measure or judge: give a plan",
         ));
     }
     let plan = request.plan.get_or_insert_default();

@@ -18,7 +18,7 @@ use crate::repeatability::{PARAMETER, Repeatability, StudyChoice};
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct CompareParams {
-    /// Region of a sample with several regions: the newest fits of it.
+    /// Region of a part with several regions: the newest fits of it.
     region: Option<String>,
     /// Lines of the budget with the same error in both scans, separated by commas, or `none`. If omitted, the lines that
     /// the records of the scans show as the same.
@@ -36,7 +36,7 @@ pub struct RepeatabilityParams {
     /// there are several, otherwise days.
     #[param(value_type = Option<GroupedBy>)]
     by: Option<GroupedBy>,
-    /// Region of a sample with several regions: the newest fits of it.
+    /// Region of a part with several regions: the newest fits of it.
     region: Option<String>,
     /// Lines of the budget with the same error in all scans, separated by commas, or `none`. If omitted, the lines that
     /// the records of the scans show as the same.

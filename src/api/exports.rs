@@ -22,7 +22,7 @@ use crate::lab::{FrameStack, LabError, NexusDownload, ReportChoice};
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct BrdfParams {
-    /// Region of a sample with several regions.
+    /// Region of a part with several regions.
     region: Option<String>,
 }
 
@@ -49,7 +49,7 @@ pub(super) async fn brdf(
 pub struct SurfaceParams {
     /// Number of the fit; the newest completed one if omitted.
     fit_id: Option<i64>,
-    /// Region of a sample with several regions: the newest fit of it.
+    /// Region of a part with several regions: the newest fit of it.
     region: Option<String>,
 }
 

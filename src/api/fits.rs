@@ -25,7 +25,7 @@ use crate::store::jobs::JobFilter;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct FitParams {
-    /// Fits of this sample.
+    /// Fits of this part.
     sample_id: Option<i64>,
     /// Fits of this scan.
     scan_id: Option<i64>,

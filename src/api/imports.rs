@@ -40,7 +40,7 @@ pub struct ImportRequest {
 pub struct ImportBody {
     /// Number of the new scan.
     scan_id: i64,
-    /// Number of its sample.
+    /// Number of its part.
     sample_id: i64,
     /// Number of frames imported.
     n_frames: usize,

@@ -33,10 +33,10 @@ pub(super) struct JobBody {
     pub id: i64,
     /// Number of its scan; null without one.
     pub scan_id: Option<i64>,
-    /// Number of the sample of that scan.
+    /// Number of the part of that scan.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_id: Option<i64>,
-    /// Name of that sample.
+    /// Name of that part.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_name: Option<String>,
     /// State of the job.
@@ -212,7 +212,7 @@ impl PartialSchema for FitBody {
             let field = Ref::from_schema_name(schema);
             fit.properties.insert(name.into(), field.into());
         }
-        // A fit always has a scan, and with it a sample.
+        // A fit always has a scan, and with it a part.
         for (name, kind, format, description) in [
             (
                 "scan_id",
@@ -224,9 +224,9 @@ impl PartialSchema for FitBody {
                 "sample_id",
                 Type::Integer,
                 Some(KnownFormat::Int64),
-                "Number of its sample",
+                "Number of its part",
             ),
-            ("sample_name", Type::String, None, "Name of its sample"),
+            ("sample_name", Type::String, None, "Name of its part"),
             (
                 "seconds",
                 Type::Number,

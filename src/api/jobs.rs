@@ -60,7 +60,7 @@ fn body(app: &App, job: Job) -> Result<JobBody, StoreError> {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct JobParams {
-    /// Jobs of any scan of this sample.
+    /// Jobs of any scan of this part.
     sample_id: Option<i64>,
     /// Jobs of this scan.
     scan_id: Option<i64>,

@@ -181,12 +181,12 @@ pub struct Begun {
 #[openapi(
     info(
         title = "ridged",
-        description = "Drives a rig for surfaces of fine parallel ridges, keeps its frames, fits the ridge angle and states the uncertainty. Errors are RFC 9457 problems with a stable `code`. POSTs except stop, login, lease and preview may carry an `Idempotency-Key`, which is known for a day. Loopback needs no token, unless the settings ask for one; any other address needs one. `docs/access.md` describes roles and the lease of the rig.",
+        description = "Drives a rig for surfaces of fine parallel ridges, keeps its frames, fits the ridge angle and states the uncertainty. Errors are RFC 9457 problems with a stable `code`. POSTs except stop, login, lease and preview may carry an `Idempotency-Key`, which is known for a day. Loopback needs no token, unless the settings ask for one; any other address needs one. `docs/reference/access.md` describes roles and the lease of the rig.",
         license(name = "MIT OR Apache-2.0")
     ),
     tags(
         (name = "rig", description = "The stages, one axis at a time"),
-        (name = "samples", description = "Surfaces to be measured"),
+        (name = "samples", description = "Parts: names and materials. A part is a `sample` in routes and keys"),
         (name = "recipes", description = "How parts are measured, in versions"),
         (name = "specifications", description = "Limits of parts, in versions"),
         (name = "queue", description = "Parts in sequence, each measured by its recipe"),

@@ -24,7 +24,7 @@ pub struct ObservationParams {
     theta_c_deg: Option<f64>,
     /// Only at this azimuth, within 0.5°.
     phi_s_deg: Option<f64>,
-    /// Region of a sample with several regions.
+    /// Region of a part with several regions.
     region: Option<String>,
     /// json (default) or csv.
     #[param(value_type = Option<String>)]
@@ -75,7 +75,7 @@ pub struct ObservationsBody {
     complete: bool,
     /// Whether a white reference defines the scale.
     absolute: bool,
-    /// Region of the sample; null for the whole.
+    /// Region of the part; null for the whole.
     region: Option<String>,
     /// Frames left out.
     rejected_frames: Vec<RejectedFrame>,

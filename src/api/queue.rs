@@ -37,9 +37,9 @@ impl From<(i64, String)> for DefinitionName {
 pub struct OrderBody {
     /// Number of the order.
     id: i64,
-    /// Number of the sample.
+    /// Number of the part.
     sample_id: i64,
-    /// Name of the part: that of the sample.
+    /// Name of the part.
     part: String,
     /// The recipe.
     recipe: DefinitionName,

@@ -20,7 +20,7 @@ use crate::store::utc_text;
 pub struct ReportParams {
     /// Number of the fit; the newest completed one if omitted.
     fit_id: Option<i64>,
-    /// Region of a sample with several regions: the newest fit of it.
+    /// Region of a part with several regions: the newest fit of it.
     region: Option<String>,
     /// html (default) or json.
     #[param(value_type = Option<String>)]

@@ -206,7 +206,7 @@ pub(super) struct ResultsBody<T> {
     count: Option<i64>,
 }
 
-/// Results: one row per scan (per region of a sample that has several), newest first, with the newest completed fit and the
+/// Results: one row per scan (per region of a part that has several), newest first, with the newest completed fit and the
 /// newest verdict. Every column is a filter. A cursor stays valid while rows are added.
 #[utoipa::path(get, path = "/api/v1/results", tag = "results", params(ResultParams), responses(
     (status = 200, description = "A page of results; as CSV all rows, or `limit` of them",

@@ -1,4 +1,4 @@
-//! `/samples`: list, add, read and rename samples.
+//! `/samples`: list, add, read and rename parts.
 
 use axum::Json;
 use axum::extract::State;
@@ -101,13 +101,13 @@ impl<'de> Deserialize<'de> for MaterialBody {
     }
 }
 
-/// Material of a sample whose material is unknown. Its uncertainty covers the common plastics and enters the budget
+/// Material of a part whose material is unknown. Its uncertainty covers the common plastics and enters the budget
 /// of a fit.
 const ORDINARY_PLASTIC: MaterialBody = MaterialBody::Dielectric {
     eta: 1.5,
     eta_std: 0.05,
 };
-/// Note of such a sample.
+/// Note of such a part.
 const ASSUMED: &str = "material not given: index 1.5 (u = 0.05) assumed (an ordinary plastic)";
 
 impl From<MaterialBody> for Material {
@@ -159,14 +159,14 @@ pub struct MetalBody {
     wavelength_nm: Option<f64>,
 }
 
-/// A sample to add.
+/// A part to add.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SampleRequest {
     /// Name, 1 to 200 characters.
     name: String,
     /// Nominal material. If omitted, an ordinary plastic is assumed (index 1.5, u = 0.05), and the
-    /// sample's note states so.
+    /// part's note states so.
     #[serde(default)]
     material: Option<MaterialBody>,
     /// Instead of a material: a metal of the tables, at the lamp's wavelength.
@@ -182,12 +182,12 @@ pub struct SampleRequest {
     simulated: Option<SimulatedSurface>,
 }
 
-/// A sample.
+/// A part.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct SampleBody {
-    /// Number of the sample.
+    /// Number of the part.
     id: i64,
-    /// Name of the sample.
+    /// Name of the part.
     name: String,
     /// Nominal material.
     material: MaterialBody,
@@ -196,7 +196,7 @@ pub struct SampleBody {
     /// How a simulated rig renders it; null on a real rig.
     #[schema(value_type = Option<Object>)]
     simulated: Option<SimulatedSurface>,
-    /// When the sample was added, RFC 3339 in UTC.
+    /// When the part was added, RFC 3339 in UTC.
     created_at: String,
     /// Names that it had, oldest first.
     earlier_names: Vec<EarlierName>,
@@ -221,7 +221,7 @@ impl From<Sample> for SampleBody {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct SampleParams {
-    /// Samples of exactly this name.
+    /// Parts of exactly this name.
     name: Option<String>,
     /// Rows at most, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
@@ -230,9 +230,9 @@ pub struct SampleParams {
     cursor: Option<String>,
 }
 
-/// Samples, newest first.
+/// Parts, newest first.
 #[utoipa::path(get, path = "/api/v1/samples", tag = "samples", params(SampleParams), responses(
-    (status = 200, description = "A page of samples", body = List<SampleBody>),
+    (status = 200, description = "A page of parts", body = List<SampleBody>),
 ))]
 pub(super) async fn list(
     State(app): State<App>,
@@ -243,9 +243,9 @@ pub(super) async fn list(
     Ok(Json(found.await?.into()))
 }
 
-/// Add a sample.
+/// Add a part.
 #[utoipa::path(post, path = "/api/v1/samples", tag = "samples", request_body = SampleRequest, responses(
-    (status = 201, description = "The sample", body = SampleBody),
+    (status = 201, description = "The part", body = SampleBody),
     (status = 400, description = "The body cannot be read", body = Problem),
     (status = 422, description = "A value is not valid", body = Problem),
 ))]
@@ -287,16 +287,16 @@ pub(super) async fn add(
     Ok(status::created(location, SampleBody::from(sample)))
 }
 
-/// One sample.
-#[utoipa::path(get, path = "/api/v1/samples/{id}", tag = "samples", params(("id" = i64, Path, description = "Number of the sample")), responses(
-    (status = 200, description = "The sample", body = SampleBody),
+/// One part.
+#[utoipa::path(get, path = "/api/v1/samples/{id}", tag = "samples", params(("id" = i64, Path, description = "Number of the part")), responses(
+    (status = 200, description = "The part", body = SampleBody),
     (status = 404, description = "Not found", body = Problem),
 ))]
 pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<SampleBody>, ApiError> {
     Ok(Json(app.lab.store().sample(id).await?.into()))
 }
 
-/// Another name for a sample.
+/// Another name for a part.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RenameBody {
@@ -304,10 +304,10 @@ pub struct RenameBody {
     name: String,
 }
 
-/// Rename a sample. The earlier names stay on record.
-#[utoipa::path(patch, path = "/api/v1/samples/{id}", tag = "samples", params(("id" = i64, Path, description = "Number of the sample")),
+/// Rename a part. The earlier names stay on record.
+#[utoipa::path(patch, path = "/api/v1/samples/{id}", tag = "samples", params(("id" = i64, Path, description = "Number of the part")),
     request_body = RenameBody, responses(
-    (status = 200, description = "The sample", body = SampleBody),
+    (status = 200, description = "The part", body = SampleBody),
     (status = 400, description = "The body cannot be read", body = Problem),
     (status = 404, description = "Not found", body = Problem),
     (status = 422, description = "The name is not valid", body = Problem),

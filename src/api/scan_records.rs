@@ -1,4 +1,4 @@
-//! Corrections of `/scans/{id}`: its sample, tags, note and archived flag, and the trace of who changed them.
+//! Corrections of `/scans/{id}`: its part, tags, note and archived flag, and the trace of who changed them.
 
 use axum::Json;
 use axum::extract::State;
@@ -17,7 +17,7 @@ use crate::store::records::{RecordChange, RecordPatch};
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScanPatch {
-    /// Number of the sample that was scanned.
+    /// Number of the part that was scanned.
     #[serde(default)]
     sample_id: Option<i64>,
     /// All tags from now on, at most 20: each 1 to 40 characters without comma, quote and backslash.
@@ -37,14 +37,14 @@ fn stated<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Option<String>>, 
     Option::deserialize(from).map(Some)
 }
 
-/// Correct a scan: assign it to another sample, or change its tags, note and archived flag. What was there before stays on
-/// record, so another request undoes it. A completed scan of a sample with another material is fitted again.
+/// Correct a scan: assign it to another part, or change its tags, note and archived flag. What was there before stays on
+/// record, so another request undoes it. A completed scan of a part with another material is fitted again.
 #[utoipa::path(patch, path = "/api/v1/scans/{id}", tag = "scans", params(("id" = i64, Path, description = "Number of the scan")),
     request_body = ScanPatch, responses(
     (status = 200, description = "The scan", body = ScanBody),
     (status = 400, description = "The body cannot be read", body = Problem),
-    (status = 404, description = "There is no such scan or sample", body = Problem),
-    (status = 409, description = "The scan holds the rig and cannot be assigned to another sample", body = Problem),
+    (status = 404, description = "There is no such scan or part", body = Problem),
+    (status = 409, description = "The scan holds the rig and cannot be assigned to another part", body = Problem),
     (status = 422, description = "A value is not valid", body = Problem),
 ))]
 pub(super) async fn change(

@@ -119,9 +119,9 @@ impl From<OperatorStep> for OperatorBody {
 pub struct ScanBody {
     /// Number of the scan.
     id: i64,
-    /// Number of the sample.
+    /// Number of the part.
     sample_id: i64,
-    /// The sample's name.
+    /// Name of the part.
     sample_name: String,
     /// State of the scan.
     state: ScanState,
@@ -137,7 +137,7 @@ pub struct ScanBody {
     progress: ProgressBody,
     /// Number of frames that were taken and rejected.
     frames_rejected: u32,
-    /// Regions of a sample with patches, one of which a fit must name; else empty.
+    /// Regions of a part with patches, one of which a fit must name; else empty.
     regions: Vec<String>,
     /// The camera that took the frames.
     camera: ScanCameraBody,
@@ -159,7 +159,7 @@ pub struct ScanBody {
     order_id: Option<i64>,
     /// Who started it: the name of a token, or `local`.
     who: String,
-    /// Samples that it was assigned to before, oldest first.
+    /// Parts that it was assigned to before, oldest first.
     earlier_samples: Vec<EarlierSample>,
     /// Tags, in the order in which they were given.
     tags: Vec<String>,
@@ -250,7 +250,7 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct ScanParams {
-    /// Scans of this sample.
+    /// Scans of this part.
     sample_id: Option<i64>,
     /// Scans in this state.
     state: Option<ScanState>,
@@ -319,7 +319,7 @@ pub(super) async fn list(
     responses(
     (status = 202, description = "The scan is planned and about to run", body = Begun, headers(("Location" = String, description = "The scan"))),
     (status = 400, description = "The body cannot be read", body = Problem),
-    (status = 404, description = "There is no such sample", body = Problem),
+    (status = 404, description = "There is no such part", body = Problem),
     (status = 409, description = "The rig is busy", body = Problem),
     (status = 422, description = "The plan cannot run; `errors` lists everything that is wrong", body = Problem),
     (status = 503, description = "The stages are not available", body = Problem),
@@ -358,7 +358,7 @@ pub struct EstimateBody {
 #[utoipa::path(post, path = "/api/v1/scans/estimate", tag = "scans", request_body = ScanRequest, responses(
     (status = 200, description = "Time, disk space and operator steps", body = EstimateBody),
     (status = 400, description = "The body cannot be read", body = Problem),
-    (status = 404, description = "There is no such sample", body = Problem),
+    (status = 404, description = "There is no such part", body = Problem),
     (status = 422, description = "The plan cannot run; `errors` lists everything that is wrong", body = Problem),
 ))]
 pub(super) async fn estimate(

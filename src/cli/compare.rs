@@ -33,7 +33,7 @@ pub struct Args {
 /// Options of comparisons and studies of repeatability.
 #[derive(Debug, clap::Args)]
 pub struct StudyArgs {
-    /// Region of a sample with several.
+    /// Region of a part with several.
     #[arg(long, value_name = "NAME")]
     pub region: Option<String>,
     /// Lines of the budget with the same error in all scans, or none [default: those that the records show as the same].
@@ -152,7 +152,7 @@ mod tests {
         for part in [
             "A: scan 1, B-17",
             "| θr ridge angle | 10.00 ± 0.60° | 10.10 ± 0.60° | 0.100 ± 0.057° | 1.77 | differ |",
-            "Same error in both: model (same sample, model and poses)",
+            "Same error in both: model (same part, model and poses)",
             "k = 2",
         ] {
             assert!(text.contains(part), "{part}: {text}");

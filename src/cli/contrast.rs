@@ -46,7 +46,7 @@ pub struct Args {
     /// Data folder.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
-    /// Region of a sample with a layout (measured).
+    /// Region of a part with a layout (measured).
     #[arg(long, requires = "measured")]
     pub region: Option<String>,
     /// Ridge angles to predict for.

@@ -18,7 +18,7 @@ use crate::wording::toml_text;
 /// Lists, shows, saves and archives recipes.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  ridged recipe save docs/example-recipe.toml
+  ridged recipe save docs/examples/recipe.toml
   ridged recipe show \"PX-1204 rev C\" > px.toml        then edit px.toml and save it: a new version
   ridged recipe archive \"PX-1204 rev C\"
   ridged scan --recipe \"PX-1204 rev D\" --sample \"Panel B-17\"")]
@@ -34,7 +34,7 @@ pub struct RecipeArgs {
 /// Lists, shows, saves and archives specifications.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  ridged specification save docs/example-specification.toml
+  ridged specification save docs/examples/specification.toml
   ridged specification show \"drawing 4711\" > limits.toml   then edit limits.toml and save it: a new version
   ridged scan --recipe PX-1204 --specification \"drawing 4711\" --sample \"Panel B-17\"")]
 pub struct SpecificationArgs {
@@ -276,12 +276,12 @@ mod tests {
     #[test]
     fn a_shown_file_is_read_back_with_the_version_that_it_replaces() {
         let recipe: Recipe =
-            toml_text::read(include_str!("../../docs/example-recipe.toml")).unwrap();
+            toml_text::read(include_str!("../../docs/examples/recipe.toml")).unwrap();
         let answer = json!({ "version": 3, "recipe": recipe });
         let text = file_of::<Recipe>("recipe", &answer).unwrap();
         assert_eq!(stated_version(&text), Some(3));
         assert_eq!(toml_text::read::<Recipe>(&text).unwrap(), recipe);
-        let text = include_str!("../../docs/example-specification.toml");
+        let text = include_str!("../../docs/examples/specification.toml");
         assert_eq!(stated_version(text), None);
         let specification: Specification = toml_text::read(text).unwrap();
         let answer = json!({ "version": 1, "specification": specification });

@@ -1,4 +1,4 @@
-//! `ridged demo`: a simulated rig scans a sample through the same lab as a real one; prints the fit beside the truth.
+//! `ridged demo`: a simulated rig scans a part through the same lab as a real one; prints the fit beside the truth.
 
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
@@ -26,7 +26,7 @@ use crate::sim::sample::{SimulatedSample, Truth};
 use crate::store::disk::RealDisk;
 use crate::units::Angle;
 
-/// A simulated rig on a pseudo-terminal scans a sample; the fit is printed beside the truth.
+/// A simulated rig on a pseudo-terminal scans a part; the fit is printed beside the truth.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   ridged demo                                    then look at the page; Ctrl-C ends
@@ -198,7 +198,7 @@ async fn traced_sample(lab: &Lab) -> Result<i64, CliError> {
         .map(|s| s.id)
         .ok_or_else(|| {
             CliError::bad_input(anyhow!(
-                "{} has other samples already; give the demo a folder of its own with --data",
+                "{} has other parts already; give the demo a folder of its own with --data",
                 lab.store().folder().display()
             ))
         })

@@ -34,7 +34,7 @@ pub struct Args {
     /// New or empty folder of the series, or new file.
     #[arg(long, value_name = "PATH")]
     pub out: PathBuf,
-    /// Region of a sample with several, for bird and rgl.
+    /// Region of a part with several, for bird and rgl.
     #[arg(long, value_name = "NAME")]
     pub region: Option<String>,
     /// Number of the fit, for rgl. Default: the newest completed fit of the scan.

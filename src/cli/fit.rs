@@ -30,7 +30,7 @@ use crate::reduction::{FrameSource, ReductionError, Remembering};
 use crate::series::Series;
 use crate::tables;
 
-/// Reduces and fits one series of frames, or several series of one sample together.
+/// Reduces and fits one series of frames, or several series of one part together.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  ridged fit tests/data/series/polymer-10 --json > polymer-10.json\n  \
@@ -41,7 +41,7 @@ use crate::tables;
 )]
 pub struct Args {
     /// Folder of a recorded series (manifest.toml, frames.csv, frames/), or of a goniometer's table of BRDF
-    /// (docs/brdf-tables.md). Several folders of frames of one sample
+    /// (docs/reference/brdf-tables.md). Several folders of frames of one part
     /// are fitted together: one surface, but offsets and gain of each scan its own.
     #[arg(
         value_name = "DIR",
@@ -58,7 +58,7 @@ pub struct Args {
     /// Model the reported result is based on; all are fitted and compared.
     #[arg(long, value_enum, default_value_t = Variant::Auto)]
     pub variant: Variant,
-    /// Region of a sample with a layout: even, odd or patch-I-J.
+    /// Region of a part with a layout: even, odd or patch-I-J.
     #[arg(long, value_name = "NAME")]
     pub region: Option<String>,
     /// Loss of the residuals: least squares, or one that limits the influence of outliers.

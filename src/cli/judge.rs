@@ -19,10 +19,10 @@ use crate::wording::{decimals, names, significant, stated, toml_text};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
-  ridged judge tests/data/series/polymer-10 --spec docs/example-specification.toml
+  ridged judge tests/data/series/polymer-10 --spec docs/examples/specification.toml
 
 The verdict is in the output; the exit code is 0 whatever it says. Decision rule (JCGM 106, guarded
-acceptance): pass where the risk that the sample does not conform is at most the specification's
+acceptance): pass where the risk that the part does not conform is at most the specification's
 max_false_accept_risk, fail where the chance that it conforms is at most max_false_reject_risk,
 cannot tell between, or where the data do not determine the quantity.")]
 pub struct Args {
@@ -35,13 +35,13 @@ pub struct Args {
     /// Data folder of the store.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
-    /// Specification (TOML); docs/example-specification.toml shows all keys.
+    /// Specification (TOML); docs/examples/specification.toml shows all keys.
     #[arg(long, value_name = "FILE")]
     pub spec: PathBuf,
     /// Model the reported result is based on.
     #[arg(long, value_enum, default_value_t = Variant::Auto)]
     pub variant: Variant,
-    /// Region of a sample with a layout: even, odd or patch-I-J.
+    /// Region of a part with a layout: even, odd or patch-I-J.
     #[arg(long, value_name = "NAME")]
     pub region: Option<String>,
     /// Limits of time and error.
@@ -64,12 +64,12 @@ fn specified(text: &str, file: &str) -> Result<Specification, CliError> {
 ///
 /// # Errors
 /// Bad input for a folder that is not a series or a text that is not a specification; no result where no frame can be
-/// used; interrupted after Ctrl-C. A sample that fails is not an error.
+/// used; interrupted after Ctrl-C. A part that fails is not an error.
 pub fn run(args: Args) -> Result<(), CliError> {
     let file = args.spec.display().to_string();
     let text = std::fs::read_to_string(&args.spec).map_err(|error| {
         CliError::bad_input(anyhow::Error::new(error).context(format!(
-            "{file} cannot be read; docs/example-specification.toml is an example of a specification"
+            "{file} cannot be read; docs/examples/specification.toml is an example of a specification"
         )))
     })?;
     let specification = specified(&text, &file)?;

@@ -78,7 +78,7 @@ pub struct Cli {
 /// One variant per subcommand; its arguments live in the subcommand's own file.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Scan a sample on a simulated rig and show the fit beside the truth, then the page.
+    /// Scan a part on a simulated rig and show the fit beside the truth, then the page.
     Demo(demo::Args),
     /// Run the daemon: rig, store, HTTP interface, page.
     Serve(serve::Args),
@@ -90,7 +90,7 @@ pub enum Command {
     Token(token::Args),
     /// Run a scan.
     Scan(scan::Args),
-    /// List or rename samples, or assign a scan to another one.
+    /// List or rename parts, or assign a scan to another one.
     Sample(sample::Args),
     /// List, show, save and archive recipes: how parts are measured.
     Recipe(definitions::RecipeArgs),

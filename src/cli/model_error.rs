@@ -20,8 +20,10 @@ use crate::accuracy::model_error::{ErrorSurface, MATERIALS, SurfaceComparison, S
 
 /// Errors of the variants paper and sawtooth: table and maps.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  ridged model-error --out docs\n  \
-    ridged model-error --theta-r-deg 10 --alpha 0.12 --paths 16384")]
+#[command(
+    after_help = "Examples:\n  ridged model-error --out docs/explanation\n  \
+    ridged model-error --theta-r-deg 10 --alpha 0.12 --paths 16384"
+)]
 pub struct Args {
     /// Ridge angles.
     #[arg(long, num_args = 1.., value_delimiter = ',', value_name = "DEG",

@@ -23,7 +23,7 @@ use super::{CliError, interrupt, output, say};
   ridged queue start
   ridged queue attend                    asks for each part at this terminal
   ridged queue stop                      after the present order
-docs/queue.md describes the queue and the columns of the CSV file.")]
+docs/how-to/queue.md describes the queue and the columns of the CSV file.")]
 pub struct Args {
     /// The action.
     #[command(subcommand)]
@@ -99,7 +99,7 @@ pub struct AddArgs {
     /// File with a header line and one order a line; columns part, recipe, specification, lot, external_id, operator, note.
     #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["part", "external_id"])]
     pub csv: Option<PathBuf>,
-    /// Name of the part: of a sample, or a new one that gets the material of the recipe.
+    /// Name of the part. A new one gets the material of the recipe.
     #[arg(long, value_name = "NAME", required_unless_present = "csv")]
     pub part: Option<String>,
     /// The recipe by name or number.

@@ -40,7 +40,7 @@ pub struct Args {
     /// Number of the fit. Default: the newest completed fit of the scan.
     #[arg(long, value_name = "ID", conflicts_with = "check")]
     pub fit: Option<i64>,
-    /// Region of a sample with a layout: even, odd or patch-I-J.
+    /// Region of a part with a layout: even, odd or patch-I-J.
     #[arg(long, value_name = "NAME")]
     pub region: Option<String>,
     /// Model variant of the fit of a series.

@@ -22,10 +22,10 @@ use crate::store::results::{LIMIT_USUAL, ResultPages, ResultQuery, ResultRow, cs
   ridged results --latest --verdict fail,cannot-tell  parts that do not pass now
   ridged results --filter theta_r_deg_min=10.2 --sort=-theta_r_deg
   ridged results --since 2026-03-01 --csv > march.csv
-docs/results.md lists all columns. `--filter` takes NAME=VALUE for texts, words and numbers of rows, and NAME_min=VALUE and
+docs/reference/results.md lists all columns. `--filter` takes NAME=VALUE for texts, words and numbers of rows, and NAME_min=VALUE and
 NAME_max=VALUE for numbers and times.")]
 pub struct Args {
-    /// Only scans of the sample of this name.
+    /// Only scans of the part of this name.
     #[arg(long, value_name = "NAME")]
     pub part: Option<String>,
     /// Only scans of this lot.
@@ -43,10 +43,10 @@ pub struct Args {
     /// Only with this verdict: pass, fail, cannot-tell; several separated by commas; empty for scans without one.
     #[arg(long, value_name = "WORDS")]
     pub verdict: Option<String>,
-    /// Only the newest fitted scan of each sample.
+    /// Only the newest fitted scan of each part.
     #[arg(long)]
     pub latest: bool,
-    /// Only with this text in the name of sample, lot, recipe, operator or specification, in the external id, a tag or
+    /// Only with this text in the name of part, lot, recipe, operator or specification, in the external id, a tag or
     /// the note.
     #[arg(long, value_name = "TEXT")]
     pub search: Option<String>,
@@ -136,7 +136,7 @@ fn query(args: &Args) -> Result<ResultQuery, CliError> {
             }
             _ => {
                 return Err(CliError::bad_input(anyhow!(
-                    "--filter {filter:?}: expected NAME=VALUE with a column of docs/results.md, e.g. theta_r_deg_min=9.5"
+                    "--filter {filter:?}: expected NAME=VALUE with a column of docs/reference/results.md, e.g. theta_r_deg_min=9.5"
                 )));
             }
         }

@@ -1,4 +1,4 @@
-//! `ridged sample`: lists and corrects the samples of a running daemon.
+//! `ridged sample`: lists and corrects the parts of a running daemon.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -8,12 +8,12 @@ use serde_json::{Value, json};
 use super::CliError;
 use super::client::{Client, CredentialArgs};
 
-/// Lists samples, renames one, or assigns a scan to another one.
+/// Lists parts, renames one, or assigns a scan to another one.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   ridged sample list
   ridged sample rename 3 \"panel B-17\"
-  ridged sample assign --scan 12 --sample 3     earlier names and samples stay on record")]
+  ridged sample assign --scan 12 --sample 3     earlier names and parts stay on record")]
 pub struct Args {
     /// The action.
     #[command(subcommand)]
@@ -29,29 +29,29 @@ pub struct Args {
     pub json: bool,
 }
 
-/// An action on samples.
+/// An action on parts.
 #[derive(Debug, clap::Subcommand)]
 pub enum Action {
-    /// List the newest samples.
+    /// List the newest parts.
     #[command(after_help = "Example:\n  ridged sample list --json")]
     List,
-    /// Give a sample another name.
+    /// Give a part another name.
     #[command(after_help = "Example:\n  ridged sample rename 3 \"panel B-17\"")]
     Rename {
-        /// Number of the sample.
+        /// Number of the part.
         #[arg(value_name = "ID")]
         id: u32,
         /// The new name.
         #[arg(value_name = "NAME")]
         name: String,
     },
-    /// Assign a scan to the sample that was really scanned.
+    /// Assign a scan to the part that was really scanned.
     #[command(after_help = "Example:\n  ridged sample assign --scan 12 --sample 3")]
     Assign {
         /// Number of the scan.
         #[arg(long, value_name = "ID")]
         scan: u32,
-        /// Number of the sample.
+        /// Number of the part.
         #[arg(long, value_name = "ID")]
         sample: u32,
     },
@@ -60,7 +60,7 @@ pub enum Action {
 /// Runs the command.
 ///
 /// # Errors
-/// No result if no daemon runs; bad input for an unknown sample or scan, or an invalid name.
+/// No result if no daemon runs; bad input for an unknown part or scan, or an invalid name.
 pub fn run(args: Args) -> Result<(), CliError> {
     let client = Client::require(&args.data)?.presenting(&args.credentials)?;
     let (answer, text) = match args.action {
@@ -79,7 +79,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             let body = json!({ "sample_id": sample });
             let answer = client.patch(&format!("/scans/{scan}"), &body)?;
             let name = answer["sample_name"].as_str().unwrap_or_default();
-            let text = format!("scan {scan} is a scan of sample {sample}, {name}\n");
+            let text = format!("scan {scan} is a scan of part {sample}, {name}\n");
             (answer, text)
         }
     };
@@ -93,7 +93,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         .map_err(CliError::no_result)
 }
 
-/// A sample in one line, with the names it had.
+/// A part in one line, with the names it had.
 fn line(sample: &Value) -> String {
     let earlier: Vec<&str> = sample["earlier_names"]
         .as_array()

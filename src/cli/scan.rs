@@ -40,7 +40,7 @@ pub enum Action {
 #[command(after_help = "Examples:
   ridged scan --preset paper --simulated-rig --data /tmp/try
   ridged scan --preset full --calibrate --config rig.toml
-  ridged scan docs/example-plan.toml --config rig.toml --sample \"batch 7\"
+  ridged scan docs/examples/plan.toml --config rig.toml --sample \"batch 7\"
   ridged scan --recipe PX-1204 --specification \"drawing 4711\" --sample \"Panel B-17\" --lot 4
   ridged scan pause 12
   ridged scan tag 12 --add study-1
@@ -49,7 +49,7 @@ pub struct Args {
     /// What to do with a running or an earlier scan instead.
     #[command(subcommand)]
     pub action: Option<Action>,
-    /// Plan (TOML); docs/example-plan.toml shows all keys.
+    /// Plan (TOML); docs/examples/plan.toml shows all keys.
     #[arg(
         value_name = "PLAN.toml",
         required_unless_present_any = ["preset", "recipe"],
@@ -74,13 +74,13 @@ pub struct Args {
     /// Number of the part or order in another system.
     #[arg(long, value_name = "ID")]
     pub external_id: Option<String>,
-    /// Take only new dark and white-reference frames for the plan. Later scans reuse them and ask only for the sample.
+    /// Take only new dark and white-reference frames for the plan. Later scans reuse them and ask only for the part.
     #[arg(long)]
     pub calibrate: bool,
-    /// Name of the sample [default: that of the last scan of this rig].
+    /// Name of the part [default: that of the last scan of this rig].
     #[arg(long, value_name = "NAME")]
     pub sample: Option<String>,
-    /// Index of refraction; adds the sample if it does not exist yet.
+    /// Index of refraction; adds the part if it does not exist yet.
     #[arg(long, value_name = "N", requires = "sample")]
     pub eta: Option<f64>,
     /// Imaginary part of the index, for metals.
@@ -174,7 +174,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     out.flush().map_err(CliError::no_result)
 }
 
-/// The request for the scan of a sample.
+/// The request for the scan of a part.
 fn request(args: &Args, sample_id: i64, plan: Option<PlanRequest>) -> ScanRequest {
     let by_name = |name: &Option<String>| name.clone().map(NameOrId::Name);
     ScanRequest {
@@ -272,10 +272,10 @@ fn material(args: &Args) -> Result<Option<Material>, CliError> {
     }))
 }
 
-/// Refuses a material that differs from that of the existing sample, since it would be ignored.
+/// Refuses a material that differs from that of the existing part, since it would be ignored.
 ///
 /// # Errors
-/// Bad input, with the sample's own index.
+/// Bad input, with the part's own index.
 fn suits_the_sample(args: &Args, kept: &Material) -> Result<(), CliError> {
     let Some(stated) = material(args)? else {
         return Ok(());
@@ -289,7 +289,7 @@ fn suits_the_sample(args: &Args, kept: &Material) -> Result<(), CliError> {
         false => format!("{n} + {k}i"),
     };
     Err(CliError::bad_input(anyhow!(
-        "sample `{}` exists with index {kept}: leave out the material, or give another name with --sample",
+        "part `{}` exists with index {kept}: leave out the material, or give another name with --sample",
         args.sample.as_deref().unwrap_or_default()
     )))
 }
@@ -297,10 +297,10 @@ fn suits_the_sample(args: &Args, kept: &Material) -> Result<(), CliError> {
 pub(super) fn no_sample(wanted: Option<&str>) -> CliError {
     CliError::bad_input(match wanted {
         Some(name) => {
-            anyhow!("there is no sample `{name}`; add it on the page or by POST /api/v1/samples")
+            anyhow!("there is no part `{name}`; add it on the page or by POST /api/v1/samples")
         }
         None => anyhow!(
-            "which sample is on the rig? Name it with --sample NAME; --eta N or --metal NAME adds a new one"
+            "which part is on the rig? Name it with --sample NAME; --eta N or --metal NAME adds a new one"
         ),
     })
 }

@@ -18,7 +18,7 @@ use crate::wording::decimals;
 /// Text above the table in a file.
 const HEAD: &str = "# Fits of samples, rigs and cameras as labs have them, against the truth
 
-Made by `ridged score tests/data/series tests/data/series2 --out docs/real-samples.md`. Each series was path-traced on ridges of known
+Made by `ridged score tests/data/series tests/data/series2 --out docs/explanation/real-samples.md`. Each series was path-traced on ridges of known
 shape, with a camera's noise and pattern; `truth.toml` in its folder says what is real in it, and no fit reads it. U is the expanded
 uncertainty (k = 2), E_n = (value − truth)/U. The first finding is what explains most of what an ideal sawtooth, a steady lamp and a
 linear camera leave. [sawtooth.md](sawtooth.md) has the formulas.
@@ -30,7 +30,7 @@ linear camera leave. [sawtooth.md](sawtooth.md) has the formulas.
 #[command(
     after_help = "Example:\n  ridged score tests/data/series tests/data/series2\n  \
                   ridged score tests/data/series2/translucent-12 --json\n  \
-                  ridged score tests/data/series tests/data/series2 --out docs/real-samples.md"
+                  ridged score tests/data/series tests/data/series2 --out docs/explanation/real-samples.md"
 )]
 pub struct Args {
     /// Series with a truth.toml, or folders that hold such series.

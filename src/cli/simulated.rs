@@ -49,7 +49,7 @@ impl From<ConstructionArgs> for Construction {
 #[derive(Debug, Clone, PartialEq, Default, clap::Args)]
 #[command(next_help_heading = "Faults of the simulated rig")]
 pub struct FaultArgs {
-    /// Plan of faults (TOML); docs/example-faults.toml shows all kinds.
+    /// Plan of faults (TOML); docs/examples/faults.toml shows all kinds.
     #[arg(long, value_name = "FILE")]
     pub faults: Option<PathBuf>,
     /// Seed of the faults that have a probability below 1.

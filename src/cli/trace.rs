@@ -39,7 +39,7 @@ pub struct Args {
     /// Merge shards instead.
     #[command(subcommand)]
     pub action: Option<Action>,
-    /// The scene; docs/scenes.md lists its keys.
+    /// The scene; docs/reference/scenes.md lists its keys.
     #[arg(required = true, value_name = "SCENE.toml")]
     pub scene: Option<PathBuf>,
     /// One JSON object on stdout instead of a table.

@@ -34,7 +34,7 @@ use crate::wording::{counted, significant};
 /// the radius of crests and valleys, burrs have exponentially distributed heights; both in units
 /// of the facets' length.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  ridged wear --out docs\n  \
+#[command(after_help = "Examples:\n  ridged wear --out docs/explanation\n  \
     ridged wear --alpha 0.12 --rounds 0 0.05 0.1 --burrs --paths 1024 --json")]
 pub struct Args {
     /// Radii of rounded crests and valleys, as ratios to the facet length (traced without burrs).

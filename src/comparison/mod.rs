@@ -31,11 +31,11 @@ pub struct ResultOf {
     pub scan_id: i64,
     /// Number of the fit: the newest completed one.
     pub fit_id: i64,
-    /// Number of the sample.
+    /// Number of the part.
     pub sample_id: i64,
-    /// Name of the sample.
+    /// Name of the part.
     pub part: String,
-    /// Region of a sample that has several.
+    /// Region of a part that has several.
     pub region: Option<String>,
     /// Variant of the model.
     pub variant: VariantName,
@@ -129,7 +129,7 @@ pub struct Comparison {
     pub shared_lines: Vec<SharedLine>,
     /// The parameters that at least one result has.
     pub parameters: Vec<ComparedParameter>,
-    /// What limits the comparison: other samples, other models.
+    /// What limits the comparison: other parts, other models.
     pub notes: Vec<String>,
 }
 
@@ -149,7 +149,7 @@ pub fn compare(
     });
     let mut notes = Vec::new();
     if first.of.sample_id != second.of.sample_id {
-        notes.push("The scans are of different samples.".to_owned());
+        notes.push("The scans are of different parts.".to_owned());
     }
     if first.of.variant != second.of.variant {
         notes.push(format!(

@@ -12,7 +12,7 @@ use crate::wording::meant;
 /// How a scan was measured, as far as it decides which errors it has in common with others.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Circumstances {
-    /// Number of the sample.
+    /// Number of the part.
     pub sample_id: i64,
     /// Variant of the model.
     pub variant: VariantName,
@@ -151,9 +151,9 @@ fn recorded(all: &[&Circumstances], line: &str) -> (bool, String) {
         "material" => all_of(
             &[(
                 part,
-                "different samples: their indices of refraction may differ",
+                "different parts: their indices of refraction may differ",
             )],
-            "same sample",
+            "same part",
         ),
         "detector" => all_of(
             &[
@@ -161,21 +161,21 @@ fn recorded(all: &[&Circumstances], line: &str) -> (bool, String) {
                     rig,
                     "the scans are not of one rig with unchanged settings in this store",
                 ),
-                (part, "different samples: their signals differ"),
+                (part, "different parts: their signals differ"),
                 (
                     poses && exposures,
                     "the scans have different poses or exposures",
                 ),
             ],
-            "same rig and sample, same poses and exposures",
+            "same rig and part, same poses and exposures",
         ),
         "model" => all_of(
             &[
-                (part, "different samples"),
+                (part, "different parts"),
                 (variant, "the fits have different models"),
                 (poses, "the scans have different poses"),
             ],
-            "same sample, model and poses",
+            "same part, model and poses",
         ),
         _ => (false, "independent in each scan".to_owned()),
     }

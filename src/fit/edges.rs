@@ -1,7 +1,7 @@
 //! Edges at which the closed form is discontinuous.
 //!
 //! When the camera sees, or the lamp lights, a rough wall edge-on, its light disappears at once: the mirror light of
-//! its slopes does not fade with the cosine (`docs/sawtooth.md`, (a)). χ² has a step there, at which a descent ends
+//! its slopes does not fade with the cosine (`docs/explanation/sawtooth.md`, (a)). χ² has a step there, at which a descent ends
 //! although a deeper minimum may begin right behind it. Few fits come near one, because a wide lobe has to be seen
 //! along a wall.
 //!

@@ -1,4 +1,4 @@
-//! Fits several scans of one sample together: one surface and one index, while each scan has its own gain, stray light
+//! Fits several scans of one part together: one surface and one index, while each scan has its own gain, stray light
 //! and zeros of the stages.
 //!
 //! Every scan is first fitted alone. From each of these surfaces the other scans search for their own zeros again (a
@@ -64,7 +64,7 @@ pub enum JointError {
     #[error("a joint fit needs at least two scans; fit a single scan by itself")]
     TooFew,
     /// The manifests state different materials.
-    #[error("{first} and {other} state different materials; join only scans of one sample")]
+    #[error("{first} and {other} state different materials; join only scans of one part")]
     Materials {
         /// A scan.
         first: String,

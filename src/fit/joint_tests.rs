@@ -170,7 +170,7 @@ fn held_values_apply_to_all_scans_and_invalid_requests_are_refused_by_name() {
     let refused = joined(&glass, &options()).expect_err("two materials");
     assert_eq!(
         refused.to_string(),
-        "first and second state different materials; join only scans of one sample"
+        "first and second state different materials; join only scans of one part"
     );
     let traced = FitOptions {
         variant: VariantChoice::Traced,

@@ -10,7 +10,7 @@ use super::specification::{DecisionRule, Specification};
 use super::would_decide::WouldDecide;
 use crate::fit::report::ReferencePlane;
 
-/// The judgement of one sample.
+/// The judgement of one part.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Judgement {
     /// Fails if one item fails, passes if all pass.

@@ -10,7 +10,7 @@
 //! is at most `max_false_reject_risk`; **cannot tell** in between, and where a quantity is
 //! not identifiable. For limits far apart this is guarded acceptance: the acceptance limits lie
 //! inside the tolerance limits by the guard band g = t(1 − risk) · u (JCGM 106, 8.3.2), which the report
-//! states. The sample fails if one item fails and passes if all pass.
+//! states. The part fails if one item fails and passes if all pass.
 //!
 //! This module reads text and numbers; it knows neither files nor frames.
 

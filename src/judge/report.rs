@@ -22,7 +22,7 @@ pub struct VerdictReport {
     pub variant: VariantName,
     /// How the fit ended.
     pub status: Status,
-    /// Region of the sample.
+    /// Region of the part.
     pub region: Option<String>,
     /// The plane to which θr and the azimuth refer.
     #[serde(default)]

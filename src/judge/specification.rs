@@ -8,7 +8,7 @@ use super::quantity::QUANTITIES;
 use crate::fit::report::ReferencePlane;
 use crate::wording::stated;
 
-/// Limits and decision rule of one kind of sample.
+/// Limits and decision rule of one kind of part.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Specification {
@@ -252,7 +252,7 @@ mod tests {
 
     #[test]
     fn the_example_in_the_docs_is_a_specification() {
-        let text = include_str!("../../docs/example-specification.toml");
+        let text = include_str!("../../docs/examples/specification.toml");
         let specification = Specification::from_toml(text, "example").unwrap();
         assert_eq!(specification.limits.len(), 5);
         assert!((specification.decision.max_false_accept_risk - 0.025).abs() < 1e-12);

@@ -22,7 +22,7 @@ use crate::store::Store;
 pub struct ContrastRequest {
     /// Scan to read.
     pub scan_id: i64,
-    /// Region of a sample that has several.
+    /// Region of a part that has several.
     #[serde(default)]
     pub region: Option<String>,
 }

@@ -41,7 +41,7 @@ pub struct FitRequest {
     /// Variant of the model; auto if omitted.
     #[serde(default)]
     pub variant: VariantChoice,
-    /// Region of a sample with several regions.
+    /// Region of a part with several regions.
     #[serde(default)]
     pub region: Option<String>,
     /// Takes the difference to the variant traced as the model error of the budget (see [`FitOptions::judge`]).
@@ -59,7 +59,7 @@ pub struct FitRequest {
     /// Share of the peak that the model may omit (see [`FitOptions::tolerance`]).
     #[serde(default)]
     pub tolerance: Option<f64>,
-    /// Measured shape of the sample for the ray tracer; the ideal sawtooth if omitted.
+    /// Measured shape of the part for the ray tracer; the ideal sawtooth if omitted.
     #[serde(default)]
     pub shape: Option<ShapeFile>,
     /// Loss function of the residuals; linear if omitted.

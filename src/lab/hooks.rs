@@ -331,7 +331,7 @@ mod tests {
             operator: Some(OperatorAction::PlaceSample),
             progress: Progress::default(),
         };
-        assert!(message(&waiting, None).contains("put the sample on the table"));
+        assert!(message(&waiting, None).contains("put the part on the table"));
     }
 
     #[tokio::test]

@@ -73,7 +73,7 @@ async fn reading<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -
 pub struct Imported {
     /// The new scan.
     pub scan_id: i64,
-    /// Its sample.
+    /// Its part.
     pub sample_id: i64,
     /// Frames kept.
     pub n_frames: usize,

@@ -22,11 +22,11 @@ const WAITING_MAX: usize = 10_000;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OrderRequest {
-    /// Number of the sample of the part.
+    /// Number of the part.
     #[serde(default)]
     pub sample_id: Option<i64>,
-    /// Name of the part instead of a sample. The newest sample of this name is taken; a part that is new gets a sample with
-    /// the material of the recipe.
+    /// Name of the part in place of its number. The newest part of this name is taken; a new name adds a part with the
+    /// material of the recipe.
     #[serde(default)]
     #[schema(max_length = 200)]
     pub part: Option<String>,
@@ -235,7 +235,7 @@ fn new_part(name: &str, recipe: &Recipe) -> Result<NewSample, LabError> {
         return Err(invalid(
             "part",
             format!(
-                "there is no sample `{name}`, and recipe `{}` states no material; add the sample, or [material] to the recipe",
+                "there is no part `{name}`, and recipe `{}` states no material; add the part, or [material] to the recipe",
                 recipe.name
             ),
         ));

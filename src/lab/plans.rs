@@ -35,7 +35,7 @@ const AHEAD: Duration = Duration::from_secs(60);
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScanRequest {
-    /// Number of the sample to scan.
+    /// Number of the part to scan.
     pub sample_id: i64,
     /// Poses, exposures and repeats of the scan. Required without a recipe.
     #[serde(default)]

@@ -15,7 +15,7 @@ use crate::series::{INDEX_STD, LayoutFacts};
 use crate::store::definitions::DefinitionKind;
 use crate::store::samples::{NOTE_LENGTH_MAX, NewSample};
 
-/// How a part is measured: the keys of docs/example-recipe.toml.
+/// How a part is measured: the keys of docs/examples/recipe.toml.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {

@@ -71,7 +71,7 @@ pub async fn report(
         return Err(LabError::NoReport {
             scan_id,
             why: format!(
-                "fit {} used the material of a sample that the scan was assigned to before; fit the scan again",
+                "fit {} used the material of a part that the scan was assigned to before; fit the scan again",
                 job.number
             ),
         });

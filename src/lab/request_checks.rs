@@ -30,19 +30,16 @@ pub(super) fn invalid(field: impl Into<String>, problem: impl Into<String>) -> L
     }
 }
 
-/// Refuses a region that the sample does not have, and a missing one where it has several.
+/// Refuses a region that the part does not have, and a missing one where it has several.
 pub(super) fn check_region(series: &StoredSeries, region: Option<&str>) -> Result<(), LabError> {
     let regions = Lab::regions(series.manifest());
     let problem = match region {
         Some(name) if regions.iter().any(|r| r == name) => return Ok(()),
         None if regions.is_empty() => return Ok(()),
         Some(name) if regions.is_empty() => {
-            format!("there is no region {name:?}: this sample has none; leave it out")
+            format!("there is no region {name:?}: this part has none; leave it out")
         }
-        _ => format!(
-            "this sample has regions; name one of {}",
-            regions.join(", ")
-        ),
+        _ => format!("this part has regions; name one of {}", regions.join(", ")),
     };
     Err(invalid("region", problem))
 }

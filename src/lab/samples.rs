@@ -43,7 +43,7 @@ impl Lab {
             });
         }
         let renamed = self.store().rename_sample(id, name).await?;
-        self.record_order(format!("sample {id} named {name}"), None)
+        self.record_order(format!("part {id} named {name}"), None)
             .await;
         Ok(renamed)
     }
@@ -59,11 +59,11 @@ impl Lab {
             return Err(LabError::NotNow {
                 scan_id: id,
                 state: scan.state,
-                asked: "another sample",
+                asked: "another part",
             });
         }
         let material = self.store().sample(sample_id).await?.material;
-        let order = format!("assigned to sample {sample_id}");
+        let order = format!("assigned to part {sample_id}");
         let text = self.store().manifest(id).await?;
         let mut manifest = Manifest::from_toml(&text, "manifest.toml")?;
         if manifest.material() == material {

@@ -62,7 +62,7 @@ pub enum Pitch {
     Each([f64; 2]),
 }
 
-/// The sample's own shape, measured: a profile or a height map (see `docs/height-maps.md`).
+/// The part's own shape, measured: a profile or a height map (see `docs/reference/height-maps.md`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ShapeFile {

@@ -39,7 +39,7 @@ pub struct VerdictRequest {
     /// Variant that the verdict rests on; by default the better one.
     #[serde(default)]
     pub variant: VariantChoice,
-    /// Region of a sample that has several.
+    /// Region of a part that has several.
     #[serde(default)]
     pub region: Option<String>,
     /// Time limit of the fit, s (see [`FitRequest`]).

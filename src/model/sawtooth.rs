@@ -1,6 +1,6 @@
 //! The full sawtooth: exact visibility, roughness, diffuse walls, mirror hops, retro lobe.
 //!
-//! The form goes beyond Luongo et al. 2017; `docs/sawtooth.md` contains the derivation. Facet and riser meet at a right
+//! The form goes beyond Luongo et al. 2017; `docs/explanation/sawtooth.md` contains the derivation. Facet and riser meet at a right
 //! angle, so one *corner frame* serves both: for a direction ω
 //!
 //! ```text

@@ -129,13 +129,13 @@ impl FrameSource for Series {
 #[derive(Debug, thiserror::Error)]
 pub enum ReductionError {
     /// The sample has patches and no region was chosen.
-    #[error("this sample has regions, each with its own lean direction; choose one: {}", available.join(", "))]
+    #[error("this part has regions, each with its own lean direction; choose one: {}", available.join(", "))]
     RegionNeeded {
         /// Names of the regions.
         available: Vec<String>,
     },
     /// There is no such region.
-    #[error("there is no region `{name}`; {}", if available.is_empty() { "this sample has none".to_owned() } else { format!("this sample has {}", available.join(", ")) })]
+    #[error("there is no region `{name}`; {}", if available.is_empty() { "this part has none".to_owned() } else { format!("this part has {}", available.join(", ")) })]
     UnknownRegion {
         /// Name that was given.
         name: String,

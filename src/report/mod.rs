@@ -73,7 +73,7 @@ pub struct MeasurementReport {
 /// What was measured.
 #[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct MeasuredPart {
-    /// Number of the sample in the store.
+    /// Number of the part in the store.
     pub sample_id: Option<i64>,
     /// Its name.
     pub name: String,
@@ -131,7 +131,7 @@ pub struct MeasuredScan {
     pub ended_at: Option<String>,
     /// Number of frames that were taken and rejected.
     pub frames_rejected: u32,
-    /// Samples that it was assigned to before, oldest first.
+    /// Parts that it was assigned to before, oldest first.
     pub earlier_samples: Vec<Earlier>,
 }
 

@@ -33,7 +33,7 @@ pub(super) fn measurement(page: &mut Markup, report: &MeasurementReport) {
     page.entry("Part", |p| {
         p.foreign(&part.name);
         if let Some(id) = part.sample_id {
-            p.text(&format!(" (sample {id})"));
+            p.text(&format!(" (no. {id})"));
         }
         earlier(p, "until", &part.earlier_names);
         p

@@ -58,7 +58,7 @@ impl OperatorAction {
                 "Take the cap off, put the white reference on the table, then continue."
             }
             OperatorAction::PlaceSample => {
-                "Take the cap off, put the sample on the table, then continue."
+                "Take the cap off, put the part on the table, then continue."
             }
         }
     }

@@ -94,7 +94,7 @@ impl Manifest {
                 key => format!("{key}: "),
             },
             cause: refused.words,
-            remedy: "docs/series.md lists every key".to_owned(),
+            remedy: "docs/reference/series.md lists every key".to_owned(),
         })?;
         let checked = values::check(&manifest).and_then(|()| match from_outside {
             true => values::check_fit(&manifest),
@@ -140,7 +140,11 @@ mod tests {
             (
                 "theta_l_deg = 10.0",
                 "theta_l_deg = \"10\"",
-                ["line 9: rig.theta_l_deg", "a number", "docs/series.md"],
+                [
+                    "line 9: rig.theta_l_deg",
+                    "a number",
+                    "docs/reference/series.md",
+                ],
             ),
             (
                 "theta_l_deg = 10.0",

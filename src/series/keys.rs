@@ -317,12 +317,12 @@ mod tests {
 
     #[test]
     fn the_document_lists_every_key() {
-        let document = include_str!("../../docs/series.md");
+        let document = include_str!("../../docs/reference/series.md");
         for (section, keys) in KEYS {
             for key in keys {
                 let named = document.contains(&format!("`{key}`"))
                     || document.contains(&format!("{key}]`**"));
-                assert!(named, "{section}.{key} is not in docs/series.md");
+                assert!(named, "{section}.{key} is not in docs/reference/series.md");
             }
         }
     }

@@ -163,7 +163,11 @@ impl Series {
                 file: folder.display().to_string(),
                 source,
             })?;
-        let manifest_text = read_text(&folder, "manifest.toml", "docs/series.md lists its keys")?;
+        let manifest_text = read_text(
+            &folder,
+            "manifest.toml",
+            "docs/reference/series.md lists its keys",
+        )?;
         let manifest = Manifest::from_outside(&manifest_text, "manifest.toml")?;
         let list_text = read_text(
             &folder,

@@ -115,7 +115,7 @@ async fn act(
             };
             match sample.await {
                 Ok(sample) => on_table.set(painted(sample.simulated, sample.material)),
-                Err(error) => tracing::warn!(%error, "the sample is not known: {error}"),
+                Err(error) => tracing::warn!(%error, "the part is not known: {error}"),
             }
             world.cap_lens(false);
             world.place(OnTable::Sample);

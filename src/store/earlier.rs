@@ -1,8 +1,8 @@
-//! Names that samples had and samples that scans were assigned to, and the SQL that reads them.
+//! Names that parts had and parts that scans were assigned to, and the SQL that reads them.
 
 use serde::{Deserialize, Serialize};
 
-/// A name that a sample had.
+/// A name that a part had.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct EarlierName {
     /// The name.
@@ -11,14 +11,14 @@ pub struct EarlierName {
     pub until: String,
 }
 
-/// A sample that a scan was assigned to.
+/// A part that a scan was assigned to.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct EarlierSample {
-    /// Number of the sample.
+    /// Number of the part.
     pub sample_id: i64,
-    /// The sample's present name.
+    /// The part's present name.
     pub sample_name: String,
-    /// When the scan was assigned to another sample, RFC 3339 in UTC.
+    /// When the scan was assigned to another part, RFC 3339 in UTC.
     pub until: String,
 }
 

@@ -197,7 +197,7 @@ impl Store {
             .bind(id)
             .fetch_optional(self.readers())
             .await?
-            .ok_or(StoreError::NotFound { noun: "sample", id })?
+            .ok_or(StoreError::NotFound { noun: "part", id })?
             .try_into()
     }
 

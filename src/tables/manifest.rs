@@ -130,7 +130,10 @@ pub(super) fn read(text: &str, file: &str) -> Result<TableManifest, TableError> 
             "" => String::new(),
             key => format!("{key}: "),
         };
-        let cause = format!("{key}{}; docs/brdf-tables.md lists all keys", refused.words);
+        let cause = format!(
+            "{key}{}; docs/reference/brdf-tables.md lists all keys",
+            refused.words
+        );
         TableError::new(file, refused.line, cause)
     })?;
     let wrong = |cause: String| Err(TableError::new(file, None, cause));

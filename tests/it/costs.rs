@@ -130,7 +130,7 @@ fn every_answer_says_how_wrong_what_it_cost_and_what_was_left_out() {
         &folder.path().join("another-day"),
     );
     let spec = root
-        .join("docs/example-specification.toml")
+        .join("docs/examples/specification.toml")
         .display()
         .to_string();
     for (args, error) in ANSWERS {

@@ -1,6 +1,6 @@
 //! One fault at a time, through a whole scan on a stepped clock: the reaction to each kind that a simulated rig can have.
 //!
-//! `docs/faults.md` lists all faults of a rig with the reaction of the scan and the tests that check it.
+//! `docs/reference/faults.md` lists all faults of a rig with the reaction of the scan and the tests that check it.
 
 use ridged::sim::faults::plan::FaultPlan;
 
@@ -21,7 +21,7 @@ enum Due {
 
 const FOREVER: &str = "times = 100000";
 
-/// A fault of `docs/faults.md`, by its number, as lines of a plan.
+/// A fault of `docs/reference/faults.md`, by its number, as lines of a plan.
 const CASES: &[(u32, &str, &str, Due)] = &[
     (1, "drop-byte", "at_s = 17\ntimes = 4", Due::Nothing),
     (

@@ -316,7 +316,7 @@ fn manifests_and_scenes() {
     let scenes = ["glass-over-rough-gold", "ridged-plastic", "sandpaper"];
     let scenes = scenes.map(|name| file(&format!("scenes/{name}.toml")));
     fuzz_text(&scenes.each_ref().map(String::as_str), Scene::parse);
-    let faults = file("docs/example-faults.toml");
+    let faults = file("docs/examples/faults.toml");
     fuzz_text(&[&faults], FaultPlan::read);
 }
 

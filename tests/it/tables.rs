@@ -543,7 +543,7 @@ fn the_fault_of_a_table_is_named_with_its_place() {
         (
             "value_rel_std",
             "value_rel_sd",
-            ["value_rel_sd", "docs/brdf-tables.md"],
+            ["value_rel_sd", "docs/reference/brdf-tables.md"],
         ),
         (
             "theta_std_deg = 0.02",

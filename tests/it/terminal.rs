@@ -177,7 +177,7 @@ fn the_prompt_follows_what_others_do_and_enter_is_for_the_step_it_shows() {
     std::thread::sleep(Duration::from_millis(1200));
     terminal.press_enter();
     let sample = terminal.says();
-    assert!(sample.contains("put the sample"), "{sample}");
+    assert!(sample.contains("put the part"), "{sample}");
     assert_eq!(rig.daemon.post("/scans/1/abort", "").0, 202);
     let (rest, code) = terminal.end();
     assert_eq!(code, Some(1), "{rest}");

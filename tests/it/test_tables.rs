@@ -1,4 +1,4 @@
-//! Tables of the documents whose rows name tests: the threats of `docs/access.md`, the faults of `docs/faults.md`.
+//! Tables of the documents whose rows name tests: the threats of `docs/reference/access.md`, the faults of `docs/reference/faults.md`.
 
 use std::path::Path;
 
@@ -52,12 +52,12 @@ fn rows(page: &str) -> Vec<String> {
 
 #[test]
 fn every_row_of_the_threat_table_has_its_test() {
-    let threats = rows("docs/access.md");
+    let threats = rows("docs/reference/access.md");
     assert!(threats.len() >= 20, "{}", threats.len());
 }
 
 #[test]
 fn every_row_of_the_fault_table_has_its_tests() {
     let numbers: Vec<String> = (1..=73).map(|number: u32| number.to_string()).collect();
-    assert_eq!(rows("docs/faults.md"), numbers);
+    assert_eq!(rows("docs/reference/faults.md"), numbers);
 }

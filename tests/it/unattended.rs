@@ -259,7 +259,7 @@ fn example(script: &str, arguments: &[&str], event: &Value, tools: &Path) -> Str
         std::fs::set_permissions(&path, mode).unwrap();
     }
     let script = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("docs/hooks")
+        .join("docs/examples/hooks")
         .join(script);
     let path = std::env::var("PATH").unwrap();
     let mut running = Command::new(script)

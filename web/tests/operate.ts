@@ -27,7 +27,7 @@ export interface PartChoice {
 }
 
 async function chooseSample(page: Page, name: string): Promise<void> {
-  const samples = page.getByRole('combobox', { name: /^Sample/ });
+  const samples = page.getByRole('combobox', { name: /^Part/ });
   // The index follows the name.
   const option = samples.locator('option', { hasText: `${name} (` }).first();
   await option.waitFor({ state: 'attached' });

@@ -269,14 +269,14 @@ class Difference(TypedDict):
 
 
 class EarlierName(TypedDict):
-    """A name that a sample had."""
+    """A name that a part had."""
 
     name: str
     until: str
 
 
 class EarlierSample(TypedDict):
-    """A sample that a scan was assigned to."""
+    """A part that a scan was assigned to."""
 
     sample_id: int
     sample_name: str
@@ -926,7 +926,7 @@ class QueueBody(TypedDict):
 
 
 class Recipe(TypedDict):
-    """How a part is measured: the keys of docs/example-recipe.toml."""
+    """How a part is measured: the keys of docs/examples/recipe.toml."""
 
     fit: NotRequired[RecipeFit]
     layout: NotRequired[RecipeLayout | None]
@@ -1110,7 +1110,7 @@ class RigProblem(TypedDict):
 
 
 class SampleBody(TypedDict):
-    """A sample."""
+    """A part."""
 
     created_at: str
     earlier_names: list[EarlierName]
@@ -1191,7 +1191,7 @@ class SessionBody(TypedDict):
 
 
 class ShapeFile(TypedDict):
-    """The sample's own shape, measured: a profile or a height map (see `docs/height-maps.md`)."""
+    """The part's own shape, measured: a profile or a height map (see `docs/reference/height-maps.md`)."""
 
     content: str
     height_unit_um: NotRequired[float | None]
@@ -1208,7 +1208,7 @@ class SharedLine(TypedDict):
 
 
 class Specification(TypedDict):
-    """Limits and decision rule of one kind of sample."""
+    """Limits and decision rule of one kind of part."""
 
     decision: NotRequired[DecisionRule]
     limits: dict[str, ToleranceLimits]

@@ -60,7 +60,7 @@ class Unauthorized(Refused):
 
 
 class NotFound(Refused):
-    """There is no such sample, scan, fit or file."""
+    """There is no such part, scan, fit or file."""
 
 
 class Conflict(Refused):

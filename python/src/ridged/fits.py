@@ -100,7 +100,7 @@ class Fit(Work):
 
     @property
     def region(self) -> str | None:
-        """Region of the sample; None for the whole."""
+        """Region of the part; None for the whole."""
         return self.body.get("region")
 
     @property

@@ -64,7 +64,7 @@ def connect(
 
 
 class Lab:
-    """A daemon: its samples, its rig, its scans. A `with` block closes the connection at its end."""
+    """A daemon: its parts, its rig, its scans. A `with` block closes the connection at its end."""
 
     def __init__(self, connection: Connection, session: SessionBody) -> None:
         self._connection = connection
@@ -96,12 +96,12 @@ class Lab:
         self._connection.close()
 
     def samples(self, name: str | None = None, *, limit: int | None = None) -> list[Sample]:
-        """Returns samples, newest first; with `name`, those of this name."""
+        """Returns parts, newest first; with `name`, those of this name."""
         rows = self._connection.pages("/samples", {"name": name}, limit)
         return [Sample(self._connection, row) for row in rows]
 
     def sample(self, sample: str | int | Sample) -> Sample:
-        """Returns the sample of a name or number.
+        """Returns the part of a name or number.
 
         Raises NotFound if there is none, ValueError if several have the name.
         """
@@ -116,10 +116,10 @@ class Lab:
                 return one
             case []:
                 way_out = f"lab.add_sample({sample!r}, index=1.54) adds one, lab.samples() lists them"
-                raise NotFound(not_found(f"no sample has the name {sample!r}; {way_out}"))
+                raise NotFound(not_found(f"no part has the name {sample!r}; {way_out}"))
             case _:
                 numbers = ", ".join(str(one.id) for one in found)
-                raise ValueError(f"{len(found)} samples have the name {sample!r}; give the number of one: {numbers}")
+                raise ValueError(f"{len(found)} parts have the name {sample!r}; give the number of one: {numbers}")
 
     def add_sample(
         self,
@@ -131,7 +131,7 @@ class Lab:
         note: str | None = None,
         simulated: Mapping[str, Any] | None = None,
     ) -> Sample:
-        """Adds a sample of a material: an index of refraction (`1.54`, or `n + 1jk`), or a metal by name.
+        """Adds a part of a material: an index of refraction (`1.54`, or `n + 1jk`), or a metal by name.
 
         `index_std` is its standard uncertainty (0.01 if omitted). `simulated` describes the surface that a simulated
         rig shows for it.
@@ -158,9 +158,9 @@ class Lab:
         lot: str | None = None,
         external_id: str | None = None,
     ) -> Scan:
-        """Starts a scan of a sample and returns it at once; `scan.wait()` waits for it.
+        """Starts a scan of a part and returns it at once; `scan.wait()` waits for it.
 
-        A `recipe` (name or number) states plan and fit, and the material of a sample whose name is new. Without one,
+        A `recipe` (name or number) states plan and fit, and the material of a part whose name is new. Without one,
         `preset` is `paper` (5 × 3 poses) or `full` (9 × 12), or give the angles, or the `poses` one by one as pairs of
         θc and φs; `plan` takes all fields of the plan of a request. With a `specification` the scan is judged once it is fitted (`scan.verdict`). Raises Invalid if
         the plan cannot run (`fields` lists why), Conflict if the rig is busy.
@@ -182,7 +182,7 @@ class Lab:
         return self.scan(self._connection.post("/scans", request)["id"])
 
     def _part(self, sample: str | int | Sample, recipe: str | int) -> Sample:
-        """Returns the sample, which is added with the material of the recipe if its name is new."""
+        """Returns the part, which is added with the material of the recipe if its name is new."""
         try:
             return self.sample(sample)
         except NotFound:
@@ -304,7 +304,7 @@ class Lab:
         since: str | None = None,
         limit: int | None = None,
     ) -> list[Fit]:
-        """Returns fits, newest first, by sample, range of θr and time (`since`, RFC 3339)."""
+        """Returns fits, newest first, by part, range of θr and time (`since`, RFC 3339)."""
         filters = {
             "sample_id": None if sample is None else self.sample(sample).id,
             "theta_r_deg_min": theta_r_deg_min,

@@ -49,7 +49,7 @@ class Queue:
 
         A part is its name, or a mapping with `part` (or `sample_id`) and optionally `recipe`, `specification`, `lot`,
         `external_id`, `operator_name` and `note`; the arguments fill what it leaves out. A name that the store does not
-        know becomes a new sample with the material of the recipe. Raises Conflict for an external id that another order
+        know becomes a new part with the material of the recipe. Raises Conflict for an external id that another order
         has, Invalid for a value that is not valid (`fields` names the order, as `orders[3].recipe`).
         """
         given = {

@@ -1,4 +1,4 @@
-"""Samples: the parts that are measured."""
+"""Parts, which are samples in the names of the interface."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from ._connection import Connection
 
 
 class Sample:
-    """A sample. `body` is the row of the daemon."""
+    """A part. `body` is the row of the daemon."""
 
     def __init__(self, connection: Connection, body: SampleBody) -> None:
         self._connection = connection
@@ -18,7 +18,7 @@ class Sample:
 
     @property
     def id(self) -> int:
-        """Number of the sample."""
+        """Number of the part."""
         return self.body["id"]
 
     @property
@@ -44,7 +44,7 @@ class Sample:
 def request_of(
     name: str, index: float | complex | None, index_std: float | None, metal: str | None, note: str | None
 ) -> dict[str, object]:
-    """Returns the body that adds a sample.
+    """Returns the body that adds a part.
 
     Raises ValueError unless exactly one of `index` and `metal` is given.
     """

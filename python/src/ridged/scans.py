@@ -54,12 +54,12 @@ class Scan:
 
     @property
     def sample_id(self) -> int:
-        """Number of the sample."""
+        """Number of the part."""
         return self.body["sample_id"]
 
     @property
     def sample_name(self) -> str:
-        """Name of the sample."""
+        """Name of the part."""
         return self.body["sample_name"]
 
     @property
@@ -69,7 +69,7 @@ class Scan:
 
     @property
     def regions(self) -> list[str]:
-        """Regions of a sample with patches, each with a fit of its own; else empty."""
+        """Regions of a part with patches, each with a fit of its own; else empty."""
         return self.body["regions"]
 
     @property
@@ -166,7 +166,7 @@ class Scan:
         self._order("abort")
 
     def assign(self, sample_id: int) -> None:
-        """Assigns it to another sample. The earlier one stays on record."""
+        """Assigns it to another part. The earlier one stays on record."""
         self.body = self._connection.patch(f"/scans/{self.id}", {"sample_id": sample_id})
 
     def _order(self, order: str, body: object = None) -> None:
@@ -224,7 +224,7 @@ class Scan:
     def fit(self) -> Fit:
         """The newest fit that is not cancelled. Waits until it is over.
 
-        Raises WorkFailed if there is none, or if it failed; ValueError if each region of the sample has its own.
+        Raises WorkFailed if there is none, or if it failed; ValueError if each region of the part has its own.
         """
         if self.regions:
             raise ValueError(

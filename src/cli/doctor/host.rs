@@ -99,7 +99,7 @@ pub fn check_programs(config: &Config, findings: &mut Findings) {
     if reports.iter().all(|hook| hook.is_empty()) {
         findings.note(
             "program",
-            "no hook reports a pause, a failure or an alarm: docs/leaving-the-rig-alone.md has examples",
+            "no hook reports a pause, a failure or an alarm: docs/how-to/leaving-the-rig-alone.md has examples",
         );
     }
 }

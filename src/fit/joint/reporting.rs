@@ -146,7 +146,7 @@ impl Joint<'_, '_> {
             if birge > chance(freedom, DISAGREES) {
                 warnings.push(format!(
                     "The {} scans disagree on {spoken} by {:.1} times their uncertainties. Check that they are of the \
-                     same sample, mounted in the same way.",
+                     same part, mounted in the same way.",
                     scans.len(),
                     birge.sqrt()
                 ));

@@ -49,7 +49,7 @@ fn shots(steps: &[Step]) -> Vec<&Shot> {
 
 #[test]
 fn the_example_in_the_docs_is_a_plan_with_every_key_but_the_preset() {
-    let text = include_str!("../../../docs/example-plan.toml");
+    let text = include_str!("../../../docs/examples/plan.toml");
     let request = PlanRequest::from_toml(text).unwrap();
     let stated = serde_json::to_value(&request).unwrap();
     let open = |object: &serde_json::Value| -> Vec<String> {

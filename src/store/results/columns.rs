@@ -112,16 +112,16 @@ const fn std(name: &'static str, is_usual: bool, about: &'static str) -> Column 
 #[rustfmt::skip]
 pub static COLUMNS: &[Column] = &[
     of_scan("scan_id", Kind::Id, true, "Number of the scan"),
-    of_result("region", Kind::Text, true, "Region of a sample that has several; omitted from an object if there is none"),
+    of_result("region", Kind::Text, true, "Region of a part that has several; omitted from an object if there is none"),
     of_result("fit_id", Kind::Id, true, "Number of the newest completed fit"),
-    of_scan("sample_id", Kind::Id, false, "Number of the sample"),
-    of_scan("part", Kind::Text, true, "Name of the sample"),
+    of_scan("sample_id", Kind::Id, false, "Number of the part"),
+    of_scan("part", Kind::Text, true, "Name of the part"),
     of_scan("lot", Kind::Text, true, "Lot of the part"),
     of_scan("recipe", Kind::Text, true, "Name of the recipe that the scan was started with"),
     of_scan("recipe_version", Kind::Id, false, "Version of that recipe"),
     of_scan("external_id", Kind::Text, true, "Number of the part or order in another system"),
     of_scan("operator_name", Kind::Text, true, "The person at the rig"),
-    of_scan("material", Kind::Word(MATERIALS), true, "Kind of the sample's material"),
+    of_scan("material", Kind::Word(MATERIALS), true, "Kind of the part's material"),
     of_scan("eta", Kind::Real { std: None }, false, "Index of refraction n of the material"),
     of_scan("k", Kind::Real { std: None }, false, "Extinction coefficient k of the material; 0 for a dielectric"),
     of_scan("origin", Kind::Word(ORIGINS), false, "Scan of the rig, or imported series"),
@@ -213,7 +213,7 @@ mod tests {
 
     #[test]
     fn the_document_lists_every_column() {
-        let document = include_str!("../../../docs/results.md");
+        let document = include_str!("../../../docs/reference/results.md");
         for of in COLUMNS {
             assert!(document.contains(&format!("`{}`", of.name)), "{}", of.name);
         }

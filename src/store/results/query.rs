@@ -23,8 +23,8 @@ const SEARCH_MAX: usize = 200;
 /// Parameters that are not named after a column, each with its meaning.
 #[rustfmt::skip]
 pub const GENERAL: &[(&str, &str)] = &[
-    ("latest", "true: only the newest fitted scan of each sample. Filters on scans (sample, lot, recipe, material, times, search) select the scans among which it is the newest; filters on results and verdicts apply to it afterwards"),
-    ("search", "Text that is part of the name of sample, lot, recipe, operator or specification, of the external id, of a tag or of the note, in upper or lower case"),
+    ("latest", "true: only the newest fitted scan of each part. Filters on scans (part, lot, recipe, material, times, search) select the scans among which it is the newest; filters on results and verdicts apply to it afterwards"),
+    ("search", "Text in the name of part, lot, recipe, operator or specification, in the external id, in a tag or in the note, in upper or lower case"),
     ("tag", "Rows with this tag, as the filter `tags`"),
     ("since", "Started or imported at or after this time, RFC 3339; a date is its midnight UTC"),
     ("until", "Started or imported before this time"),

@@ -182,7 +182,7 @@ fn an_invalid_scene_is_refused_with_the_key() {
 
 #[test]
 fn every_key_of_the_parser_is_documented() {
-    let document = include_str!("../../../docs/scenes.md");
+    let document = include_str!("../../../docs/reference/scenes.md");
     let flat = interface("shape = \"flat\"", "{ n = 1.5 }");
     let mut known = 0;
     for text in [

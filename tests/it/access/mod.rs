@@ -1,4 +1,4 @@
-//! Who gets in: the real server on loopback, asked over plain TCP, over TLS, and as a proxy asks. `docs/access.md` names a
+//! Who gets in: the real server on loopback, asked over plain TCP, over TLS, and as a proxy asks. `docs/reference/access.md` names a
 //! test for each threat.
 
 mod command_line;

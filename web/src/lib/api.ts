@@ -208,7 +208,7 @@ export const api = {
     post(`/${kind}/${id}/versions`, { replaces, [kind === 'recipes' ? 'recipe' : 'specification']: content }),
   archive: (kind: DefinitionKind, id: number): Promise<unknown> => post(`/${kind}/${id}/archive`),
   restore: (kind: DefinitionKind, id: number): Promise<unknown> => post(`/${kind}/${id}/restore`),
-  /** The newest results: one row per scan, several for a sample with regions. */
+  /** The newest results: one row per scan, several for a part with regions. */
   verdictWords: async (limit: number, signal?: AbortSignal): Promise<readonly ResultRow[]> => (await get<Page<ResultRow>>(`/results?fields=scan_id,region,verdict&limit=${limit}`, signal)).items,
   queue: (): Promise<Queue> => get('/queue'),
   /** Orders that run or wait, in sequence. */
@@ -229,7 +229,7 @@ export const api = {
 
   scans: (): Promise<Scan[]> => getAll('/scans'),
   scan: (id: number): Promise<Scan> => get(`/scans/${id}`),
-  /** Assigns a scan to the sample that was really scanned. */
+  /** Assigns a scan to the part that was really scanned. */
   assignScan: (id: number, sample_id: number): Promise<Scan> => post(`/scans/${id}`, { sample_id }, 'PATCH'),
   /** Changes tags, note or archived flag of a scan. */
   changeRecord: (id: number, to: Partial<Pick<Scan, 'tags' | 'note' | 'archived'>>): Promise<Scan> => post(`/scans/${id}`, to, 'PATCH'),

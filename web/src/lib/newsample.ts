@@ -1,4 +1,4 @@
-// A new sample as typed: name and material, and what is wrong with either.
+// A new part as typed: name and material, and what is wrong with either.
 
 import { typed } from './limits';
 import type { Material } from './types';
@@ -48,7 +48,7 @@ function pairProblem(value: string, std: string, [low, high]: readonly [number, 
   return u < 0 || u > BOUNDS.k[1] ? `its standard uncertainty must be from 0 to ${BOUNDS.k[1]}` : null;
 }
 
-/** What is wrong with the sample, by field; empty if it can be added. */
+/** What is wrong with the part, by field; empty if it can be added. */
 export function sampleProblems(fields: SampleFields): Partial<Record<FieldName, string>> {
   const found: Partial<Record<FieldName, string>> = {};
   const name = fields.name.trim();
@@ -67,7 +67,7 @@ export function sampleProblems(fields: SampleFields): Partial<Record<FieldName, 
   return found;
 }
 
-/** The request for the sample of the fields, which must have no problem. */
+/** The request for the part of the fields, which must have no problem. */
 export function sampleRequest(fields: SampleFields): SampleRequest {
   const number = (text: string): number => typed(text) ?? Number.NaN;
   const name = fields.name.trim();

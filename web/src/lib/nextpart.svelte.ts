@@ -24,7 +24,7 @@ function remembered(): Remembered {
 }
 
 class NextPart {
-  /** Null: the last scanned sample; `ask`: a person has to choose. */
+  /** Null: the last scanned part; `ask`: a person has to choose. */
   sample = $state<number | 'new' | 'ask' | null>(null);
   /** Name of the recipe; null before a choice. */
   recipe = $state<string | null>(null);

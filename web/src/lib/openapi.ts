@@ -283,7 +283,7 @@ export interface components {
         readonly Comparison: {
             /** @description First result, A. */
             readonly first: components["schemas"]["ResultOf"];
-            /** @description What limits the comparison: other samples, other models. */
+            /** @description What limits the comparison: other parts, other models. */
             readonly notes: readonly string[];
             /** @description The parameters that at least one result has. */
             readonly parameters: readonly components["schemas"]["ComparedParameter"][];
@@ -328,10 +328,10 @@ export interface components {
             readonly request: Record<string, never>;
             /**
              * Format: int64
-             * @description Number of the sample of that scan.
+             * @description Number of the part of that scan.
              */
             readonly sample_id?: number | null;
-            /** @description Name of that sample. */
+            /** @description Name of that part. */
             readonly sample_name?: string | null;
             /**
              * @description `white reference`: radiances and absolute contrasts are for a lamp irradiance of 1; `arbitrary`: they are fractions
@@ -361,7 +361,7 @@ export interface components {
         };
         /** @description A request for a contrast table. */
         readonly ContrastRequest: {
-            /** @description Region of a sample that has several. */
+            /** @description Region of a part that has several. */
             readonly region?: string | null;
             /**
              * Format: int64
@@ -545,23 +545,23 @@ export interface components {
             /** @description When it was corrected, RFC 3339 in UTC. */
             readonly until: string;
         };
-        /** @description A name that a sample had. */
+        /** @description A name that a part had. */
         readonly EarlierName: {
             /** @description The name. */
             readonly name: string;
             /** @description When it was replaced, RFC 3339 in UTC. */
             readonly until: string;
         };
-        /** @description A sample that a scan was assigned to. */
+        /** @description A part that a scan was assigned to. */
         readonly EarlierSample: {
             /**
              * Format: int64
-             * @description Number of the sample.
+             * @description Number of the part.
              */
             readonly sample_id: number;
-            /** @description The sample's present name. */
+            /** @description The part's present name. */
             readonly sample_name: string;
-            /** @description When the scan was assigned to another sample, RFC 3339 in UTC. */
+            /** @description When the scan was assigned to another part, RFC 3339 in UTC. */
             readonly until: string;
         };
         /** @description Estimate of a scan. */
@@ -697,10 +697,10 @@ export interface components {
             readonly rms_residual?: number | null;
             /**
              * Format: int64
-             * @description Number of its sample
+             * @description Number of its part
              */
             readonly sample_id: number;
-            /** @description Name of its sample */
+            /** @description Name of its part */
             readonly sample_name: string;
             /**
              * Format: int64
@@ -1031,7 +1031,7 @@ export interface components {
             };
             /** @description Adds profile-likelihood intervals. */
             readonly profile?: boolean;
-            /** @description Region of a sample with several regions. */
+            /** @description Region of a part with several regions. */
             readonly region?: string | null;
             /**
              * Format: int64
@@ -1597,7 +1597,7 @@ export interface components {
             readonly same_as_scan_id?: number | null;
             /**
              * Format: int64
-             * @description Number of its sample.
+             * @description Number of its part.
              */
             readonly sample_id: number;
             /**
@@ -1738,7 +1738,7 @@ export interface components {
             /** @description The result. */
             readonly verdict: components["schemas"]["VerdictWord"];
         };
-        /** @description The judgement of one sample. */
+        /** @description The judgement of one part. */
         readonly Judgement: {
             /**
              * Format: double
@@ -1913,10 +1913,10 @@ export interface components {
                 readonly request: Record<string, never>;
                 /**
                  * Format: int64
-                 * @description Number of the sample of that scan.
+                 * @description Number of the part of that scan.
                  */
                 readonly sample_id?: number | null;
-                /** @description Name of that sample. */
+                /** @description Name of that part. */
                 readonly sample_name?: string | null;
                 /**
                  * @description `white reference`: radiances and absolute contrasts are for a lamp irradiance of 1; `arbitrary`: they are fractions
@@ -2015,10 +2015,10 @@ export interface components {
                 readonly rms_residual?: number | null;
                 /**
                  * Format: int64
-                 * @description Number of its sample
+                 * @description Number of its part
                  */
                 readonly sample_id: number;
-                /** @description Name of its sample */
+                /** @description Name of its part */
                 readonly sample_name: string;
                 /**
                  * Format: int64
@@ -2240,10 +2240,10 @@ export interface components {
                 readonly request: Record<string, never>;
                 /**
                  * Format: int64
-                 * @description Number of the sample of that scan.
+                 * @description Number of the part of that scan.
                  */
                 readonly sample_id?: number | null;
-                /** @description Name of that sample. */
+                /** @description Name of that part. */
                 readonly sample_name?: string | null;
                 /**
                  * Format: int64
@@ -2290,7 +2290,7 @@ export interface components {
                 readonly note?: string | null;
                 /** @description The person at the rig. */
                 readonly operator_name?: string | null;
-                /** @description Name of the part: that of the sample. */
+                /** @description Name of the part. */
                 readonly part: string;
                 /** @description Why it failed, or waits again. */
                 readonly reason?: string | null;
@@ -2298,7 +2298,7 @@ export interface components {
                 readonly recipe: components["schemas"]["DefinitionName"];
                 /**
                  * Format: int64
-                 * @description Number of the sample.
+                 * @description Number of the part.
                  */
                 readonly sample_id: number;
                 /**
@@ -2377,18 +2377,18 @@ export interface components {
             readonly damaged?: readonly components["schemas"]["DamagedBody"][];
             /** @description The rows of this page. */
             readonly items: readonly {
-                /** @description When the sample was added, RFC 3339 in UTC. */
+                /** @description When the part was added, RFC 3339 in UTC. */
                 readonly created_at: string;
                 /** @description Names that it had, oldest first. */
                 readonly earlier_names: readonly components["schemas"]["EarlierName"][];
                 /**
                  * Format: int64
-                 * @description Number of the sample.
+                 * @description Number of the part.
                  */
                 readonly id: number;
                 /** @description Nominal material. */
                 readonly material: components["schemas"]["MaterialBody"];
-                /** @description Name of the sample. */
+                /** @description Name of the part. */
                 readonly name: string;
                 /** @description Free text. */
                 readonly note?: string | null;
@@ -2412,7 +2412,7 @@ export interface components {
                 readonly camera: components["schemas"]["ScanCameraBody"];
                 /** @description When the scan was requested, RFC 3339 in UTC. */
                 readonly created_at: string;
-                /** @description Samples that it was assigned to before, oldest first. */
+                /** @description Parts that it was assigned to before, oldest first. */
                 readonly earlier_samples: readonly components["schemas"]["EarlierSample"][];
                 /** @description When it ended, RFC 3339 in UTC. */
                 readonly ended_at?: string | null;
@@ -2449,14 +2449,14 @@ export interface components {
                 /** @description Reason for the state, if it is not the normal course. */
                 readonly reason?: string | null;
                 readonly recipe?: components["schemas"]["DefinitionRef"] | null;
-                /** @description Regions of a sample with patches, one of which a fit must name; else empty. */
+                /** @description Regions of a part with patches, one of which a fit must name; else empty. */
                 readonly regions: readonly string[];
                 /**
                  * Format: int64
-                 * @description Number of the sample.
+                 * @description Number of the part.
                  */
                 readonly sample_id: number;
-                /** @description The sample's name. */
+                /** @description Name of the part. */
                 readonly sample_name: string;
                 readonly specification?: components["schemas"]["DefinitionRef"] | null;
                 /** @description When it started, RFC 3339 in UTC. */
@@ -2565,10 +2565,10 @@ export interface components {
                 readonly run_seconds?: number | null;
                 /**
                  * Format: int64
-                 * @description Number of the sample of that scan.
+                 * @description Number of the part of that scan.
                  */
                 readonly sample_id?: number | null;
-                /** @description Name of that sample. */
+                /** @description Name of that part. */
                 readonly sample_name?: string | null;
                 /**
                  * Format: int64
@@ -2638,16 +2638,16 @@ export interface components {
                 readonly progress?: components["schemas"]["WorkProgress"] | null;
                 /** @description The plane to which θr and the azimuth refer. */
                 readonly reference_plane?: components["schemas"]["FitReferencePlane"];
-                /** @description Region of the sample. */
+                /** @description Region of the part. */
                 readonly region?: string | null;
                 /** @description The request, as it was accepted. */
                 readonly request: Record<string, never>;
                 /**
                  * Format: int64
-                 * @description Number of the sample of that scan.
+                 * @description Number of the part of that scan.
                  */
                 readonly sample_id?: number | null;
-                /** @description Name of that sample. */
+                /** @description Name of that part. */
                 readonly sample_name?: string | null;
                 /**
                  * Format: int64
@@ -2753,10 +2753,10 @@ export interface components {
             readonly request: Record<string, never>;
             /**
              * Format: int64
-             * @description Number of the sample of that scan.
+             * @description Number of the part of that scan.
              */
             readonly sample_id?: number | null;
-            /** @description Name of that sample. */
+            /** @description Name of that part. */
             readonly sample_name?: string | null;
             /**
              * Format: int64
@@ -3029,7 +3029,7 @@ export interface components {
             readonly note?: string | null;
             /**
              * Format: int64
-             * @description Number of the sample in the store.
+             * @description Number of the part in the store.
              */
             readonly sample_id?: number | null;
         };
@@ -3037,7 +3037,7 @@ export interface components {
         readonly MeasuredScan: {
             /** @description When it was requested, RFC 3339 in UTC. */
             readonly created_at: string;
-            /** @description Samples that it was assigned to before, oldest first. */
+            /** @description Parts that it was assigned to before, oldest first. */
             readonly earlier_samples: readonly components["schemas"]["Earlier"][];
             /** @description When it ended. */
             readonly ended_at?: string | null;
@@ -3258,7 +3258,7 @@ export interface components {
             readonly items: readonly components["schemas"]["ObservationBody"][];
             /** @description Hand it back as `cursor` for the next page; null at the end. */
             readonly next_cursor?: string | null;
-            /** @description Region of the sample; null for the whole. */
+            /** @description Region of the part; null for the whole. */
             readonly region?: string | null;
             /** @description Frames left out. */
             readonly rejected_frames: readonly components["schemas"]["FrameRejected"][];
@@ -3309,7 +3309,7 @@ export interface components {
             readonly note?: string | null;
             /** @description The person at the rig. */
             readonly operator_name?: string | null;
-            /** @description Name of the part: that of the sample. */
+            /** @description Name of the part. */
             readonly part: string;
             /** @description Why it failed, or waits again. */
             readonly reason?: string | null;
@@ -3317,7 +3317,7 @@ export interface components {
             readonly recipe: components["schemas"]["DefinitionName"];
             /**
              * Format: int64
-             * @description Number of the sample.
+             * @description Number of the part.
              */
             readonly sample_id: number;
             /**
@@ -3372,15 +3372,15 @@ export interface components {
             /** @description The person at the rig, at most 200 characters. */
             readonly operator_name?: string | null;
             /**
-             * @description Name of the part instead of a sample. The newest sample of this name is taken; a part that is new gets a sample with
-             *     the material of the recipe.
+             * @description Name of the part in place of its number. The newest part of this name is taken; a new name adds a part with the
+             *     material of the recipe.
              */
             readonly part?: string | null;
             /** @description The recipe, by name or number. Its newest version at the start of the scan counts. */
             readonly recipe: components["schemas"]["NameOrId"];
             /**
              * Format: int64
-             * @description Number of the sample of the part.
+             * @description Number of the part.
              */
             readonly sample_id?: number | null;
             readonly specification?: components["schemas"]["NameOrId"] | null;
@@ -3858,7 +3858,7 @@ export interface components {
             /** @description Whether the store commits, records all running scans and has disk space. */
             readonly store: boolean;
         };
-        /** @description How a part is measured: the keys of docs/example-recipe.toml. */
+        /** @description How a part is measured: the keys of docs/examples/recipe.toml. */
         readonly Recipe: {
             /** @description Model and options of the fit that follows the scan. */
             readonly fit?: components["schemas"]["RecipeFit"];
@@ -4045,7 +4045,7 @@ export interface components {
             /** @description Who made it: the name of a token, or `local`. */
             readonly who: string;
         };
-        /** @description Another name for a sample. */
+        /** @description Another name for a part. */
         readonly RenameBody: {
             /** @description Name, 1 to 200 characters. */
             readonly name: string;
@@ -4281,7 +4281,7 @@ export interface components {
             /** @description Lot of the part */
             readonly lot?: string | null;
             /**
-             * @description Kind of the sample's material
+             * @description Kind of the part's material
              * @enum {string|null}
              */
             readonly material?: "dielectric" | "conductor" | null;
@@ -4294,7 +4294,7 @@ export interface components {
              * @enum {string|null}
              */
             readonly origin?: "rig" | "import" | null;
-            /** @description Name of the sample */
+            /** @description Name of the part */
             readonly part?: string | null;
             /** @description Name of the recipe that the scan was started with */
             readonly recipe?: string | null;
@@ -4303,7 +4303,7 @@ export interface components {
              * @description Version of that recipe
              */
             readonly recipe_version?: number | null;
-            /** @description Region of a sample that has several; omitted from an object if there is none */
+            /** @description Region of a part that has several; omitted from an object if there is none */
             readonly region?: string | null;
             /**
              * Format: double
@@ -4322,7 +4322,7 @@ export interface components {
             readonly rms_residual?: number | null;
             /**
              * Format: int64
-             * @description Number of the sample
+             * @description Number of the part
              */
             readonly sample_id?: number | null;
             /**
@@ -4418,13 +4418,13 @@ export interface components {
             readonly measured_at: string;
             /** @description The person at the rig. */
             readonly operator_name?: string | null;
-            /** @description Name of the sample. */
+            /** @description Name of the part. */
             readonly part: string;
-            /** @description Region of a sample that has several. */
+            /** @description Region of a part that has several. */
             readonly region?: string | null;
             /**
              * Format: int64
-             * @description Number of the sample.
+             * @description Number of the part.
              */
             readonly sample_id: number;
             /**
@@ -4527,7 +4527,7 @@ export interface components {
                 /** @description Lot of the part */
                 readonly lot?: string | null;
                 /**
-                 * @description Kind of the sample's material
+                 * @description Kind of the part's material
                  * @enum {string|null}
                  */
                 readonly material?: "dielectric" | "conductor" | null;
@@ -4540,7 +4540,7 @@ export interface components {
                  * @enum {string|null}
                  */
                 readonly origin?: "rig" | "import" | null;
-                /** @description Name of the sample */
+                /** @description Name of the part */
                 readonly part?: string | null;
                 /** @description Name of the recipe that the scan was started with */
                 readonly recipe?: string | null;
@@ -4549,7 +4549,7 @@ export interface components {
                  * @description Version of that recipe
                  */
                 readonly recipe_version?: number | null;
-                /** @description Region of a sample that has several; omitted from an object if there is none */
+                /** @description Region of a part that has several; omitted from an object if there is none */
                 readonly region?: string | null;
                 /**
                  * Format: double
@@ -4568,7 +4568,7 @@ export interface components {
                 readonly rms_residual?: number | null;
                 /**
                  * Format: int64
-                 * @description Number of the sample
+                 * @description Number of the part
                  */
                 readonly sample_id?: number | null;
                 /**
@@ -4779,27 +4779,27 @@ export interface components {
          * @enum {string}
          */
         readonly Role: "viewer" | "analyst" | "operator" | "admin";
-        /** @description A sample. */
+        /** @description A part. */
         readonly SampleBody: {
-            /** @description When the sample was added, RFC 3339 in UTC. */
+            /** @description When the part was added, RFC 3339 in UTC. */
             readonly created_at: string;
             /** @description Names that it had, oldest first. */
             readonly earlier_names: readonly components["schemas"]["EarlierName"][];
             /**
              * Format: int64
-             * @description Number of the sample.
+             * @description Number of the part.
              */
             readonly id: number;
             /** @description Nominal material. */
             readonly material: components["schemas"]["MaterialBody"];
-            /** @description Name of the sample. */
+            /** @description Name of the part. */
             readonly name: string;
             /** @description Free text. */
             readonly note?: string | null;
             /** @description How a simulated rig renders it; null on a real rig. */
             readonly simulated?: Record<string, never> | null;
         };
-        /** @description A sample to add. */
+        /** @description A part to add. */
         readonly SampleRequest: {
             readonly material?: components["schemas"]["MaterialBody"] | null;
             readonly metal?: components["schemas"]["MetalBody"] | null;
@@ -4823,7 +4823,7 @@ export interface components {
             readonly camera: components["schemas"]["ScanCameraBody"];
             /** @description When the scan was requested, RFC 3339 in UTC. */
             readonly created_at: string;
-            /** @description Samples that it was assigned to before, oldest first. */
+            /** @description Parts that it was assigned to before, oldest first. */
             readonly earlier_samples: readonly components["schemas"]["EarlierSample"][];
             /** @description When it ended, RFC 3339 in UTC. */
             readonly ended_at?: string | null;
@@ -4860,14 +4860,14 @@ export interface components {
             /** @description Reason for the state, if it is not the normal course. */
             readonly reason?: string | null;
             readonly recipe?: components["schemas"]["DefinitionRef"] | null;
-            /** @description Regions of a sample with patches, one of which a fit must name; else empty. */
+            /** @description Regions of a part with patches, one of which a fit must name; else empty. */
             readonly regions: readonly string[];
             /**
              * Format: int64
-             * @description Number of the sample.
+             * @description Number of the part.
              */
             readonly sample_id: number;
-            /** @description The sample's name. */
+            /** @description Name of the part. */
             readonly sample_name: string;
             readonly specification?: components["schemas"]["DefinitionRef"] | null;
             /** @description When it started, RFC 3339 in UTC. */
@@ -4920,7 +4920,7 @@ export interface components {
             readonly note?: string | null;
             /**
              * Format: int64
-             * @description Number of the sample that was scanned.
+             * @description Number of the part that was scanned.
              */
             readonly sample_id?: number | null;
             /** @description All tags from now on, at most 20: each 1 to 40 characters without comma, quote and backslash. */
@@ -4947,7 +4947,7 @@ export interface components {
             readonly recipe?: components["schemas"]["NameOrId"] | null;
             /**
              * Format: int64
-             * @description Number of the sample to scan.
+             * @description Number of the part to scan.
              */
             readonly sample_id: number;
             readonly specification?: components["schemas"]["NameOrId"] | null;
@@ -5025,7 +5025,7 @@ export interface components {
             /** @description Name of the token; `local` for a caller on the daemon's machine without one. */
             readonly who: string;
         };
-        /** @description The sample's own shape, measured: a profile or a height map (see `docs/height-maps.md`). */
+        /** @description The part's own shape, measured: a profile or a height map (see `docs/reference/height-maps.md`). */
         readonly ShapeFile: {
             /** @description Content, base64. */
             readonly content: string;
@@ -5060,7 +5060,7 @@ export interface components {
              */
             readonly value: number;
         };
-        /** @description Limits and decision rule of one kind of sample. */
+        /** @description Limits and decision rule of one kind of part. */
         readonly Specification: {
             /** @description Allowed risks. */
             readonly decision?: components["schemas"]["DecisionRule"];
@@ -5289,10 +5289,10 @@ export interface components {
             readonly run_seconds?: number | null;
             /**
              * Format: int64
-             * @description Number of the sample of that scan.
+             * @description Number of the part of that scan.
              */
             readonly sample_id?: number | null;
-            /** @description Name of that sample. */
+            /** @description Name of that part. */
             readonly sample_name?: string | null;
             /**
              * Format: int64
@@ -5536,16 +5536,16 @@ export interface components {
             readonly progress?: components["schemas"]["WorkProgress"] | null;
             /** @description The plane to which θr and the azimuth refer. */
             readonly reference_plane?: components["schemas"]["FitReferencePlane"];
-            /** @description Region of the sample. */
+            /** @description Region of the part. */
             readonly region?: string | null;
             /** @description The request, as it was accepted. */
             readonly request: Record<string, never>;
             /**
              * Format: int64
-             * @description Number of the sample of that scan.
+             * @description Number of the part of that scan.
              */
             readonly sample_id?: number | null;
-            /** @description Name of that sample. */
+            /** @description Name of that part. */
             readonly sample_name?: string | null;
             /**
              * Format: int64
@@ -5585,7 +5585,7 @@ export interface components {
              * @description Time limit of the fit, s (see [`FitRequest`]).
              */
             readonly max_seconds?: number | null;
-            /** @description Region of a sample that has several. */
+            /** @description Region of a part that has several. */
             readonly region?: string | null;
             /**
              * Format: int64

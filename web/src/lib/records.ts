@@ -3,9 +3,9 @@
 import { typed } from './limits';
 
 export interface Filters {
-  /** Part of the name of sample, lot, recipe, operator or specification, or of the external id. */
+  /** Part of the name of part, lot, recipe, operator or specification, or of the external id. */
   readonly search: string;
-  /** Number of the sample. */
+  /** Number of the part. */
   readonly sample: string;
   readonly lot: string;
   /** A tag of the scan. */
@@ -113,7 +113,7 @@ export function resultsQuery(filters: Filters): URLSearchParams {
 export function filterWords(filters: Filters, sampleName: string | undefined): string {
   const verdict = VERDICT_CHOICES.find(([value]) => value === filters.verdict)?.[1] ?? filters.verdict;
   const words = [
-    filters.sample && `part ${sampleName ?? `of sample ${filters.sample}`}`,
+    filters.sample && `part ${sampleName ?? `no. ${filters.sample}`}`,
     filters.recipe && `recipe ${filters.recipe}`,
     filters.specification && `specification ${filters.specification}`,
     filters.lot && `lot ${filters.lot}`,

@@ -7,7 +7,7 @@ import type { Fit, Scan } from './types';
 
 class Selection {
   route = $state.raw<Route>(parseRoute(''));
-  /** Region of the shown scan's sample, if it has several: one choice for curves, fits and calculations. */
+  /** Region of the shown scan's part, if it has several: one choice for curves, fits and calculations. */
   region = $state<string | null>(null);
 
   start(): () => void {

@@ -1,4 +1,4 @@
-// The measured shape of the sample for a fit: a height file and the units that it may lack.
+// The measured shape of the part for a fit: a height file and the units that it may lack.
 
 import { sizeProblem } from './files';
 import { typed } from './limits';

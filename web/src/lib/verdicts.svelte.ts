@@ -5,7 +5,7 @@ import type { VerdictWord } from './types';
 
 /** More results are not asked for: lists that show verdicts are shorter. */
 const NEWEST = 50;
-/** Of several regions of a sample, the worst one counts. */
+/** Of several regions of a part, the worst one counts. */
 const WORST: readonly VerdictWord[] = ['fail', 'cannot-tell', 'pass'];
 
 class Verdicts {

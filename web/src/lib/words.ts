@@ -105,7 +105,7 @@ export function budgetSentence(budget: Readonly<Record<string, number>>, unit: s
 export interface KnownOfParameter {
   /** The request held it at a value. */
   readonly held?: boolean;
-  /** The sample is a metal, which has no such parameter. */
+  /** The part is a metal, which has no such parameter. */
   readonly metal?: boolean;
 }
 
@@ -123,7 +123,7 @@ export function identifiability(parameter: Parameter, known: KnownOfParameter = 
   return { word: 'yes', tone: 'good', detail };
 }
 
-/** What the request and the sample say of a parameter of a fit. */
+/** What the request and the part say of a parameter of a fit. */
 export function knownOf(key: string, fit: Fit, samples: readonly Sample[]): KnownOfParameter {
   const sample = samples.find((s) => s.id === fit.sample_id);
   return {

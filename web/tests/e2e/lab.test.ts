@@ -72,15 +72,15 @@ async function pausedAt(fraction: number): Promise<boolean> {
 }
 
 describe('a lab’s day', () => {
-  it('scans a sample with its operator steps, fits it, and the numbers change with the sample', async () => {
+  it('scans a part with its operator steps, fits it, and the numbers change with the part', async () => {
     await fillScan(page, { sample: 'traced polymer', grid: 'paper' });
     await page.getByText(/\d+ frames/).first().waitFor();
     await page.getByRole('button', { name: 'Start scan' }).click();
     const steps = await doSteps(page, completed(page), SCAN_MS_MAX);
-    expect(steps).toEqual(['Cap the lens', 'Place the white reference', 'Place the sample traced polymer']);
+    expect(steps).toEqual(['Cap the lens', 'Place the white reference', 'Place the part traced polymer']);
 
     const polymer = await fitted(page, 60_000);
-    // The true angle of the traced sample is 10°; its uncertainty is covered by the tests of the fit.
+    // The true angle of the traced part is 10°; its uncertainty is covered by the tests of the fit.
     expect(Math.abs(polymer.theta_r_deg - 10)).toBeLessThan(0.5);
     expect(polymer.text).toMatch(/^\d+\.\d+ ± \d+\.\d+°$/);
     await page.getByRole('link', { name: 'Open the result' }).click();
@@ -254,23 +254,23 @@ describe('a lab’s day', () => {
   });
 
   it('adds a metal by its name, and names the calibrations of earlier scans unless new ones are chosen', async () => {
-    const samples = page.getByRole('combobox', { name: /^Sample/ });
-    await samples.selectOption({ label: 'New sample …' });
+    const samples = page.getByRole('combobox', { name: /^Part/ });
+    await samples.selectOption({ label: 'New part …' });
     const form = page.getByTestId('sample-form');
     await form.getByLabel('Name', { exact: true }).fill('die 4');
     await form.getByLabel('Material').selectOption('metal');
-    await form.getByRole('button', { name: 'Add sample' }).click();
+    await form.getByRole('button', { name: 'Add part' }).click();
     // Chromium at the lamp's wavelength, from the daemon's tables.
     await expect.poll(() => samples.locator('option:checked').innerText()).toMatch(/^die 4 \(n [23]\.\d+, κ [2345]\.\d+\)$/);
     const calibrations = page.getByTestId('calibrations');
     await calibrations.getByText(/^Reused: white reference of scan \d+ \(.*\), dark frames of scan \d+ \(.*\)\.$/).waitFor();
     await calibrations.getByLabel('take new dark frames').check();
-    await page.getByText('You will be asked to: cap the lens, place the white reference, place the sample.').waitFor();
+    await page.getByText('You will be asked to: cap the lens, place the white reference, place the part.').waitFor();
   });
 
-  it('takes calibrations only, shows their validity, and leaves only the sample to the next scan', async () => {
+  it('takes calibrations only, shows their validity, and leaves only the part to the next scan', async () => {
     await fillScan(page, { sample: 'model 15°', grid: 'custom', tilts: '1, 2', azimuths: '0, 90' });
-    await page.getByText('You will be asked to: place the white reference, place the sample.').waitFor();
+    await page.getByText('You will be asked to: place the white reference, place the part.').waitFor();
     await page.getByRole('button', { name: 'Calibrate only' }).click();
     await page.getByRole('heading', { level: 1, name: 'Calibration' }).waitFor();
     const { scan_id: id } = (await get('/rig')) as { scan_id: number };
@@ -281,7 +281,7 @@ describe('a lab’s day', () => {
       expect.stringMatching(/^dark frames, \d+ frames at .* ms: scans of this rig use it until /),
       expect.stringMatching(/^white reference, \d+ frames at .* ms, camera tilts 1°, 2°: scans of this rig use it until /),
     ]);
-    await page.getByText('You will be asked to: place the sample.').waitFor();
+    await page.getByText('You will be asked to: place the part.').waitFor();
     await expect.poll(() => page.getByTestId('calibrations').innerText(), { timeout: 20_000 }).toContain(`white reference of scan ${id} (`);
     await page.goto(`${daemon.url}/#/result/${id}`);
     await page.getByTestId('taken').waitFor();

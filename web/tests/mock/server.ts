@@ -38,7 +38,7 @@ const PRESETS: Record<string, { theta_c_deg: number[]; phi_s_deg: number[] }> = 
 const MESSAGES: Record<string, string> = {
   'cap-lens': 'put the cap on the lens, then continue',
   'place-white-reference': 'take the cap off and lay the white reference on the table, then continue',
-  'place-sample': 'lay the sample on the table with its mark towards the zero, then continue',
+  'place-sample': 'lay the part on the table with its mark towards the zero, then continue',
 };
 const SIZE_PX = 96;
 
@@ -63,7 +63,7 @@ export class MockDaemon {
   readonly certainties: Json[] = [];
   /** Calibrations of earlier scans that a new scan can use. */
   readonly calibrations: Json[] = [];
-  /** Regions of the sample of every scan. */
+  /** Regions of the part of every scan. */
   regions: string[] = [];
   frameMs: number;
   readonly axes = {
@@ -545,7 +545,7 @@ export class MockDaemon {
     const sampleMatch = /^\/samples\/(\d+)$/.exec(path);
     if (sampleMatch && method === 'PATCH') {
       const sample = this.samples.find((s) => s['id'] === Number(sampleMatch[1]));
-      if (!sample) return problem(404, 'not-found', `there is no sample ${sampleMatch[1]}`);
+      if (!sample) return problem(404, 'not-found', `there is no part ${sampleMatch[1]}`);
       sample['earlier_names'] = [...(sample['earlier_names'] as Json[]), { name: sample['name'], until: new Date().toISOString() }];
       sample['name'] = body['name'];
       for (const scan of this.scans.filter((s) => s.body.sample_id === sample['id'])) scan.body['sample_name'] = body['name'];
@@ -608,7 +608,7 @@ export class MockDaemon {
       if (verb === 'incidents') return list([]);
       if (verb === 'observations') {
         if (!scan.frames.some((f) => f['kind'] === 'sample')) return problem(422, 'no-observations', 'no observation is left');
-        if (this.regions.length > 0 && !url.searchParams.has('region')) return problem(422, 'invalid-value', 'the sample has several regions: name one of them');
+        if (this.regions.length > 0 && !url.searchParams.has('region')) return problem(422, 'invalid-value', 'the part has several regions: name one of them');
         const surface = this.surfaces.get(scan.body.sample_id);
         const poses = new Map(scan.frames.filter((f) => f['kind'] === 'sample').map((f) => [`${String(f['theta_c_deg'])} ${String(f['phi_s_deg'])}`, f]));
         return list([...poses.values()].map((f) => {

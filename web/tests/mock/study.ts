@@ -12,7 +12,7 @@ const hypot = (parts: readonly number[]): number => Math.hypot(...parts);
 
 function sharedLines(stated: string | null): { line: string; shared: boolean; why: string }[] {
   const lines = stated === null ? SHARED_BY_RECORDS : stated.split(',');
-  return LINES.map((line) => ({ line, shared: lines.includes(line), why: lines.includes(line) ? 'same rig, sample and poses' : 'independent in each scan' }));
+  return LINES.map((line) => ({ line, shared: lines.includes(line), why: lines.includes(line) ? 'same rig, part and poses' : 'independent in each scan' }));
 }
 
 const resultOf = ({ scan, fit }: MockResult): Json => ({
@@ -33,7 +33,7 @@ export function comparison(a: MockResult, b: MockResult, stated: string | null):
     const value = (second.value ?? 0) - (first.value ?? 0);
     return { name, first: valueOf(first), second: valueOf(second), lines, difference: known ? { value, std, expanded: 2 * std, coverage_factor: 2, normalised: value / (2 * std), agrees: Math.abs(value) <= 2 * std } : null };
   });
-  return { first: resultOf(a), second: resultOf(b), shared_lines: shared, parameters: rows, notes: a.scan['sample_id'] === b.scan['sample_id'] ? [] : ['The scans are of different samples.'] };
+  return { first: resultOf(a), second: resultOf(b), shared_lines: shared, parameters: rows, notes: a.scan['sample_id'] === b.scan['sample_id'] ? [] : ['The scans are of different parts.'] };
 }
 
 export function repeatability(all: readonly MockResult[], left: readonly number[], stated: string | null, by: string | null): Json {

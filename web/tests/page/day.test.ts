@@ -16,7 +16,7 @@ function consoleErrors(): string[] {
 }
 
 async function doSteps(sample: string): Promise<void> {
-  for (const step of ['Cap the lens', 'Place the white reference', `Place the sample ${sample}`]) {
+  for (const step of ['Cap the lens', 'Place the white reference', `Place the part ${sample}`]) {
     await page.getByRole('heading', { name: step }).waitFor();
     await page.getByRole('button', { name: 'Continue' }).click();
   }
@@ -55,10 +55,10 @@ describe('a technician’s day', () => {
 
     // The part. The only recipe is chosen; the material of a new part is that of the recipe.
     await page.getByRole('navigation', { name: 'Views' }).getByRole('link', { name: 'Measure' }).click();
-    await form().getByRole('combobox', { name: 'Sample' }).selectOption({ label: 'New sample …' });
+    await form().getByRole('combobox', { name: /^Part/ }).selectOption({ label: 'New part …' });
     await page.getByTestId('sample-form').getByLabel('Name', { exact: true }).fill('Panel B-17');
     await page.keyboard.press('Enter');
-    await expect.poll(() => form().getByRole('combobox', { name: 'Sample' }).locator('option:checked').innerText()).toBe('Panel B-17 (n 1.49)');
+    await expect.poll(() => form().getByRole('combobox', { name: /^Part/ }).locator('option:checked').innerText()).toBe('Panel B-17 (n 1.49)');
     await expect.poll(() => text('[data-testid=recipe-does]')).toBe('5 tilts × 3 azimuths × 2 exposures · target U(θr) ≤ 0.05°');
     expect(await form().getByRole('group', { name: 'Grid of poses' }).count()).toBe(0);
     await form().getByLabel('Specification').selectOption('drawing 4711 B');
@@ -110,7 +110,7 @@ describe('a technician’s day', () => {
     for (const name of ['PX-1204', 'PX-1205']) daemon.recipes.add({ name, plan: { preset: 'paper' } });
     daemon.specifications.add({ name: 'drawing 7', limits: { theta_r_deg: { lower: 9 } } });
     await page.goto(url);
-    await form().getByRole('combobox', { name: 'Sample' }).selectOption({ label: 'traced polymer (n 1.54)' });
+    await form().getByRole('combobox', { name: /^Part/ }).selectOption({ label: 'traced polymer (n 1.54)' });
     // Of several recipes none is chosen without a person.
     await form().getByText('Choose the recipe.').waitFor();
     expect(await start().isDisabled()).toBe(true);
@@ -151,7 +151,7 @@ describe('the first scan of a part', () => {
     await expect.poll(() => form().getByLabel(/^Camera tilts/).inputValue()).toBe('-20:5:20');
     expect(await form().getByLabel(/^Sample azimuths/).inputValue()).toBe('0:30:330');
     expect(await form().getByLabel('Exposures, ms').inputValue()).toBe('20, 60, 180');
-    expect(await form().getByRole('combobox', { name: 'Sample' }).locator('option:checked').innerText()).toBe('traced polymer (n 1.54)');
+    expect(await form().getByRole('combobox', { name: /^Part/ }).locator('option:checked').innerText()).toBe('traced polymer (n 1.54)');
   });
 });
 

@@ -279,7 +279,7 @@ describe('a fit on a measured shape', () => {
     await expect.poll(sent).toEqual({ scan_id: 1, variant: 'auto' });
   });
 
-  it('does not carry the shape of one sample over to another', async () => {
+  it('does not carry the shape of one part over to another', async () => {
     const other = daemon.addScan(2, 'paper');
     await page.goto(`${url}/#/result/1`);
     await page.reload();

@@ -13,7 +13,7 @@ describe('observations', () => {
     await chooseSample();
     await page.getByRole('button', { name: 'Start scan' }).click();
     for (let i = 0; i < 2; i++) await page.getByRole('button', { name: 'Continue' }).click();
-    await page.getByRole('heading', { name: 'Place the sample' }).waitFor();
+    await page.getByRole('heading', { name: 'Place the part' }).waitFor();
     expect(asked()).toEqual([]);
     await page.getByRole('button', { name: 'Continue' }).click();
     await page.getByText(/^sample, [1-9]\d* of/).waitFor();
@@ -23,7 +23,7 @@ describe('observations', () => {
     await page.getByTestId('curves').waitFor();
   });
 
-  it('are shown if a fit kept none, for the chosen region of the sample', async () => {
+  it('are shown if a fit kept none, for the chosen region of the part', async () => {
     daemon.regions = ['left', 'right half'];
     daemon.addFit(daemon.addScan(1, 'paper'));
     daemon.refusals.set('GET /fits/1/curve', { status: 200, body: { peak: 0, observations: [], curves: [] } });

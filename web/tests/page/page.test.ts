@@ -169,9 +169,9 @@ describe('faults', () => {
 describe('a scan', () => {
   it('shows its operator steps, counts its frames and is fitted', async () => {
     await page.goto(url);
-    await page.getByRole('combobox', { name: /^Sample/ }).selectOption({ label: 'model 15° (n 1.54)' });
+    await page.getByRole('combobox', { name: /^Part/ }).selectOption({ label: 'model 15° (n 1.54)' });
     await page.getByRole('button', { name: 'Start scan' }).click();
-    for (const step of ['Cap the lens', 'Place the white reference', 'Place the sample model 15°']) {
+    for (const step of ['Cap the lens', 'Place the white reference', 'Place the part model 15°']) {
       await page.getByRole('heading', { name: step }).waitFor();
       await page.getByRole('button', { name: 'Continue' }).click();
     }
@@ -315,36 +315,36 @@ describe('the form of a new scan', () => {
   it('adds a plastic with its uncertainty and a metal by its name, and reports faults beside their fields', async () => {
     const sent = (): unknown => daemon.requests.findLast((r) => r.path === '/samples')?.body;
     await page.goto(url);
-    const sample = page.getByRole('combobox', { name: /^Sample/ });
-    await sample.selectOption({ label: 'New sample …' });
+    const sample = page.getByRole('combobox', { name: /^Part/ });
+    await sample.selectOption({ label: 'New part …' });
     const form = page.getByTestId('sample-form');
     await form.getByLabel('Name', { exact: true }).fill('model 15°');
-    await form.getByText('There is a sample of this name already, no. 2.').waitFor();
+    await form.getByText('There is a part of this name already, no. 2.').waitFor();
     await form.getByLabel('Index n', { exact: true }).fill('abc');
     await form.getByText('“abc” is not a number.').waitFor();
-    await form.getByRole('button', { name: 'Add sample' }).click();
+    await form.getByRole('button', { name: 'Add part' }).click();
     expect(posts()).toEqual([]);
     await form.getByLabel('Index n', { exact: true }).fill('1,49');
     await form.getByLabel('Standard uncertainty of n').fill('0,02');
-    await form.getByRole('button', { name: 'Add sample' }).click();
+    await form.getByRole('button', { name: 'Add part' }).click();
     await expect.poll(sent).toEqual({ name: 'model 15°', material: { kind: 'dielectric', eta: 1.49, eta_std: 0.02 } });
     await expect.poll(() => sample.locator('option:checked').innerText()).toBe('model 15° (n 1.49)');
-    await sample.selectOption({ label: 'New sample …' });
+    await sample.selectOption({ label: 'New part …' });
     await form.getByLabel('Name', { exact: true }).fill('die 4');
     await form.getByLabel('Material').selectOption('metal');
     await form.getByRole('combobox', { name: 'Metal', exact: true }).selectOption('Cu');
-    await form.getByRole('button', { name: 'Add sample' }).click();
+    await form.getByRole('button', { name: 'Add part' }).click();
     await expect.poll(sent).toEqual({ name: 'die 4', metal: { name: 'Cu' } });
     await expect.poll(() => sample.locator('option:checked').innerText()).toBe('die 4 (n 3.12, κ 3.33)');
   });
 });
 
-describe('the sample of the next scan', () => {
-  const chosen = (): Promise<string> => page.getByRole('combobox', { name: /^Sample/ }).locator('option:checked').innerText();
+describe('the part of the next scan', () => {
+  const chosen = (): Promise<string> => page.getByRole('combobox', { name: /^Part/ }).locator('option:checked').innerText();
 
   it('is asked for before the first scan, and an import does not change it', async () => {
     await page.goto(url);
-    await expect.poll(chosen).toBe('Which sample is on the table?');
+    await expect.poll(chosen).toBe('Which part is on the table?');
     expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
     daemon.addScan(2, 'paper');
     await page.reload();
@@ -359,12 +359,12 @@ describe('the sample of the next scan', () => {
     daemon.addScan(1, 'paper');
     await page.goto(url);
     await page.getByRole('button', { name: 'Rename …' }).click();
-    await page.getByLabel('New name of the sample').fill('B-17');
+    await page.getByLabel('New name of the part').fill('B-17');
     await page.keyboard.press('Enter');
     await page.getByRole('heading', { level: 1, name: 'B-17' }).waitFor();
     await page.getByText(/before: traced polymer \(until/).waitFor();
     await page.getByRole('link', { name: 'Open the result' }).click();
-    await page.getByRole('button', { name: 'Other sample …' }).click();
+    await page.getByRole('button', { name: 'Other part …' }).click();
     await page.locator('.sample select').selectOption({ label: 'model 15° (n 1.54)' });
     await page.getByRole('heading', { level: 1, name: 'model 15°' }).waitFor();
     await page.getByText(/Assigned to B-17 until/).waitFor();

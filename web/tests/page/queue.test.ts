@@ -18,7 +18,7 @@ describe('the queue', () => {
       await form.getByRole('button', { name: 'Add to queue' }).click();
       await card.getByText(part, { exact: true }).waitFor();
       // The next part is chosen by a person; it is often of the same lot.
-      await form.getByText('Choose the sample first.').waitFor();
+      await form.getByText('Choose the part first.').waitFor();
       expect(await form.getByLabel('External number').inputValue()).toBe('');
     }
     // The only recipe is chosen without a click.
@@ -40,7 +40,7 @@ describe('the queue', () => {
     await page.getByRole('heading', { name: 'Cap the lens' }).waitFor();
     await page.getByText('Add the next part').click();
     // The part on the table is not the next one.
-    expect(await page.getByRole('combobox', { name: 'Sample' }).locator('option:checked').innerText()).toBe('Which sample is next?');
+    expect(await page.getByRole('combobox', { name: /^Part/ }).locator('option:checked').innerText()).toBe('Which part is next?');
     await chooseSample('model 15° (n 1.54)');
     await page.getByRole('button', { name: 'Add to queue' }).click();
     await page.getByTestId('queue').locator('li b').getByText('model 15°').waitFor();

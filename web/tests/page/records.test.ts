@@ -130,7 +130,7 @@ describe('two scans', () => {
     expect(await text('[data-testid=compare]')).toContain('same error in both scans: 2');
     // With independent errors the same difference is not significant: U of each is 0.085°.
     await page.getByText('Lines of the budget of').click();
-    await page.getByText('same rig, sample and poses').first().waitFor();
+    await page.getByText('same rig, part and poses').first().waitFor();
     for (const line of ['angles', 'model']) await page.getByLabel(`${line}: same error in all scans`).uncheck();
     await expect.poll(async () => (await row.innerText()).replace(/\s+/g, ' ')).toContain('0.05° ± 0.12° 0.41 agree');
     expect(daemon.reads.at(-1)).toBe('/comparisons?scan_id=1&scan_id=2&shared=none');

@@ -47,9 +47,9 @@ export function anotherDaemon(): MockDaemon {
 /** Requests to the daemon, without estimates. */
 export const posts = (): string[] => daemon.requests.map((r) => r.path).filter((p) => p !== '/scans/estimate');
 
-/** Chooses a sample in the form of a new scan: before the first scan there is none. */
+/** Chooses a part in the form of a new scan: before the first scan there is none. */
 export async function chooseSample(label = 'traced polymer (n 1.54)'): Promise<void> {
-  await page.getByRole('combobox', { name: /^Sample/ }).selectOption({ label });
+  await page.getByRole('combobox', { name: /^Part/ }).selectOption({ label });
 }
 
 export async function text(selector: string): Promise<string> {

@@ -157,7 +157,7 @@ describe('every view', () => {
     await expect.poll(() => page.evaluate(() => document.activeElement?.id)).toBe('main');
     // The first stop of the Tab key in the view.
     await page.keyboard.press('Tab');
-    await page.keyboard.type('no such sample');
+    await page.keyboard.type('no such part');
     await page.getByText('No scan matches these filters.').waitFor();
   });
 });

@@ -1,4 +1,4 @@
-// Makes the pictures of the documents, docs/screenshot*.png, from a short day on the simulated rig. `make screenshots` runs it.
+// Makes the pictures of the documents, docs/pictures/screenshot*.png, from a short day on the simulated rig. `make screenshots` runs it.
 
 import { mkdir } from 'node:fs/promises';
 import { join } from 'node:path';
@@ -10,14 +10,14 @@ import { openBrowser, type OpenBrowser } from '../browser';
 import { startDaemon, type RunningDaemon } from '../daemon';
 import { completed, doSteps, fillPart, fitted, openPart, openView } from '../operate';
 
-const DOCS = join(import.meta.dirname, '../../../docs');
+const PICTURES = join(import.meta.dirname, '../../../docs/pictures');
 const SCAN_MS_MAX = 300_000;
 
 let daemon: RunningDaemon;
 const browsers: OpenBrowser[] = [];
 
 beforeAll(async () => {
-  await mkdir(DOCS, { recursive: true });
+  await mkdir(PICTURES, { recursive: true });
   // Slow enough to show the uncertainty of the live fit falling.
   daemon = await startDaemon(10);
 });
@@ -35,7 +35,7 @@ async function openPage(options: { width?: number; height?: number; dark?: boole
 async function picture(page: Page, name: string): Promise<void> {
   await page.mouse.move(700, 20);
   await page.waitForTimeout(500);
-  await page.screenshot({ path: join(DOCS, `screenshot${name}.png`) });
+  await page.screenshot({ path: join(PICTURES, `screenshot${name}.png`) });
 }
 
 const SPECIFICATION = 'drawing 4711 B';
@@ -111,5 +111,5 @@ it('makes the picture of the virtual ellipsometer', async () => {
   const disc = await card.getByTestId('hemisphere').boundingBox();
   await page.mouse.move((disc?.x ?? 0) + 0.8 * (disc?.width ?? 0), (disc?.y ?? 0) + 0.38 * (disc?.height ?? 0));
   await page.waitForTimeout(300);
-  await page.screenshot({ path: join(DOCS, 'screenshot-ellipsometer.png') });
+  await page.screenshot({ path: join(PICTURES, 'screenshot-ellipsometer.png') });
 });

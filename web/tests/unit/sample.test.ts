@@ -6,7 +6,7 @@ import type { Sample } from '../../src/lib/types';
 
 const fields: SampleFields = { name: ' part 7 ', material: 'dielectric', eta: '1,54', etaStd: '0.02', k: '', kStd: '', metal: 'Cr', wavelength: '' };
 
-describe('a typed sample', () => {
+describe('a typed part', () => {
   it('is sent with the uncertainty of its index', () => {
     expect(sampleProblems(fields)).toEqual({});
     expect(sampleRequest(fields)).toEqual({ name: 'part 7', material: { kind: 'dielectric', eta: 1.54, eta_std: 0.02 } });
