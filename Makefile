@@ -21,7 +21,7 @@ test-dist: dist  ## The package in a fresh Debian folder: installed, used, upgra
 test: setup-build setup-test web  ## Everything that must hold
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target build-tests test-page check-python docs
 	@$(MAKE) --no-print-directory test-rust
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-vendor test-python test-api
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-vendor test-python test-api day
 	@$(MAKE) --no-print-directory test-e2e
 	@echo "all tests passed"
 
@@ -68,6 +68,10 @@ test-api: web  ## A live daemon against its OpenAPI document: requests and event
 	cargo test --no-run
 	tests/api/run target/debug/ridged
 
+day: web  ## A day of parts by page, curl, Python and commands, with the same rows at the end: make day PARTS=40
+	cargo test --no-run
+	tests/day/run $(or $(PARTS),3) target/debug/ridged
+
 test-web: test-page test-e2e  ## The page's unit tests, and the page in a real browser against the real daemon
 
 test-page: web
@@ -111,4 +115,4 @@ setup-build:
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-fit bench-peers-trace bench-results code-figures faults fuzz help demo dist docs build build-tests test check check-python test-api test-dist test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshots setup-build setup-test soak
+.PHONY: bench-peers bench-peers-fit bench-peers-trace bench-results code-figures day faults fuzz help demo dist docs build build-tests test check check-python test-api test-dist test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshots setup-build setup-test soak

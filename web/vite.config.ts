@@ -19,9 +19,10 @@ export default defineConfig({
   test: {
     projects: [
       { extends: true, test: { name: 'unit', include: ['tests/unit/**/*.test.ts'], environment: 'node' } },
-      // These three drive headless Chromium; each file starts its own servers on loopback ports.
+      // The others drive headless Chromium; each file starts its own servers on loopback ports, that of the day uses a running one.
       { extends: true, test: { name: 'page', include: ['tests/page/**/*.test.ts'], environment: 'node', testTimeout: 60_000, hookTimeout: 60_000 } },
       { extends: true, test: { name: 'e2e', include: ['tests/e2e/**/*.test.ts'], environment: 'node', testTimeout: 240_000, hookTimeout: 60_000, fileParallelism: false } },
+      { extends: true, test: { name: 'day', include: ['tests/day/**/*.test.ts'], environment: 'node', hookTimeout: 60_000 } },
       { extends: true, test: { name: 'screenshot', include: ['tests/screenshot/**/*.test.ts'], environment: 'node', testTimeout: 480_000, hookTimeout: 60_000 } },
     ],
   },

@@ -188,7 +188,7 @@ fn id_of(client: &Client, noun: &str, name: &str) -> Result<i64, CliError> {
 fn named(client: &Client, noun: &str, name: &str) -> Result<Option<Value>, CliError> {
     for archived in ["false", "true"] {
         let query = [("name", name), ("archived", archived)];
-        let found = client.search(&format!("/{noun}s"), &query)?["items"][0].take();
+        let found = client.search(&format!("/{noun}s"), &query)?["items"][0].clone();
         if !found.is_null() {
             return Ok(Some(found));
         }

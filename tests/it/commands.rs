@@ -223,6 +223,32 @@ fn a_port_that_is_missing_exits_1_and_is_503_to_a_client() {
 }
 
 #[test]
+fn names_that_the_daemon_does_not_know_are_new() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let mut daemon = Daemon::start(at, &["--simulated-rig"]);
+    let specification = "name = \"lid\"\n[limits]\nalpha_u = { upper = 0.2 }\n";
+    for (noun, text) in [
+        ("recipe", "name = \"px\"\n[plan]\npreset = \"paper\"\n"),
+        ("specification", specification),
+    ] {
+        std::fs::write(at.join("new.toml"), text).unwrap();
+        let saved = ridged(at, &[noun, "save", "new.toml", "--data", "data"]);
+        let said = String::from_utf8_lossy(&saved.stdout);
+        assert!(
+            saved.status.success() && said.contains("version 1"),
+            "{saved:?}"
+        );
+    }
+    // A sample needs a material.
+    let scan = [
+        "scan", "--preset", "paper", "--sample", "B-17", "--data", "data",
+    ];
+    refuses(at, &scan, 2, &["there is no sample `B-17`"]);
+    assert!(daemon.terminate().success());
+}
+
+#[test]
 fn a_second_daemon_on_one_folder_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let mut daemon = Daemon::start(folder.path(), &["--simulated-rig"]);

@@ -24,6 +24,27 @@ export interface PartChoice {
   readonly recipe: string;
   readonly specification: string;
   readonly lot: string;
+  readonly externalId?: string;
+}
+
+/** Saves a specification with limits of the ridge angle, in *Set-up*. */
+export async function saveSpecification(page: Page, name: string, lowerDeg: string, upperDeg: string): Promise<void> {
+  await page.getByRole('button', { name: 'New specification' }).click();
+  const form = page.getByTestId('specification-form');
+  await form.getByLabel(/^Name/).fill(name);
+  await form.getByLabel('ridge angle: lower limit').fill(lowerDeg);
+  await form.getByLabel('ridge angle: upper limit').fill(upperDeg);
+  await form.getByRole('button', { name: 'Save the specification' }).click();
+  await page.getByRole('button', { name: `Change ${name}` }).waitFor();
+}
+
+/** Adds a sample with the material that the form proposes, in the form of the next part. */
+export async function addSample(page: Page, name: string): Promise<void> {
+  await page.getByRole('combobox', { name: /^Sample/ }).selectOption({ label: 'New sample …' });
+  const form = page.getByTestId('sample-form');
+  await form.getByLabel('Name', { exact: true }).fill(name);
+  await form.getByRole('button', { name: 'Add sample' }).click();
+  await form.waitFor({ state: 'detached' });
 }
 
 async function chooseSample(page: Page, name: string): Promise<void> {
@@ -40,6 +61,7 @@ export async function fillPart(page: Page, choice: PartChoice): Promise<void> {
   await page.getByRole('combobox', { name: 'Recipe' }).selectOption(choice.recipe);
   await page.getByRole('combobox', { name: 'Specification' }).selectOption(choice.specification);
   await page.getByLabel('Lot').fill(choice.lot);
+  if (choice.externalId !== undefined) await page.getByLabel('External number').fill(choice.externalId);
 }
 
 /** Fills in the form of the next part with a grid of its own. */

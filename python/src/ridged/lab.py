@@ -270,7 +270,7 @@ class Lab:
         """Returns one short row per scan with its newest result, newest first.
 
         A filter is a parameter of `GET /results`: `part="B-17"`, `verdict="fail"`, `theta_r_deg_min=14.9`,
-        `since="2026-11-01"`, `latest="part"`, `sort="-theta_r_deg"`. A DataFrame; with `rows=True`, or without pandas, a
+        `since="2026-11-01"`, `latest=True`, `sort="-theta_r_deg"`. A DataFrame; with `rows=True`, or without pandas, a
         list of typed rows.
         """
         found: list[Result] = list(self._connection.pages("/results", filters, limit))

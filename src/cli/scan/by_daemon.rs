@@ -315,7 +315,7 @@ fn daemons_sample(client: &Client, args: &Args, simulated: bool) -> Result<i64, 
         wanted = simulated.then_some(TRACED_SAMPLE);
     }
     let found = match wanted {
-        Some(name) => client.search("/samples", &[("name", name)])?["items"][0].take(),
+        Some(name) => client.search("/samples", &[("name", name)])?["items"][0].clone(),
         None => Value::Null,
     };
     if let Some(id) = found["id"].as_i64() {

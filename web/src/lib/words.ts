@@ -175,7 +175,9 @@ export function sampleFrames(scan: Scan): number {
   if (scan.origin === 'import' || progress.phase === 'done') return progress.frames_done;
   const poses = plan.poses.length || plan.theta_c_deg.length * plan.phi_s_deg.length;
   const planned = poses * plan.exposures_s.length * plan.repeats;
-  return Math.max(0, progress.frames_done - (progress.frames_total - planned));
+  // A scan that has not begun states no total.
+  const before = Math.max(0, progress.frames_total - planned);
+  return Math.max(0, progress.frames_done - before);
 }
 
 export const FIT_STATUS: Readonly<Record<string, { word: string; tone: 'good' | 'warn' | 'bad' }>> = {

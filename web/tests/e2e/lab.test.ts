@@ -5,7 +5,7 @@ import { afterAll, afterEach, beforeAll, beforeEach, describe, expect, it } from
 
 import { openBrowser, type OpenBrowser } from '../browser';
 import { startDaemon, type RunningDaemon } from '../daemon';
-import { completed, doSteps, fillPart, fillScan, fitted, openPart, openView } from '../operate';
+import { completed, doSteps, fillPart, fillScan, fitted, openPart, openView, saveSpecification } from '../operate';
 
 const TIME_SCALE = 50;
 /** Enough poses that a test that is delayed by seconds still finds its scan running. */
@@ -319,13 +319,7 @@ describe('a lab’s day', () => {
     await recipe.getByLabel(/^Camera tilts/).fill('-20,-10,0,10,20');
     await recipe.getByRole('button', { name: 'Save the recipe' }).click();
     await page.getByRole('button', { name: 'Change PX-1204 rev C' }).waitFor();
-    await page.getByRole('button', { name: 'New specification' }).click();
-    const specification = page.getByTestId('specification-form');
-    await specification.getByLabel(/^Name/).fill('drawing 4711 B');
-    await specification.getByLabel('ridge angle: lower limit').fill('9');
-    await specification.getByLabel('ridge angle: upper limit').fill('11');
-    await specification.getByRole('button', { name: 'Save the specification' }).click();
-    await page.getByRole('button', { name: 'Change drawing 4711 B' }).waitFor();
+    await saveSpecification(page, 'drawing 4711 B', '9', '11');
 
     await openView(page, 'Measure');
     await fillPart(page, { sample: 'traced polymer', recipe: 'PX-1204 rev C', specification: 'drawing 4711 B', lot: '4' });

@@ -47,6 +47,29 @@ describe('the queue', () => {
     expect(await page.getByRole('button', { name: 'Start scan' }).count()).toBe(0);
   });
 
+  it('keeps what is typed of a new part while the recipes are read again', async () => {
+    daemon.recipes.add({ name: 'PX-1204', plan: { preset: 'paper' }, material: { eta: 1.54 } });
+    await page.goto(url);
+    await page.getByTestId('next-part').waitFor();
+    await page.getByRole('navigation', { name: 'Views' }).getByRole('link', { name: 'Set-up' }).click();
+    await page.getByRole('button', { name: 'New recipe' }).waitFor();
+    let answer = (): void => undefined;
+    const held = new Promise<void>((go) => (answer = go));
+    await page.route('**/api/v1/recipes?*', async (route) => {
+      await held;
+      await route.continue();
+    });
+    await page.getByRole('navigation', { name: 'Views' }).getByRole('link', { name: 'Measure' }).click();
+    await chooseSample('New sample …');
+    const name = page.getByTestId('sample-form').getByLabel('Name', { exact: true });
+    await name.fill('B-17');
+    const read = page.waitForResponse(/\/api\/v1\/recipes\?/);
+    answer();
+    await (await read).finished();
+    await page.waitForTimeout(200);
+    expect(await name.inputValue()).toBe('B-17');
+  });
+
   it('needs a recipe, and says where one is made', async () => {
     await page.goto(url);
     await chooseSample();

@@ -58,4 +58,7 @@ describe('sampleFrames', () => {
   it('counts no calibration frames', () => {
     expect([0, 4, 5, 12].map((frames_done) => sampleFrames(scan({ frames_done })))).toEqual([0, 0, 1, 8]);
   });
+  it('counts none before the scan begins, when no total is known', () => {
+    expect(sampleFrames(scan({ phase: null, frames_total: 0 }))).toBe(0);
+  });
 });
