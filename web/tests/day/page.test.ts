@@ -73,7 +73,7 @@ it('measures the parts of a day', async () => {
   await queue.getByRole('button', { name: 'Start the queue' }).click();
   await queue.getByRole('button', { name: 'Stop after this one' }).waitFor();
   const steps = await doSteps(page, async () => (await queue.getByText('all orders are done').count()) > 0, parts.length * PART_MS_MAX);
-  expect(steps).toEqual(['Cap the lens', 'Place the white reference', ...parts.map(({ part }) => `Place the sample ${part}`)]);
+  expect(steps).toEqual(['Cap the lens', 'Place the white reference', ...parts.map(({ part }) => `Place the part ${part}`)]);
 
   await openView(page, 'Records');
   const rows = page.getByTestId('scans').locator('tbody tr');
