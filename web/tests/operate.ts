@@ -38,12 +38,12 @@ export async function saveSpecification(page: Page, name: string, lowerDeg: stri
   await page.getByRole('button', { name: `Change ${name}` }).waitFor();
 }
 
-/** Adds a sample with the material that the form proposes, in the form of the next part. */
+/** Adds a part with the material that the form proposes, in the form of the next part. */
 export async function addSample(page: Page, name: string): Promise<void> {
-  await page.getByRole('combobox', { name: /^Sample/ }).selectOption({ label: 'New sample …' });
+  await page.getByRole('combobox', { name: /^Part/ }).selectOption({ label: 'New part …' });
   const form = page.getByTestId('sample-form');
   await form.getByLabel('Name', { exact: true }).fill(name);
-  await form.getByRole('button', { name: 'Add sample' }).click();
+  await form.getByRole('button', { name: 'Add part' }).click();
   await form.waitFor({ state: 'detached' });
 }
 

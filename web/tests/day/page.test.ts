@@ -64,7 +64,7 @@ it('measures the parts of a day', async () => {
   await openView(page, 'Measure');
   const queue = page.getByTestId('queue');
   for (const [place, { part, lot, externalId }] of parts.entries()) {
-    const known = await page.getByRole('combobox', { name: /^Sample/ }).locator('option', { hasText: `${part} (` }).count();
+    const known = await page.getByRole('combobox', { name: /^Part/ }).locator('option', { hasText: `${part} (` }).count();
     if (known === 0) await addSample(page, part);
     await fillPart(page, { sample: part, recipe: RECIPE, specification: SPECIFICATION, lot, externalId });
     await page.getByRole('button', { name: 'Add to queue' }).click();

@@ -60,7 +60,7 @@ describe('the queue', () => {
       await route.continue();
     });
     await page.getByRole('navigation', { name: 'Views' }).getByRole('link', { name: 'Measure' }).click();
-    await chooseSample('New sample …');
+    await chooseSample('New part …');
     const name = page.getByTestId('sample-form').getByLabel('Name', { exact: true });
     await name.fill('B-17');
     const read = page.waitForResponse(/\/api\/v1\/recipes\?/);
