@@ -15,6 +15,7 @@ use crate::wording::{counted, decimals, names, significant};
   ridged repeatability 12 15 18 21
   ridged repeatability 12 15 18 21 --by day --json
   ridged repeatability 12 15 18 --shared none     no line of the budget has the same error in all scans
+  ridged repeatability $(ridged results --tag study-1 --fields scan_id --csv | tail -n +2)     all scans with a tag
 docs/how-to/check-the-uncertainty.md explains how to measure and what the answer means.")]
 pub struct Args {
     /// Numbers of the scans, 2 to 200.
