@@ -240,11 +240,11 @@ fn names_that_the_daemon_does_not_know_are_new() {
             "{saved:?}"
         );
     }
-    // A sample needs a material.
+    // A part needs a material.
     let scan = [
         "scan", "--preset", "paper", "--sample", "B-17", "--data", "data",
     ];
-    refuses(at, &scan, 2, &["there is no sample `B-17`"]);
+    refuses(at, &scan, 2, &["there is no part `B-17`"]);
     assert!(daemon.terminate().success());
 }
 
