@@ -101,13 +101,22 @@ impl Lab {
             cursor: None,
         };
         let scans = self.store().scans(completed, newest).await?.items;
-        let of_rig = scans.iter().filter(|scan| scan.origin == Origin::Rig);
-        for scan in of_rig.filter(|scan| self.is_fitted_at_end(scan)) {
+        for scan in scans.iter().filter(|scan| self.is_followed(scan)) {
             if !self.catch_up_with(scan).await? {
                 break;
             }
         }
         Ok(())
+    }
+
+    /// Whether fits follow a completed scan: one of this rig that has a sample, which an imported series and a scan for
+    /// calibrations have not.
+    fn is_followed(&self, scan: &Scan) -> bool {
+        let of_sample = scan
+            .plan
+            .as_ref()
+            .is_some_and(|plan| !plan.is_calibration());
+        scan.origin == Origin::Rig && of_sample && self.is_fitted_at_end(scan)
     }
 
     /// Starts what a scan lacks; false where it lacks nothing. An alarm has said why nothing follows a scan that was given up.
@@ -127,29 +136,20 @@ impl Lab {
         }
         let mut lacks = false;
         for request in self.requests_at_end(scan).await? {
-            let of_region = |fit: &&&Job| {
+            let newest = own.iter().find(|fit| {
                 serde_json::from_str::<FitRequest>(&fit.request)
                     .is_ok_and(|made| made.region == request.region)
+            });
+            let fit_id = match newest {
+                None => self.start_job(request).await?,
+                Some(fit) if fit.state == JobState::Interrupted => self.start_job(request).await?,
+                Some(fit) if scan.specification.is_some() && outcome.awaits_verdict(fit) => {
+                    fit.id()
+                }
+                Some(_) => continue,
             };
-            match own.iter().find(of_region) {
-                Some(fit) if fit.state == JobState::Completed => {
-                    let judged = outcome.verdicts.iter().any(|verdict| {
-                        verdict.state != JobState::Interrupted
-                            && serde_json::from_str::<VerdictRequest>(&verdict.request)
-                                .is_ok_and(|made| made.fit_id == Some(fit.number))
-                    });
-                    if scan.specification.is_some() && !judged {
-                        self.judge_once_fitted(scan, fit.id());
-                        lacks = true;
-                    }
-                }
-                Some(fit) if fit.state != JobState::Interrupted => {}
-                _ => {
-                    let fit_id = self.start_job(request).await?;
-                    self.judge_once_fitted(scan, fit_id);
-                    lacks = true;
-                }
-            }
+            self.judge_once_fitted(scan, fit_id);
+            lacks = true;
         }
         Ok(lacks)
     }

@@ -1,7 +1,7 @@
 //! What followed a completed scan: its fits, and the verdicts against its specification.
 
 use super::fit_at_end::{FIT_NOT_STARTED, NOT_JUDGED};
-use super::{Lab, LabError};
+use super::{Lab, LabError, VerdictRequest};
 use crate::job::{JobKind, JobState};
 use crate::scan::Event;
 use crate::store::jobs::{Job, JobFilter};
@@ -32,6 +32,19 @@ impl Outcome {
             serde_json::from_str(result).map_err(|e| StoreError::bad_row("job_ends", e))?;
         let word = |key: &str| result[key].as_str().map(str::to_owned);
         Ok(word("verdict").zip(word("specification")))
+    }
+
+    /// Whether a fit is completed and has no verdict, not even a failed one.
+    pub(super) fn awaits_verdict(&self, fit: &Job) -> bool {
+        let is_on_it = |verdict: &Job| {
+            serde_json::from_str::<VerdictRequest>(&verdict.request)
+                .is_ok_and(|made| made.fit_id == Some(fit.number))
+        };
+        let mut others = self
+            .verdicts
+            .iter()
+            .filter(|verdict| verdict.state != JobState::Interrupted);
+        fit.state == JobState::Completed && !others.any(is_on_it)
     }
 }
 
