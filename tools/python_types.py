@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-DOCUMENT = ROOT / "tests/data/openapi.json"
+DOCUMENT = ROOT / "src/api/openapi.json"
 TARGET = ROOT / "python/src/ridged/_api.py"
 
 # Bodies and answers that the package names; their parts follow.

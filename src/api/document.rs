@@ -1,4 +1,7 @@
-//! Completes the OpenAPI document with what all routes share: keys, ids, parameters and bodies.
+//! The OpenAPI document.
+//!
+//! A test makes it from the handlers and compares it with the file that the program serves. [`complete`] adds what all routes
+//! share: keys, ids, parameters and bodies.
 
 use axum::http::Method;
 use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
@@ -10,13 +13,26 @@ use utoipa::openapi::security::{
     ApiKey, ApiKeyValue, HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme,
 };
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, Required};
-use utoipa::{PartialSchema, ToSchema};
+use utoipa::{OpenApi as _, PartialSchema, ToSchema};
 
 use super::authentication::cookie_name;
 use super::keys::{KEY_LENGTH_MAX, UNKEYED};
 use super::lease::LEASE_HEADER;
+use super::routes::Document;
 use super::status::PROBLEM_JSON;
 use super::table::{self, Need};
+
+/// The document as it is served: pretty-printed JSON.
+pub const OPENAPI: &str = include_str!("openapi.json");
+
+/// Returns the document made from the handlers, pretty-printed. [`OPENAPI`] is this text.
+#[must_use]
+pub fn openapi_of_handlers() -> String {
+    let mut document = Document::openapi();
+    complete(&mut document);
+    let json = document.to_pretty_json();
+    json.expect("a document of text is JSON") + "\n"
+}
 
 /// Bytes of a file.
 pub(super) struct Binary;
@@ -37,7 +53,7 @@ impl ToSchema for Binary {
 }
 
 /// Adds the answers of the guards and the extractors to each route that they apply to.
-pub(super) fn complete(document: &mut OpenApi) {
+fn complete(document: &mut OpenApi) {
     close_kinds(document, "MaterialBody");
     add_security_schemes(document);
     for (path, item) in &mut document.paths.paths {

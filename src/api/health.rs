@@ -7,7 +7,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::App;
-use super::status::{self, ApiError};
+use super::document::OPENAPI;
+use super::status;
 use crate::logging;
 use crate::store::ROOM_TO_OPEN_KB;
 
@@ -140,9 +141,6 @@ pub(super) async fn metrics(State(app): State<App>) -> impl IntoResponse {
 }
 
 /// This document.
-pub(super) async fn openapi(State(app): State<App>) -> Result<impl IntoResponse, ApiError> {
-    Ok((
-        [(header::CONTENT_TYPE, "application/json")],
-        app.openapi.to_string(),
-    ))
+pub(super) async fn openapi() -> impl IntoResponse {
+    ([(header::CONTENT_TYPE, "application/json")], OPENAPI)
 }

@@ -41,7 +41,7 @@ def codes_of_page(page: str) -> set[str]:
 
 
 def findings() -> set[str]:
-    schema = json.loads((ROOT / "tests/data/openapi.json").read_text())["components"]["schemas"]["FitFindingCode"]
+    schema = json.loads((ROOT / "src/api/openapi.json").read_text())["components"]["schemas"]["FitFindingCode"]
     return set(schema["enum"])
 
 
@@ -68,7 +68,7 @@ def test_every_warning_of_the_page_is_in_the_source() -> None:
 
 
 def test_every_parameter_and_every_line_of_a_budget_is_in_the_glossary() -> None:
-    schemas = json.loads((ROOT / "tests/data/openapi.json").read_text())["components"]["schemas"]
+    schemas = json.loads((ROOT / "src/api/openapi.json").read_text())["components"]["schemas"]
     glossary = (REFERENCE / "glossary.md").read_text()
     named = set(schemas["FitParameters"]["properties"])
     for name in named:
@@ -87,7 +87,7 @@ def test_every_file_that_a_document_links_exists() -> None:
 
 def test_every_document_that_a_file_names_exists() -> None:
     folders = ["benches", "docs", "python/src", "python/tests", "src", "tests/documents", "tests/it", "tools", "web/src", "web/tests"]
-    files = [*ROOT.glob("*"), ROOT / "tests/data/openapi.json", *(file for folder in folders for file in (ROOT / folder).rglob("*"))]
+    files = [*ROOT.glob("*"), ROOT / "src/api/openapi.json", *(file for folder in folders for file in (ROOT / folder).rglob("*"))]
     pictures = {".png", ".svg", ".pyc"}
     named = 0
     for file in (file for file in files if file.is_file() and file.suffix not in pictures):

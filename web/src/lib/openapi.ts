@@ -1,4 +1,4 @@
-// Made from tests/data/openapi.json by `npm run types`; do not edit.
+// Made from src/api/openapi.json by `npm run types`; do not edit.
 
 export type paths = Record<string, never>;
 export type webhooks = Record<string, never>;
