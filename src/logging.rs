@@ -7,10 +7,18 @@ use std::io::{IsTerminal, Write};
 use std::sync::OnceLock;
 
 use tracing_appender::non_blocking::{ErrorCounter, NonBlockingBuilder, WorkerGuard};
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 /// Most lines that wait to be written.
 const WAITING_LINES_MAX: usize = 8192;
+
+/// Variable with the levels of the log, by target.
+const LEVELS_VARIABLE: &str = "RIDGED_LOG";
+
+/// The levels where it states none.
+const LEVELS: &str = "warn,ridged=info";
 
 static LEFT_OUT: OnceLock<ErrorCounter> = OnceLock::new();
 
@@ -19,26 +27,60 @@ static LEFT_OUT: OnceLock<ErrorCounter> = OnceLock::new();
 /// # Panics
 /// If the log was started before.
 pub fn start(stderr: impl Write + Send + 'static) -> WorkerGuard {
-    let filter = EnvFilter::try_from_env("RIDGED_LOG")
-        .unwrap_or_else(|_| EnvFilter::new("warn,ridged=info"));
+    let asked = std::env::var(LEVELS_VARIABLE).unwrap_or_default();
+    let levels = match asked.trim() {
+        "" => LEVELS,
+        levels => levels,
+    };
+    let (filter, wrong) = match levels.parse::<Targets>() {
+        Ok(filter) => (filter, None),
+        Err(error) => (usual_levels(), Some(error)),
+    };
     let (writer, guard) = NonBlockingBuilder::default()
         .lossy(true)
         .buffered_lines_limit(WAITING_LINES_MAX)
         .thread_name("log")
         .finish(stderr);
     LEFT_OUT.get_or_init(|| writer.error_counter());
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(writer)
         .with_ansi(std::io::stderr().is_terminal())
         // A message about it would go to the same stderr that cannot be written, and panic.
-        .log_internal_errors(false)
+        .log_internal_errors(false);
+    tracing_subscriber::registry()
+        .with(lines)
+        .with(filter)
         .init();
+    if let Some(error) = wrong {
+        tracing::warn!(
+            "{LEVELS_VARIABLE}={asked:?} is not valid ({error}); expected a level or targets with levels, such as debug or \
+             warn,ridged=debug. The log uses {LEVELS}"
+        );
+    }
     guard
+}
+
+fn usual_levels() -> Targets {
+    LEVELS.parse().unwrap_or_default()
 }
 
 /// Number of lines left out because stderr had no reader.
 #[must_use]
 pub fn lines_left_out() -> u64 {
     LEFT_OUT.get().map_or(0, |n| n.dropped_lines() as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tracing::Level;
+
+    #[test]
+    fn the_usual_log_has_the_events_of_ridged_and_the_warnings_of_others() {
+        let levels = usual_levels();
+        assert!(levels.would_enable("ridged::scan", &Level::INFO));
+        assert!(!levels.would_enable("ridged::scan", &Level::DEBUG));
+        assert!(levels.would_enable("sqlx::query", &Level::WARN));
+        assert!(!levels.would_enable("sqlx::query", &Level::INFO));
+    }
 }

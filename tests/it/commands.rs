@@ -322,6 +322,24 @@ fn a_log_that_cannot_be_written_ends_nothing() {
 }
 
 #[test]
+fn levels_of_the_log_that_are_not_valid_are_named_and_the_usual_ones_apply() {
+    let said = |levels: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ridged"));
+        command.args(["completions", "bash"]).stdout(Stdio::null());
+        let output = command.env("RIDGED_LOG", levels).output().unwrap();
+        assert!(output.status.success());
+        String::from_utf8(output.stderr).unwrap()
+    };
+    assert_eq!(said("warn,ridged=debug"), "");
+    let message = said("ridged=loud");
+    assert!(message.contains("RIDGED_LOG=\"ridged=loud\""), "{message}");
+    assert!(
+        message.contains("The log uses warn,ridged=info"),
+        "{message}"
+    );
+}
+
+#[test]
 fn a_kill_in_mid_scan_leaves_every_committed_frame_and_the_scan_interrupted() {
     let folder = tempfile::tempdir().unwrap();
     let args = ["--simulated-rig", "--time-scale", "20"];
