@@ -30,7 +30,7 @@ pub(super) struct Basis {
     n_poses: usize,
     globals: Globals,
     /// Usual χ² per degree of freedom.
-    pub(super) birge: f64,
+    birge: f64,
     /// In radians and ln α.
     shared_std: Option<Parameters>,
     sampled: usize,
@@ -94,6 +94,26 @@ impl Basis {
 
     fn view(&self) -> View {
         View::new(&self.manifest)
+    }
+}
+
+#[cfg(test)]
+impl Basis {
+    /// A basis without poses, for tests of what does not depend on them.
+    pub(super) fn empty(manifest: &Manifest, birge: f64) -> Self {
+        Basis {
+            manifest: manifest.clone(),
+            n_poses: 0,
+            globals: Globals::first(1.0, 1.0),
+            birge,
+            shared_std: Some([f64::INFINITY, 0.1 + 0.2, -0.0, 1e-300, 5e-324]),
+            sampled: 0,
+            has_white: false,
+            mean: Err("there is none".to_owned()),
+            warnings: vec!["a warning".to_owned()],
+            left_out: vec![left_out::third_bounce()],
+            rejected_frames: Vec::new(),
+        }
     }
 }
 

@@ -135,20 +135,46 @@ mod tests {
     use std::path::Path;
 
     use super::*;
+    use crate::map::layers::FEW_OBSERVATIONS;
     use crate::series::Series;
+
+    fn series() -> Series {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/polymer-10");
+        Series::open(&folder).unwrap()
+    }
+
+    /// The only part of a map of 128 × 128 pixels, none of which was fitted: four tiles.
+    fn whole(birge: f64) -> MapPart {
+        let tile = |tile| (tile, vec![Answer::none(FEW_OBSERVATIONS, tile); TILE]);
+        MapPart {
+            basis: Basis::empty(series().manifest(), birge),
+            tiles: (0..4).map(tile).collect(),
+            evaluations: 0.0,
+            timing: Timing::default(),
+        }
+    }
+
+    #[test]
+    fn a_part_keeps_every_bit_of_what_the_pixels_share() {
+        let part = whole(1.5);
+        let bytes = postcard::to_allocvec(&part).unwrap();
+        let again: MapPart = postcard::from_bytes(&bytes).unwrap();
+        assert!(again.basis == part.basis);
+        assert_eq!(format!("{:?}", again.basis), format!("{:?}", part.basis));
+    }
+
+    #[test]
+    fn more_shards_than_tiles_are_refused_before_a_frame_is_read() {
+        let (options, never) = (MapOptions::default(), AtomicBool::new(false));
+        let shard = Shard { number: 1, of: 5 };
+        let refused = part(&series(), &options, shard, &|_| {}, &never);
+        assert!(matches!(refused, Err(PartError::TooMany { most: 4 })));
+    }
 
     #[test]
     fn parts_of_other_frames_and_tiles_that_are_missing_or_double_are_refused() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series/paper-rig-full");
-        let series = Series::open(&folder).unwrap();
-        let (options, never) = (MapOptions::default(), AtomicBool::new(false));
-        let of = |number, of| part(&series, &options, Shard { number, of }, &|_| {}, &never);
-        // 128 × 128 pixels are four tiles.
-        assert!(matches!(of(1, 5), Err(PartError::TooMany { most: 4 })));
-        let whole = of(1, 1).unwrap();
-        assert_eq!(whole.tiles.len(), 4);
         let with = |change: &dyn Fn(&mut MapPart)| {
-            let mut part = whole.clone();
+            let mut part = whole(1.5);
             change(&mut part);
             part
         };
@@ -162,11 +188,17 @@ mod tests {
             vec![double],
             vec![beyond],
             vec![short],
+            vec![whole(1.5), whole(1.5)],
         ] {
             assert!(matches!(merged(parts), Err(PartError::Tiles)));
         }
-        let other = with(&|part| part.basis.birge = part.basis.birge.next_up());
-        let refused = merged(vec![whole.clone(), other]);
-        assert!(matches!(refused, Err(PartError::Other(2))));
+        let other = vec![whole(1.5), whole(1.5f64.next_up())];
+        assert!(matches!(merged(other), Err(PartError::Other(2))));
+        // All tiles are there, but no pixel was fitted.
+        let none = merged(vec![whole(1.5)]);
+        assert!(matches!(
+            none,
+            Err(PartError::Map(MapError::NothingFitted { .. }))
+        ));
     }
 }
