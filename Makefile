@@ -54,6 +54,9 @@ test-vendor: web  ## The stage maker's own client against the simulated controll
 	cargo test --no-run
 	tests/vendor/run target/debug/ridged
 
+test-slurm: build  ## Two Slurm nodes on this machine: shards give the bits of one run, also where a node dies (needs root)
+	tests/slurm/run target/release/ridged
+
 docs:  ## The documents as a site in target/docs, with all links checked
 	tests/documents/run
 
@@ -115,4 +118,4 @@ setup-build:
 setup-test:
 	@tools/setup build browser python
 
-.PHONY: bench-peers bench-peers-fit bench-peers-trace bench-results code-figures day faults fuzz help demo dist docs build build-tests test check check-python test-api test-dist test-e2e test-page test-python test-rust test-times test-vendor test-web web screenshots setup-build setup-test soak
+.PHONY: bench-peers bench-peers-fit bench-peers-trace bench-results code-figures day faults fuzz help demo dist docs build build-tests test check check-python test-api test-dist test-e2e test-page test-python test-rust test-slurm test-times test-vendor test-web web screenshots setup-build setup-test soak

@@ -42,6 +42,7 @@ pub mod report;
 pub mod robust;
 pub mod scan;
 pub mod series;
+pub mod shard;
 pub mod sim;
 pub mod store;
 pub mod tables;

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::full_scan;
 use crate::fit::{FitOptions, VariantChoice, fit};
@@ -28,7 +29,7 @@ use crate::trace::worn_ridges::WornRidges;
 pub const MATERIALS: [(&str, f64, f64); 2] = [("plastic", 1.54, 0.0), ("steel", 2.9, 3.1)];
 
 /// Errors of one variant's fit of one surface.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct FittedErrors {
     /// Root mean square residual of the fit, as a share of the peak.
     pub rms: f64,
@@ -41,7 +42,7 @@ pub struct FittedErrors {
 }
 
 /// Errors of the forms for one surface.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct SurfaceErrors {
     /// Index into [`MATERIALS`].
     pub material: usize,

@@ -2,6 +2,7 @@
 //! sample.
 
 mod joint;
+mod merge;
 mod table;
 
 use std::io::IsTerminal;
@@ -33,13 +34,19 @@ use crate::tables;
 /// Reduces and fits one series of frames, or several series of one part together.
 #[derive(Debug, clap::Args)]
 #[command(
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true,
     after_help = "Example:\n  ridged fit tests/data/series/polymer-10 --json > polymer-10.json\n  \
                   ridged fit tests/data/series/steel-15 --variant traced\n  \
                   ridged fit tests/data/series/steel-15 --variant paper --check-traced\n  \
                   ridged fit series --variant traced --shape map.tif --pitch-um 0.5 --height-unit-um 1\n  \
-                  ridged fit monday tuesday remounted --fix rho_d=0"
+                  ridged fit monday tuesday remounted --fix rho_d=0\n  \
+                  ridged fit merge lot-7/*.json --out lot-7.csv"
 )]
 pub struct Args {
+    /// Merge results instead.
+    #[command(subcommand)]
+    pub action: Option<Action>,
     /// Folder of a recorded series (manifest.toml, frames.csv, frames/), or of a goniometer's table of BRDF
     /// (docs/reference/brdf-tables.md). Several folders of frames of one part
     /// are fitted together: one surface, but offsets and gain of each scan its own.
@@ -110,6 +117,14 @@ pub struct Args {
     /// Form of the result.
     #[command(flatten)]
     pub printed: ResultArgs,
+}
+
+/// Subcommands of `ridged fit`.
+#[derive(Debug, clap::Subcommand)]
+pub enum Action {
+    /// Merges results of single series (`ridged fit DIR --json`) into one table.
+    #[command(after_help = "Example:\n  ridged fit merge a.json b.json --out fits.csv")]
+    Merge(merge::Args),
 }
 
 /// Share of a time limit that the forecast always leaves for the work.
@@ -191,6 +206,9 @@ impl Variant {
 /// Bad input for a folder that is not a series, a region that is missing or unknown, an invalid profile, or options of
 /// the tracer without the tracer; no result where no frame can be used.
 pub fn run(args: Args) -> Result<(), CliError> {
+    if let Some(Action::Merge(args)) = &args.action {
+        return merge::run(args);
+    }
     let tracer = tracing_options(&args)?;
     let units = Units {
         pitch_um: args.pitch_um.clone(),

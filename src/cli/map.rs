@@ -1,14 +1,18 @@
 //! `ridged map`: pictures of ridge angle and roughness from a recorded series.
 
+mod shards;
+
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
+use anyhow::anyhow;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::limits::MapLimits;
 use super::output_collision;
+use super::shards::{MergeArgs, Target};
 use super::{CliError, interrupt, output, output_path, runtime};
 use crate::accuracy::map_forecast::of_map;
 use crate::map::folder::{FolderError, map_into};
@@ -16,13 +20,19 @@ use crate::map::summary::Summary;
 use crate::map::{MapError, MapOptions, Progress, Stage};
 use crate::reduction::{FrameSource, ReductionError, Remembering};
 use crate::series::Series;
+use crate::shard::Shard;
 use crate::wording::{counted, decimals, names, percent, significant};
 
 /// Fits every pixel of a series: float32 TIFF and PNG of each parameter and its uncertainty.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "\
-Example:
+#[command(
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true,
+    after_help = "\
+Examples:
   ridged map tests/data/series/checker --out checker-map --json
+  ridged map tests/data/series/checker --shard 1/2 --out 1.shard
+  ridged map merge 1.shard 2.shard --out checker-map
 
 Pixels are those of the frames, in the sample's own axes at phi_s = 0 (row 0 at the top, +y up).
 lean_azimuth_deg is the direction in which the facets lean, counter-clockwise from +x, -180 to 180.
@@ -40,8 +50,12 @@ The uncertainties of the pixels are their own noise; what all pixels share is st
 summary.
 
 Files take their names when all of them are written: Ctrl-C before leaves the folder as it was
-(exit 130), Ctrl-C after leaves a whole map (exit 0).")]
+(exit 130), Ctrl-C after leaves a whole map (exit 0)."
+)]
 pub struct Args {
+    /// Merge shards instead.
+    #[command(subcommand)]
+    pub action: Option<Action>,
     /// Folder of a recorded series (manifest.toml, frames.csv, frames/).
     #[arg(required_unless_present = "scan", conflicts_with = "scan")]
     pub dir: Option<PathBuf>,
@@ -51,9 +65,12 @@ pub struct Args {
     /// Data folder of the store.
     #[arg(long, value_name = "DIR", default_value = "ridged-data")]
     pub data: PathBuf,
-    /// Folder for the files; created if it does not exist.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+    /// Folder for the files; created if it does not exist. With --shard: file of the shard.
+    #[arg(long, value_name = "DIR|FILE", required = true)]
+    pub out: Option<PathBuf>,
+    /// Fit part K of N of the pixels; `ridged map merge` puts the parts together.
+    #[arg(long, value_name = "K/N", conflicts_with = "max_seconds")]
+    pub shard: Option<Shard>,
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
@@ -65,16 +82,33 @@ pub struct Args {
     pub memory_mib: usize,
 }
 
+/// Subcommands of `ridged map`.
+#[derive(Debug, clap::Subcommand)]
+pub enum Action {
+    /// Merges the files of all shards of one map; the result is bit-equal to one run.
+    #[command(after_help = "Example:\n  ridged map merge 1.shard 2.shard --out checker-map")]
+    Merge(MergeArgs),
+}
+
 /// Runs the command.
 ///
 /// # Errors
 /// Bad input for a folder that is not a series or has too few poses; no result where no pixel has a lobe or files cannot
 /// be written; interrupted after Ctrl-C.
 pub fn run(args: Args) -> Result<(), CliError> {
+    if let Some(Action::Merge(merge)) = &args.action {
+        return shards::merge(merge);
+    }
+    args.limits.check()?;
+    let out = args.out.as_deref();
+    let out = out.ok_or_else(|| CliError::bad_input(anyhow!("expected --out DIR")))?;
     let source: Box<dyn FrameSource> = match (&args.dir, args.scan) {
         (Some(dir), _) => {
             let series = Series::open_own(dir).map_err(CliError::bad_input)?;
-            output_collision::no_folder_of_frames(&args.out, &series)?;
+            match args.shard {
+                None => output_collision::no_folder_of_frames(out, &series)?,
+                Some(_) => output_collision::no_file_of_series(out, &series)?,
+            }
             Box::new(Remembering::new(series))
         }
         (None, scan) => Box::new(runtime::stored_series(
@@ -82,37 +116,43 @@ pub fn run(args: Args) -> Result<(), CliError> {
             scan.unwrap_or_default(),
         )?),
     };
-    args.limits.check()?;
-    output_path::check_folder(&args.out)?;
+    if let Some(shard) = args.shard {
+        let target = Target::new(shard, Some(out), args.json)?;
+        return shards::fit(source.as_ref(), &args, &target);
+    }
+    output_path::check_folder(out)?;
     let cancel = interrupt::flag()?;
     let watch = Watch::new();
-    let options = MapOptions {
-        memory_bytes_max: args.memory_mib << 20,
-        scratch: args.out.clone(),
-        target_error: args.limits.target_error,
-        max_seconds: args.limits.max_seconds,
-    };
+    let options = options(&args, out);
     if args.limits.is_any()
         && let Some(forecast) = of_map(source.as_ref(), &options, &cancel)
     {
         super::say(&format_args!("forecast: {forecast}"));
     }
-    let summary = map_into(
-        source.as_ref(),
-        &options,
-        &args.out,
-        &|p| watch.show(p),
-        &cancel,
-    );
+    let summary = map_into(source.as_ref(), &options, out, &|p| watch.show(p), &cancel);
     watch.clear();
-    let summary = summary.map_err(|error| match error {
+    let summary = summary.map_err(refusal)?;
+    output::write(args.json, &summary, || table(&summary, out))
+}
+
+fn options(args: &Args, scratch: &Path) -> MapOptions {
+    MapOptions {
+        memory_bytes_max: args.memory_mib << 20,
+        scratch: scratch.to_owned(),
+        target_error: args.limits.target_error,
+        max_seconds: args.limits.max_seconds,
+    }
+}
+
+/// Maps a failed map to an exit code.
+fn refusal(error: FolderError) -> CliError {
+    match error {
         FolderError::Map(MapError::Cancelled | MapError::Reduction(ReductionError::Cancelled)) => {
             CliError::Interrupted
         }
         FolderError::Map(error @ MapError::TooFewPoses { .. }) => CliError::bad_input(error),
         error => CliError::no_result(error),
-    })?;
-    output::write(args.json, &summary, || table(&summary, &args))
+    }
 }
 
 /// A bar on a terminal once the work takes more than a second.
@@ -170,7 +210,7 @@ fn named(key: &str) -> String {
     }
 }
 
-fn table(summary: &Summary, args: &Args) -> String {
+fn table(summary: &Summary, out: &Path) -> String {
     let mut text = format!(
         "{} of {} fitted pixels have values, {:.0} pixels/s, {}\n\n",
         summary.pixels_with_value,
@@ -249,7 +289,7 @@ fn table(summary: &Summary, args: &Args) -> String {
     text.push_str(&format!(
         "\n{} in {}\n",
         counted(summary.files.len(), "file"),
-        args.out.display()
+        out.display()
     ));
     text
 }

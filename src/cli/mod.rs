@@ -44,6 +44,7 @@ pub mod sample;
 pub mod scan;
 pub mod score;
 pub mod serve;
+mod shards;
 pub mod simulate_rig;
 pub mod simulated;
 mod supervision;

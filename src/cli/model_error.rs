@@ -5,26 +5,35 @@
 //! are compared with the truth.
 
 mod figure;
+mod shards;
 mod table;
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, anyhow};
 
 use super::limits::{PATHS, PathLimits, PathWork, PilotResult, Stopwatch, check_paths};
 use super::progress::Bar;
+use super::shards::{MergeArgs, Target};
 use super::{CliError, interrupt, output, output_path};
 use crate::accuracy::model_error::{ErrorSurface, MATERIALS, SurfaceComparison, SurfaceErrors};
+use crate::shard::Shard;
 
 /// Errors of the variants paper and sawtooth: table and maps.
 #[derive(Debug, clap::Args)]
 #[command(
+    args_conflicts_with_subcommands = true,
     after_help = "Examples:\n  ridged model-error --out docs/explanation\n  \
-    ridged model-error --theta-r-deg 10 --alpha 0.12 --paths 16384"
+    ridged model-error --theta-r-deg 10 --alpha 0.12 --paths 16384\n  \
+    ridged model-error --shard 1/4 --out 1.shard\n  \
+    ridged model-error merge 1.shard 2.shard 3.shard 4.shard --out errors"
 )]
 pub struct Args {
+    /// Merge shards instead.
+    #[command(subcommand)]
+    pub action: Option<Action>,
     /// Ridge angles.
     #[arg(long, num_args = 1.., value_delimiter = ',', value_name = "DEG",
           default_values_t = [2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0])]
@@ -47,9 +56,20 @@ pub struct Args {
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
-    /// Folder for model-error.csv, model-error-poses.csv and model-error.svg.
-    #[arg(long, value_name = "DIR")]
+    /// Folder for model-error.csv, model-error-poses.csv and model-error.svg. With --shard: file of the shard.
+    #[arg(long, value_name = "DIR|FILE")]
     pub out: Option<PathBuf>,
+    /// Trace part K of N; `ridged model-error merge` puts the parts together.
+    #[arg(long, value_name = "K/N", conflicts_with_all = ["max_seconds", "target_error"])]
+    pub shard: Option<Shard>,
+}
+
+/// Subcommands of `ridged model-error`.
+#[derive(Debug, clap::Subcommand)]
+pub enum Action {
+    /// Merges the files of all shards of one run; the result is bit-equal to one run.
+    #[command(after_help = "Example:\n  ridged model-error merge 1.shard 2.shard --out errors")]
+    Merge(MergeArgs),
 }
 
 /// Times that a surface may be traced again with more paths: errors estimated from few paths may be too small.
@@ -61,16 +81,32 @@ const RETRIES: usize = 4;
 /// Bad input for options out of range; no result where a file cannot be written or the target error was not reached
 /// within the time limit; interrupted.
 pub fn run(args: Args) -> Result<(), CliError> {
+    let watch = Stopwatch::start(args.limits.max_seconds);
+    if let Some(Action::Merge(merge)) = &args.action {
+        return shards::merge(merge);
+    }
+    if let Some(shard) = args.shard {
+        let target = Target::new(shard, args.out.as_deref(), args.json)?;
+        return shards::trace(&args, &target, &watch, &*interrupt::flag()?);
+    }
     args.out
         .as_deref()
         .map_or(Ok(()), output_path::check_folder)?;
-    let cancel = interrupt::flag()?;
-    let watch = Stopwatch::start(args.limits.max_seconds);
-    let compared = cells(&args, &watch, &cancel)?;
+    let compared = cells(&args, &watch, &*interrupt::flag()?)?;
+    write_result(&compared, args.out.as_deref(), args.json, watch.seconds())?;
+    compared.verdict(&args.limits)
+}
+
+/// Writes the files of a comparison, if a folder is given, and prints it.
+fn write_result(
+    compared: &Compared,
+    out: Option<&Path>,
+    json: bool,
+    seconds: f64,
+) -> Result<(), CliError> {
     let cells = &compared.cells;
     let left_out = table::left_out(&compared.missing);
-    let seconds = watch.seconds();
-    if let Some(out) = &args.out {
+    if let Some(out) = out {
         std::fs::create_dir_all(out)
             .and_then(|()| std::fs::write(out.join("model-error.csv"), table::csv(cells)))
             .and_then(|()| {
@@ -80,14 +116,13 @@ pub fn run(args: Args) -> Result<(), CliError> {
             .with_context(|| format!("cannot write to {}", out.display()))
             .map_err(CliError::no_result)?;
     }
-    output::write(args.json, &table::report(cells, &left_out, seconds), || {
+    output::write(json, &table::report(cells, &left_out, seconds), || {
         let mut text = table::table(cells);
         for left in &left_out {
             let _ = writeln!(text, "\nleft out: {} ({})", left.what, left.why);
         }
         text
-    })?;
-    compared.verdict(&args.limits)
+    })
 }
 
 /// The comparison.
@@ -113,7 +148,8 @@ impl Compared {
     }
 }
 
-fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared, CliError> {
+/// Checks the options and prepares the surfaces, by material, ridge angle and roughness.
+fn wanted(args: &Args) -> Result<Vec<SurfaceComparison>, CliError> {
     let bad = |what: String| Err(CliError::bad_input(anyhow!(what)));
     if let Some(t) = args.theta_r_deg.iter().find(|t| !(0.1..=45.0).contains(*t)) {
         return bad(format!(
@@ -137,18 +173,17 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
             }));
         }
     }
-    args.limits.check()?;
-    let wanted = wanted
+    wanted
         .into_iter()
-        .map(|one| SurfaceComparison::of(one, args.rho_d));
-    let wanted: Vec<SurfaceComparison> = wanted
+        .map(|one| SurfaceComparison::of(one, args.rho_d))
         .collect::<Result<_, _>>()
-        .map_err(CliError::bad_input)?;
+        .map_err(CliError::bad_input)
+}
+
+fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared, CliError> {
+    let wanted = wanted(args)?;
+    args.limits.check()?;
     let (mut paths, mut cut_short) = (args.paths, false);
-    let stopped = || cancel.load(Ordering::Relaxed);
-    let done = |wanted: &SurfaceComparison, paths: u64| {
-        watch.flagging(cancel, |end| wanted.run(paths, args.seed, end))
-    };
     if args.limits.is_any() {
         // One surface of each material: plastic takes more tracing, and the fits differ.
         let each = wanted.len() / MATERIALS.len();
@@ -161,7 +196,8 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
                 apart_s: 0.0,
             };
             for wanted in &middle {
-                let (cell, fits_s) = done(wanted, paths)?;
+                let run = watch.flagging(cancel, |end| wanted.run(paths, args.seed, end));
+                let (cell, fits_s) = run?;
                 trial.error = cell.noise.max(trial.error);
                 trial.apart_s += fits_s;
             }
@@ -178,26 +214,14 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
             (paths, cut_short) = (planned.paths, planned.forecast.cut_short);
         }
     }
-    let bar = Bar::new("surfaces");
-    let (mut cells, mut missing) = (Vec::new(), Vec::new());
-    for (n, next) in wanted.iter().enumerate() {
-        let target = args.limits.target_error.filter(|_| !cut_short);
-        let trace = |paths| done(next, paths).map(|(cell, _)| cell);
-        let found = match watch.is_late() {
-            true => None,
-            false => traced(paths, target, &trace),
-        };
-        if stopped() {
-            return Err(CliError::Interrupted);
-        }
-        match found {
-            Some(cell) => cells.push(cell),
-            None if watch.is_late() => missing.push(next.wanted()),
-            None => {}
-        }
-        bar.at(n as u64 + 1, wanted.len() as u64);
-    }
-    bar.clear();
+    let target = args.limits.target_error.filter(|_| !cut_short);
+    let all: Vec<&SurfaceComparison> = wanted.iter().collect();
+    let found = compare(&all, paths, args.seed, target, watch, cancel)?;
+    let late = watch.is_late();
+    let missing = found.iter().zip(&wanted);
+    let missing = missing.filter(|(found, _)| late && found.is_none());
+    let missing: Vec<ErrorSurface> = missing.map(|(_, wanted)| wanted.wanted()).collect();
+    let cells: Vec<SurfaceErrors> = found.into_iter().flatten().collect();
     if cells.is_empty() && !missing.is_empty() {
         return Err(CliError::no_result(anyhow!(
             "no surface was finished within the time limit: allow more time"
@@ -206,8 +230,37 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
     Ok(Compared {
         cells,
         missing,
-        cut_short: cut_short || watch.is_late(),
+        cut_short: cut_short || late,
     })
+}
+
+/// Traces and compares these surfaces; those that the time limit does not reach have no result.
+fn compare(
+    wanted: &[&SurfaceComparison],
+    paths: u64,
+    seed: u64,
+    target: Option<f64>,
+    watch: &Stopwatch,
+    cancel: &AtomicBool,
+) -> Result<Vec<Option<SurfaceErrors>>, CliError> {
+    let bar = Bar::new("surfaces");
+    let mut found = Vec::new();
+    for next in wanted {
+        let trace = |paths| {
+            let run = watch.flagging(cancel, |end| next.run(paths, seed, end));
+            run.map(|(cell, _)| cell)
+        };
+        found.push(match watch.is_late() {
+            true => None,
+            false => traced(paths, target, &trace),
+        });
+        if cancel.load(Ordering::Relaxed) {
+            return Err(CliError::Interrupted);
+        }
+        bar.at(found.len() as u64, wanted.len() as u64);
+    }
+    bar.clear();
+    Ok(found)
 }
 
 /// Traces a surface, and where it misses the target error traces it again with the paths that it needs, and some more than

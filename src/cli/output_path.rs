@@ -1,6 +1,8 @@
 //! Checks that outputs can be written, before the work that makes them.
 
-use std::fs::{self, OpenOptions};
+use std::fs::{self, OpenOptions, Permissions};
+use std::io::Write as _;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
 use anyhow::{Context, anyhow};
@@ -39,6 +41,34 @@ pub fn check_folder(folder: &Path) -> Result<(), CliError> {
         .map_err(CliError::bad_input)
 }
 
+/// Permissions of a new file, before the user's mask.
+const PERMISSIONS: u32 = 0o666;
+
+/// Writes a file that appears whole or not at all: under a temporary name of its own in the same folder, then renamed. Two
+/// processes that write the same file do not disturb each other.
+///
+/// # Errors
+/// No result, with the system's reason.
+pub fn write_whole(path: &Path, content: &[u8]) -> Result<(), CliError> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+    let mut prefix = std::ffi::OsString::from(".");
+    prefix.push(path.file_name().unwrap_or_default());
+    let written = tempfile::Builder::new()
+        .prefix(&prefix)
+        .suffix(".part")
+        .permissions(Permissions::from_mode(PERMISSIONS))
+        .tempfile_in(folder.unwrap_or(Path::new(".")))
+        .and_then(|mut file| {
+            file.write_all(content)?;
+            file.as_file().sync_all()?;
+            file.persist(path).map_err(|error| error.error)
+        });
+    written
+        .with_context(|| format!("cannot write {}", path.display()))
+        .map_err(CliError::no_result)?;
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -55,6 +85,24 @@ mod tests {
         let deep = folder.path().join("b/c");
         check_folder(&deep).unwrap();
         assert_eq!(fs::read_dir(&deep).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_whole_file_replaces_another_and_leaves_no_temporary_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.shard");
+        for text in ["first", "second"] {
+            write_whole(&file, text.as_bytes()).unwrap();
+            assert_eq!(fs::read_to_string(&file).unwrap(), text);
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+        // Others of a lab may read it, unless the user's mask forbids it.
+        let plain = folder.path().join("plain");
+        fs::write(&plain, "").unwrap();
+        let mode = |path: &Path| path.metadata().unwrap().permissions().mode();
+        assert_eq!(mode(&file), mode(&plain));
+        let refused = write_whole(&folder.path().join("none/a"), b"");
+        assert!(matches!(refused, Err(CliError::NoResult(_))));
     }
 
     #[test]

@@ -23,8 +23,8 @@ use super::values::whole;
 use super::{CliError, interrupt, nearby};
 use crate::forecast::Forecast;
 use crate::heights;
+use crate::shard::Shard;
 use crate::trace::report::TraceReport;
-use crate::trace::run::Shard;
 use crate::trace::scene::{BuiltShapes, HeightMap, PreparedScene, Scene};
 use crate::wording::{counted, decimals, significant};
 
@@ -49,7 +49,7 @@ pub struct Args {
     #[command(flatten)]
     pub limits: TraceLimits,
     /// Trace part K of N; `ridged trace merge` puts the parts together.
-    #[arg(long, value_name = "K/N", value_parser = parse_shard)]
+    #[arg(long, value_name = "K/N")]
     pub shard: Option<Shard>,
     /// CSV file of the direction bins. If a run is stopped (Ctrl-C, --max-seconds, --target-error), the file contains all
     /// that --resume needs.
@@ -89,16 +89,6 @@ pub enum Action {
     Compare(compare::Args),
     /// Filter and compensator before lamp and camera: six states, DOLP and AOP.
     Ellipsometer(ellipsometer::Args),
-}
-
-fn parse_shard(text: &str) -> Result<Shard, String> {
-    let parts = text
-        .split_once('/')
-        .and_then(|(k, n)| Some((k.parse().ok()?, n.parse().ok()?)));
-    match parts {
-        Some((number, of)) if 1 <= number && number <= of => Ok(Shard { number, of }),
-        _ => Err("expected K/N with K from 1 to N, for example 2/4".to_owned()),
-    }
 }
 
 /// Runs the command.

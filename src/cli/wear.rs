@@ -5,27 +5,26 @@
 //! which size they explain the difference.
 
 mod figure;
+mod shards;
+mod study;
 mod tables;
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, anyhow};
-use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use study::Study;
 
-use super::limits::{PathLimits, PathWork, PilotResult, Stopwatch, check_paths};
+use super::limits::{PathLimits, PathWork, PilotResult, Stopwatch};
 use super::prediction::Scene;
-use super::progress::Bar;
+use super::shards::{MergeArgs, Target};
 use super::{CliError, interrupt, output, output_path};
-use crate::geometry::{Pose, RigGeometry};
 use crate::model::LeftOut;
-use crate::model::contrast::{PAPER_AZIMUTHS_DEG, PAPER_RIDGES_DEG};
-use crate::trace::facet_scattering::{DiffuseBody, Roughness};
-use crate::trace::pose_radiance::{RadianceOptions, RidgedSurface};
-use crate::trace::rng::{Purpose, RandomStream};
+use crate::model::contrast::PAPER_RIDGES_DEG;
+use crate::shard::Shard;
 use crate::trace::tally::MonteCarloEstimate;
-use crate::trace::worn_ridges::WornRidges;
 use crate::wording::{counted, significant};
 
 /// Traces the contrast of rounded and burred ridges over the ridge angle: CSV and figure.
@@ -34,9 +33,17 @@ use crate::wording::{counted, significant};
 /// the radius of crests and valleys, burrs have exponentially distributed heights; both in units
 /// of the facets' length.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  ridged wear --out docs/explanation\n  \
-    ridged wear --alpha 0.12 --rounds 0 0.05 0.1 --burrs --paths 1024 --json")]
+#[command(
+    args_conflicts_with_subcommands = true,
+    after_help = "Examples:\n  ridged wear --out docs/explanation\n  \
+    ridged wear --alpha 0.12 --rounds 0 0.05 0.1 --burrs --paths 1024 --json\n  \
+    ridged wear --shard 1/4 --out 1.shard\n  \
+    ridged wear merge 1.shard 2.shard 3.shard 4.shard --out worn"
+)]
 pub struct Args {
+    /// Merge shards instead.
+    #[command(subcommand)]
+    pub action: Option<Action>,
     /// Radii of rounded crests and valleys, as ratios to the facet length (traced without burrs).
     #[arg(long, value_name = "RATIO", num_args = 0.., value_delimiter = ',', default_values_t = [0.0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3])]
     pub rounds: Vec<f64>,
@@ -64,19 +71,30 @@ pub struct Args {
     /// Rig and other parameters of the surface.
     #[command(flatten)]
     pub scene: Scene,
-    /// Folder for wear.csv and wear.svg.
-    #[arg(long, value_name = "DIR")]
+    /// Folder for wear.csv and wear.svg. With --shard: file of the shard.
+    #[arg(long, value_name = "DIR|FILE")]
     pub out: Option<PathBuf>,
+    /// Trace part K of N; `ridged wear merge` puts the parts together.
+    #[arg(long, value_name = "K/N", conflicts_with_all = ["max_seconds", "target_error"])]
+    pub shard: Option<Shard>,
     /// One JSON object on stdout instead of a table.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Subcommands of `ridged wear`.
+#[derive(Debug, clap::Subcommand)]
+pub enum Action {
+    /// Merges the files of all shards of one run; the result is bit-equal to one run.
+    #[command(after_help = "Example:\n  ridged wear merge 1.shard 2.shard --out worn")]
+    Merge(MergeArgs),
 }
 
 /// Ridge angles closer than this are equal.
 const SAME_DEG: f64 = 1e-9;
 
 /// A kind of wear.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) enum Wear {
     /// Radius of the edges in facet lengths.
     Round(f64),
@@ -108,7 +126,7 @@ struct Swept {
 }
 
 /// One surface.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(super) struct WearPoint {
     /// Ridge angle of the facets before wear.
     pub theta_r_deg: f64,
@@ -184,104 +202,55 @@ impl Sweep {
 /// # Errors
 /// Bad input for options out of range; no result where a file cannot be written; interrupted.
 pub fn run(args: Args) -> Result<(), CliError> {
+    let watch = Stopwatch::start(args.limits.max_seconds);
+    if let Some(Action::Merge(merge)) = &args.action {
+        return shards::merge(merge);
+    }
+    if let Some(shard) = args.shard {
+        let target = Target::new(shard, args.out.as_deref(), args.json)?;
+        return shards::trace(&args, &target, &watch, &*interrupt::flag()?);
+    }
     args.out
         .as_deref()
         .map_or(Ok(()), output_path::check_folder)?;
-    let cancel = interrupt::flag()?;
-    let watch = Stopwatch::start(args.limits.max_seconds);
-    let swept = sweep(&args, &watch, &cancel)?;
+    let swept = sweep(&args, &watch, &*interrupt::flag()?)?;
+    write_result(&swept, args.out.as_deref(), args.json, watch.seconds())?;
+    swept.verdict(&args.limits)
+}
+
+/// Writes the files of a sweep, if a folder is given, and prints it.
+fn write_result(
+    swept: &Swept,
+    out: Option<&Path>,
+    json: bool,
+    seconds: f64,
+) -> Result<(), CliError> {
     let sweeps = &swept.sweeps;
-    if let Some(out) = &args.out {
+    if let Some(out) = out {
         std::fs::create_dir_all(out)
             .and_then(|()| std::fs::write(out.join("wear.csv"), tables::csv(sweeps)))
             .and_then(|()| std::fs::write(out.join("wear.svg"), figure::draw(sweeps)))
             .with_context(|| format!("cannot write to {}", out.display()))
             .map_err(CliError::no_result)?;
     }
-    let seconds = watch.seconds();
-    output::write(args.json, &tables::report(&swept, seconds), || {
+    output::write(json, &tables::report(swept, seconds), || {
         let mut text = tables::table(sweeps) + "\n" + &tables::errors_table(sweeps);
         for left in &swept.left_out {
             let _ = writeln!(text, "\nleft out: {} ({})", left.what, left.why);
         }
         text
-    })?;
-    swept.verdict(&args.limits)
+    })
 }
 
 fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, CliError> {
-    let bad = |what: String| Err(CliError::bad_input(anyhow!(what)));
-    let (low, high, step) = (
-        args.theta_r_min_deg,
-        args.theta_r_max_deg,
-        args.theta_r_step_deg,
-    );
-    if !(low >= 0.2 && low < high && high <= 45.0 && step >= 0.01 && step <= high - low) {
-        return bad(format!(
-            "ridge angles from {low} to {high} by {step} degrees are out of range: expected bounds within 0.2 and 45 and \
-            a step of at least 0.01"
-        ));
-    }
-    let (rig, optics, surface) = args.scene.build(&[low, high])?;
-    for (name, list) in [("--rounds", &args.rounds), ("--burrs", &args.burrs)] {
-        if let Some(x) = list.iter().find(|x| !(0.0..=1.0).contains(*x)) {
-            return bad(format!(
-                "{name} {x} is out of range: expected 0 to 1 facet lengths"
-            ));
-        }
-    }
-    check_paths(args.paths)?;
-    let wears = args.rounds.iter().copied().map(Wear::Round);
-    let wears: Vec<Wear> = wears
-        .chain(args.burrs.iter().copied().map(Wear::Burr))
-        .collect();
-    if wears.is_empty() {
-        return bad("no wear to sweep: give --rounds or --burrs".to_owned());
-    }
-    let count = ((high - low) / step + 1e-9) as usize + 1;
-    let mut angles: Vec<f64> = (0..count).map(|n| low + step * n as f64).collect();
-    // The paper's ridges are traced, not interpolated: the contrast changes its course by a tenth within two degrees.
-    for t in PAPER_RIDGES_DEG {
-        let is_in = (low - SAME_DEG..=high + SAME_DEG).contains(&t);
-        if is_in && angles.iter().all(|a| (a - t).abs() >= SAME_DEG) {
-            angles.push(t);
-        }
-    }
-    let body = DiffuseBody::new(surface.rho_d, optics.eta, 1.0, optics.theta_l.cos());
-    let roughness = Roughness {
-        alpha_u: surface.alpha_u,
-        alpha_v: surface.alpha_v,
-    };
+    let study = Study::of(args)?;
     args.limits.check()?;
+    let surfaces = study.surfaces.count();
     let stopped = || cancel.load(Ordering::Relaxed) || watch.is_late();
-    let ridges_of = |theta_r_deg: f64, wear: Wear| {
-        let mut ridges = WornRidges::ideal(theta_r_deg.to_radians(), 1.0);
-        ridges.seed = args.seed;
-        match wear {
-            Wear::Round(round) => ridges.round = round,
-            Wear::Burr(burr) => ridges.burr = burr,
-        }
-        ridges
-    };
-    let surface_of = |n: usize, paths: u64| -> Option<WearPoint> {
-        let theta_r_deg = angles[n % angles.len()];
-        let profile = ridges_of(theta_r_deg, wears[n / angles.len()])
-            .profile()
-            .ok()?;
-        let effective = profile.effective_ridge_angle()?.to_degrees();
-        let body = (optics.k == 0.0 && surface.rho_d > 0.0).then_some(body);
-        let worn = RidgedSurface::new(profile, roughness, [optics.eta, optics.k], body);
-        Some(WearPoint {
-            theta_r_deg,
-            effective_deg: effective,
-            contrast: contrast(&worn, &rig, args, paths, &stopped)?,
-        })
-    };
-    let surfaces = wears.len() * angles.len();
     let (mut paths, mut cut_short) = (args.paths, false);
     if args.limits.is_any() {
         let pilot = |paths: u64| {
-            let c = surface_of(surfaces / 2, paths)?.contrast;
+            let c = study.point(surfaces / 2, paths, &stopped)?.contrast;
             Some(PilotResult {
                 surfaces: 1,
                 error: c.std / c.value.abs().max(f64::MIN_POSITIVE),
@@ -300,22 +269,7 @@ fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, C
             (paths, cut_short) = (planned.paths, planned.forecast.cut_short);
         }
     }
-    let bar = Bar::new("surfaces");
-    let done = std::sync::atomic::AtomicU64::new(0);
-    let points: Vec<Option<WearPoint>> = (0..surfaces)
-        .into_par_iter()
-        .map(|n| {
-            if stopped() {
-                return None;
-            }
-            let point = surface_of(n, paths)?;
-            bar.at(1 + done.fetch_add(1, Ordering::Relaxed), surfaces as u64);
-            Some(point)
-        })
-        .collect();
-    if cancel.load(Ordering::Relaxed) {
-        return Err(CliError::Interrupted);
-    }
+    let points = study.points((0..surfaces).collect(), paths, watch, cancel)?;
     let late = points.iter().filter(|p| p.is_none()).count();
     let late = if watch.is_late() { late } else { 0 };
     if late == surfaces {
@@ -323,31 +277,7 @@ fn sweep(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Swept, C
             "no surface was finished within the time limit: allow more time"
         )));
     }
-    let sweeps = wears.iter().zip(points.chunks(angles.len()));
-    let sweeps = sweeps.map(|(wear, own)| {
-        let of = |points: &[Option<WearPoint>]| points.iter().flatten().copied().collect();
-        let points: Vec<WearPoint> = of(&own[..count]);
-        Sweep {
-            wear: *wear,
-            missing: if late > 0 { count - points.len() } else { 0 },
-            points,
-            between: of(&own[count..]),
-        }
-    });
-    let burrs = wears.iter().filter(|wear| matches!(wear, Wear::Burr(_)));
-    let cuts = burrs.filter_map(|wear| {
-        let all = angles
-            .iter()
-            .map(|theta_r_deg| ridges_of(*theta_r_deg, *wear));
-        let cut = all.filter_map(|r| r.burr_cut().map(|(most, mean)| (r.burr, most, mean)));
-        cut.min_by(|a, b| a.2.total_cmp(&b.2))
-    });
-    Ok(Swept {
-        sweeps: sweeps.collect(),
-        left_out: left_out(late, surfaces, cuts),
-        paths,
-        cut_short: cut_short || late > 0,
-    })
+    Ok(study.surfaces.swept(&points, late, paths, cut_short))
 }
 
 /// Effects that the surfaces omit, and surfaces left out by the time limit. `cut` has, for each burr that is cut, the mean
@@ -398,49 +328,6 @@ impl Swept {
             false => limits.verdict("contrast", self.paths, self.error()),
         }
     }
-}
-
-/// Returns the mean absolute contrast over the tilts; all surfaces use the same random numbers. `None` once it is to stop.
-fn contrast(
-    surface: &RidgedSurface,
-    rig: &RigGeometry,
-    args: &Args,
-    paths: u64,
-    stopped: &(dyn Fn() -> bool + Sync),
-) -> Option<MonteCarloEstimate> {
-    let tilts = &args.scene.theta_c_deg;
-    let (mut sum, mut variance) = (0.0, 0.0);
-    for (t, tilt) in tilts.iter().enumerate() {
-        if stopped() {
-            return None;
-        }
-        let radiance = [0, 1, 2].map(|a| {
-            let index = (3 * t + a) as u64;
-            let options = RadianceOptions {
-                paths,
-                seed: RandomStream::new(args.seed, Purpose::Batch, index).bits(),
-                cones: rig.cones,
-                polarised: true,
-            };
-            let pose = Pose::from_deg(*tilt, PAPER_AZIMUTHS_DEG[a]);
-            surface.radiance(&rig.directions(pose), &options)
-        });
-        let [a, b, c] = radiance.map(|e| e.value);
-        sum += (a - b).abs() + (b - c).abs();
-        // The middle radiance is in both differences.
-        let weights = [
-            (a - b).signum(),
-            (b - c).signum() - (a - b).signum(),
-            -(b - c).signum(),
-        ];
-        let parts = weights.iter().zip(radiance);
-        variance += parts.map(|(w, e)| (w * e.std).powi(2)).sum::<f64>();
-    }
-    let n = 2.0 * tilts.len() as f64;
-    Some(MonteCarloEstimate {
-        value: sum / n,
-        std: variance.sqrt() / n,
-    })
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use crate::map::pixels::PixelFitter;
 use crate::material::Material;
 use crate::reduction::FrameReadError;
 use crate::series::{FrameRow, Manifest};
+use crate::units::Angle;
 
 const SIDE: u32 = 48;
 const PIXEL_MM: f64 = 40.0 / SIDE as f64;

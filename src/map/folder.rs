@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::summary::{Summary, Timing, summary};
 use super::write::{WriteError, write};
-use super::{MapError, MapOptions, Progress, Stage, map_until};
+use super::{Map, MapError, MapOptions, Progress, Stage, map_until};
 use crate::reduction::FrameSource;
 
 /// Name of the summary among the files.
@@ -78,17 +78,29 @@ pub fn map_into(
         }
         (error, _) => error.into(),
     })?;
-    let mut timing = stages.timing();
+    write_into(&mapped, stages.timing(), folder, cancel)
+}
+
+/// Writes all files of a map and its summary into `folder`, as [`map_into`] does; `timing` has the seconds of the steps before.
+///
+/// # Errors
+/// [`FolderError`].
+pub fn write_into(
+    mapped: &Map,
+    mut timing: Timing,
+    folder: &Path,
+    cancel: &AtomicBool,
+) -> Result<Summary, FolderError> {
     let started = Instant::now();
     let not_written = |error| match error {
         WriteError::Cancelled => FolderError::Map(MapError::Cancelled),
         error => error.into(),
     };
-    let drafts = write(&mapped, folder, cancel).map_err(not_written)?;
+    let drafts = write(mapped, folder, cancel).map_err(not_written)?;
     let mut files = drafts.names();
     files.push(SUMMARY.to_owned());
     timing.write = started.elapsed().as_secs_f64();
-    let summary = summary(&mapped, timing, files);
+    let summary = summary(mapped, timing, files);
     let failed = |source: io::Error| WriteError::File {
         file: SUMMARY.to_owned(),
         source,
@@ -103,20 +115,20 @@ pub fn map_into(
 }
 
 /// Start times of the stages.
-struct StageTimes {
+pub(super) struct StageTimes {
     started: Instant,
     began: Mutex<Vec<(Stage, Instant)>>,
 }
 
 impl StageTimes {
-    fn start() -> Self {
+    pub(super) fn start() -> Self {
         StageTimes {
             started: Instant::now(),
             began: Mutex::new(Vec::new()),
         }
     }
 
-    fn note(&self, stage: Stage) {
+    pub(super) fn note(&self, stage: Stage) {
         let mut began = self.began.lock().expect("no holder of this lock panics");
         if !began.iter().any(|(known, _)| *known == stage) {
             began.push((stage, Instant::now()));
@@ -124,7 +136,7 @@ impl StageTimes {
     }
 
     /// Returns the seconds per step until now; a stage ends when the next begins.
-    fn timing(&self) -> Timing {
+    pub(super) fn timing(&self) -> Timing {
         let now = Instant::now();
         let began = self.began.lock().expect("no holder of this lock panics");
         let at = |stage: Stage| {

@@ -7,6 +7,8 @@
 //! way if they determine it better than the references: the gain if there is no white reference (a dielectric's
 //! Fresnel peak is known), and s on a metal, which has no diffuse light, with the value from the flats as its prior.
 
+use serde::{Deserialize, Serialize};
+
 use super::kernel::{Parameters, single};
 use super::run::Run;
 use super::solve::{FREE, PixelFit, packed};
@@ -22,7 +24,7 @@ const TILT_PRIOR_RAD: f64 = 0.17;
 const TILT_STD_MAX_RAD: f64 = 0.02;
 
 /// Values that all pixels share, with standard uncertainties.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Globals {
     /// Signal units per radiance.
     pub gain: f64,
@@ -33,9 +35,26 @@ pub struct Globals {
     /// Standard uncertainty of `stray`.
     pub stray_std: f64,
     /// Offset to add to a recorded tilt.
+    #[serde(with = "radians")]
     pub tilt_offset: Angle,
     /// Standard uncertainty of `tilt_offset`.
+    #[serde(with = "radians")]
     pub tilt_offset_std: Angle,
+}
+
+/// An angle in the unit in which it is stored, so that no bit of it changes.
+mod radians {
+    use serde::{Deserialize as _, Deserializer, Serializer};
+
+    use crate::units::Angle;
+
+    pub(super) fn serialize<S: Serializer>(angle: &Angle, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_f64(angle.rad())
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Angle, D::Error> {
+        f64::deserialize(from).map(Angle::from_rad)
+    }
 }
 
 /// The quantity, besides the tilt offset, that the pixels determine.

@@ -1,5 +1,7 @@
 //! The results per pixel: parameters with standard uncertainties, quality, flags.
 
+use serde::{Deserialize, Serialize};
+
 use super::settle::identifiable;
 use super::solve::{End, FREE, PixelFit, packed};
 use crate::units::Angle;
@@ -132,10 +134,24 @@ impl Layers {
             layer.std[pixel] = answer.std[k];
         }
     }
+
+    /// Returns the entry of a pixel as it was put.
+    pub(super) fn get(&self, pixel: usize) -> Answer {
+        let of = |values: fn(&Layer) -> &[f32]| {
+            std::array::from_fn(|k| values(&self.parameters[k])[pixel])
+        };
+        Answer {
+            values: of(|layer| &layer.values),
+            std: of(|layer| &layer.std),
+            chi2_reduced: self.chi2_reduced[pixel],
+            n_used: self.n_observations[pixel] as usize,
+            flags: self.flags[pixel],
+        }
+    }
 }
 
 /// One pixel's entry in the layers.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Answer {
     values: [f32; FREE],
     std: [f32; FREE],

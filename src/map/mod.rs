@@ -6,7 +6,9 @@
 //! 2. It determines what all pixels share, from a sample of pixels (`settle`, `globals`).
 //! 3. It fits every pixel with the `sawtooth` closed form, several pixels per vector register and tiles in parallel
 //!    (`kernel`, `solve`, `costly`, `integrated`), and refits pixels that may have ended in a local minimum (`doubt`).
-//! 4. It marks borders and defects (`defects`).
+//! 4. It marks borders and defects (`defects`), and lists what is doubtful or omitted (`basis`).
+//!
+//! [`shards`](mod@shards) fits a part of the tiles and merges the parts: each repeats steps 1 and 2, and the merge does step 4.
 //!
 //! [`summary`] reduces a map to numbers. [`write::write`] makes the files; [`folder::map_into`] does both. Run time is
 //! proportional to pixels × observations. Memory is bounded by [`MapOptions::memory_bytes_max`]; larger planes go to a
@@ -17,6 +19,7 @@
 //! The layout of the sample is not needed: each pixel's lean direction is free. This module does not depend on scans or
 //! on the command line.
 
+mod basis;
 mod beside;
 mod costly;
 pub mod defects;
@@ -35,6 +38,7 @@ pub mod plan;
 mod planes;
 mod run;
 mod settle;
+pub mod shards;
 mod solve;
 mod start;
 pub mod summary;
@@ -46,8 +50,8 @@ pub mod write;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use self::basis::{Basis, finished};
 pub use self::globals::Globals;
-use self::kernel::Parameters;
 use self::layers::Layers;
 use self::observe::Light;
 use self::planes::Planes;
@@ -56,18 +60,14 @@ use self::solve::FREE;
 use self::tiles::{fit_tiles, sampled};
 use self::view::View;
 use crate::frame::FrameKind;
-use crate::geometry::{Pose, turn_by_wedge};
-use crate::model::{LeftOut, left_out};
+use crate::geometry::Pose;
+use crate::model::LeftOut;
 use crate::observation::RejectedFrame;
-use crate::plan::Decision;
 use crate::reduction::{FrameSource, ReductionError, calibrate};
-use crate::units::Angle;
+use crate::shard::Shard;
 
 /// Number of times that the costly terms are recomputed within a pixel's descent, at most.
 const REFRESHES: u8 = 3;
-
-/// Common standard uncertainty of the ridge angle, in degrees, above which the map warns.
-const SHARED_THETA_R_STD_MAX_DEG: f64 = 0.5;
 
 /// Limits and tolerances of a map.
 #[derive(Debug, Clone)]
@@ -263,6 +263,20 @@ pub fn map_until(
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
 ) -> Result<Map, MapError> {
+    let (planes, settled, basis) = prepared(source, options, late, progress, cancel)?;
+    let tiles = fit_tiles(&planes, &settled, Shard::WHOLE, late, progress, cancel)?;
+    drop(planes);
+    finished(basis, tiles)
+}
+
+/// Reads all frames and determines what the pixels share: everything before the first pixel is fitted.
+fn prepared(
+    source: &dyn FrameSource,
+    options: &MapOptions,
+    late: &(dyn Fn() -> bool + Sync),
+    progress: &(dyn Fn(Progress) + Sync),
+    cancel: &AtomicBool,
+) -> Result<(Planes, Settled, Basis), MapError> {
     let manifest = source.manifest();
     let view = View::new(manifest);
     let material = manifest.material();
@@ -311,7 +325,7 @@ pub fn map_until(
         white: calibration.white_reference(),
     };
     // The mean is fitted first: it provides the deviations from an ideal sawtooth for all pixels.
-    let mean = match late() {
+    let together = match late() {
         false => together::together(source, progress, cancel),
         true => Err("the time limit passed".to_owned()),
     };
@@ -319,6 +333,10 @@ pub fn map_until(
     if cancel.load(Ordering::Relaxed) {
         return Err(MapError::Cancelled);
     }
+    let (mean, real) = match together {
+        Ok((mean, real)) => (Ok(mean), real),
+        Err(why) => (Err(why), None),
+    };
     let settled = settle::settle(
         &batch,
         &view,
@@ -327,196 +345,22 @@ pub fn map_until(
             recorded: &recorded,
             references: &references,
             target_error: options.target_error,
-            real: mean.as_ref().ok().and_then(|mean| mean.real.clone()),
+            real,
         },
         progress,
         cancel,
     )?;
     drop(batch);
-
-    let tiles = fit_tiles(&planes, &settled, late, progress, cancel)?;
-    let (mut layers, evaluations) = (tiles.layers, tiles.evaluations);
-    let pixels_left_out = view.pixels() - tiles.pixels;
-    let leans = defects::leans(&layers);
-    defects::mark_borders(&mut layers, &leans);
-    let pixel_mm = view.has_scale.then_some(view.imaging.pixel_mm);
-    let found = defects::defects(
-        &mut layers,
-        &leans,
-        &|pixel| view.place_mm(pixel),
-        view.imaging.pixel_mm,
+    let has_white = references.white.is_some();
+    let basis = Basis::new(
+        manifest,
+        &calibration.warnings,
+        rejected,
+        has_white,
+        mean,
+        &settled,
     );
-    let pixels_fitted = layers.chi2_reduced.iter().filter(|x| x.is_finite()).count();
-    if pixels_fitted == 0 && pixels_left_out > 0 {
-        return Err(MapError::Late);
-    }
-    if pixels_fitted == 0 {
-        return Err(MapError::NothingFitted {
-            poses: groups.len(),
-            chi2: settled.birge,
-        });
-    }
-
-    let mut warnings = calibration.warnings.clone();
-    warnings.extend(doubts(&settled, &view));
-    if references.white.is_none() && layers.parameters.iter().any(|l| l.name == "rho_d") {
-        layers.without_rho_d();
-        warnings.push(
-            "the series has no white reference, so rho_d, which is relative to it, is not given"
-                .to_owned(),
-        );
-    }
-    let alike = leans.len() <= 1 || manifest.sample.layout.is_some();
-    let mean = match alike {
-        true => mean,
-        false => Err(
-            "the sample leans in several directions, and the manifest states no layout".to_owned(),
-        ),
-    };
-    let mut globals = settled.globals;
-    match &mean {
-        Ok(mean) => mean.raise(&mut globals),
-        Err(why) => warnings.push(format!(
-            "the mean of the pixels was not fitted ({why}), so std_shared is too small: it includes only the counting \
-             statistics of gain, stray light and tilt offset, not the uncertainties of the stages and the model"
-        )),
-    }
-    let at_least = |std: [f64; FREE]| match &mean {
-        Ok(mean) => mean.at_least(std, &layers, |k| typical(&layers, k)),
-        Err(_) => std,
-    };
-    let wedge = manifest.rig.sample_wedge_std_deg.map(Angle::from_deg);
-    let left_out = what_is_left_out(&settled, wedge, pixels_left_out);
-    Ok(Map {
-        shared_std: settled
-            .shared_std
-            .map(|std| at_least(with_wedge(in_layer_units(&std, &layers), wedge, &layers))),
-        layers,
-        pixel_mm,
-        axis_px: view.imaging.rotation_axis_px,
-        globals,
-        birge: settled.birge,
-        leans,
-        defects: found,
-        pixels_fitted,
-        pixels_sampled: settled.sampled,
-        evaluations: evaluations / pixels_fitted.max(1) as f64,
-        n_poses: groups.len(),
-        rejected_frames: rejected,
-        warnings,
-        left_out,
-        pixels_left_out,
-    })
-}
-
-/// Lists what the map omits.
-fn what_is_left_out(
-    settled: &Settled,
-    wedge: Option<Angle>,
-    pixels_left_out: usize,
-) -> Vec<LeftOut> {
-    let view = &settled.view;
-    let mut list = settled.plan.omissions();
-    list.extend(left_out::lens(&view.imaging.rig.cones));
-    list.push(left_out::ideal_profile());
-    list.push(left_out::third_bounce());
-    if wedge.is_none() {
-        list.push(left_out::wedge());
-    }
-    let included = |decision| settled.plan.on(decision).is_some_and(|c| c.included);
-    if included(Decision::Bounces) {
-        list.push(LeftOut::new(
-            "double reflections by integration, pixel by pixel",
-            "integrated only on the surfaces that represent most pixels; each pixel takes the nearest",
-            None,
-        ));
-    }
-    if included(Decision::PerPixelGeometry) {
-        list.push(match &settled.beside {
-            Some(beside) => LeftOut::new(
-                "the pixel's own surface in the off-centre change of light reflected between the facets",
-                "the change is small and smooth; that of the surfaces that represent most pixels is used",
-                Some(beside.left),
-            ),
-            None => LeftOut::new(
-                "each pixel's own directions in light reflected between the facets",
-                "they vary slowly; those of the field's centre are used",
-                settled.centre_for_all,
-            ),
-        });
-    }
-    if pixels_left_out > 0 {
-        list.push(LeftOut::new(
-            format!("{pixels_left_out} of {} pixels", view.pixels()),
-            "the time limit passed; the fitted pixels are spread over the field",
-            None,
-        ));
-    }
-    list
-}
-
-/// Converts shared shifts to the layers' units; those of ln α are multiplied by the median α.
-fn in_layer_units(std: &Parameters, layers: &Layers) -> [f64; FREE] {
-    let typical = |k: usize| typical(layers, k);
-    [
-        std[0].to_degrees(),
-        std[1].to_degrees(),
-        std[2] * typical(2),
-        std[3] * typical(3),
-        std[4],
-    ]
-}
-
-/// Returns the median of a layer's values.
-fn typical(layers: &Layers, k: usize) -> f64 {
-    let values = layers.parameters[k].values.iter();
-    settle::median(values.map(|x| f64::from(*x))).unwrap_or(0.0)
-}
-
-/// Adds the wedge of the sample: its tilt along v to the ridge angle, its tilt along u, as a turn, to the lean
-/// direction.
-fn with_wedge(mut std: [f64; FREE], wedge: Option<Angle>, layers: &Layers) -> [f64; FREE] {
-    if let Some(wedge) = wedge {
-        let turn = turn_by_wedge(wedge, Angle::from_deg(typical(layers, 0)));
-        std[0] = std[0].hypot(wedge.deg());
-        std[1] = std[1].hypot(turn.deg());
-    }
-    std
-}
-
-fn doubts(settled: &Settled, view: &View) -> Vec<String> {
-    let mut doubts = Vec::new();
-    let zero = settled.globals.tilt_offset_std.deg();
-    if zero > 1.0 {
-        doubts.push(format!(
-            "these poses do not determine the tilt offset (± {zero:.1}°), so the recorded tilts are used; scan more azimuths"
-        ));
-    }
-    let shared = settled.shared_std.map_or(0.0, |std| std[0].to_degrees());
-    if shared > SHARED_THETA_R_STD_MAX_DEG {
-        doubts.push(format!(
-            "these poses leave an uncertainty of {shared:.1}° (k = 1) that the ridge angles of all pixels share (they do not separate it from gain, stray light, tilt offset and model error): differences between pixels are valid, the absolute angle is not; scan more tilts"
-        ));
-    }
-    if settled.birge > 4.0 {
-        doubts.push(format!(
-            "the usual χ² per degree of freedom is {:.1}: the model does not explain the pixels of this sample within their noise; uncertainties are scaled by its square root",
-            settled.birge
-        ));
-    }
-    if settled.costly.is_amplitude() {
-        doubts.push(
-            "on metal, double reflections are a large part of the light, and this map takes them from the surfaces that represent most pixels: pixels unlike these, or with few observations in the lobe, may be wrong by several standard uncertainties; use `ridged fit` for the full model"
-                .to_owned(),
-        );
-    }
-    if !view.has_scale {
-        doubts.push(
-            "the manifest states no field_width_mm: positions are given in pixels in place of mm"
-                .to_owned(),
-        );
-    }
-    doubts
+    Ok((planes, settled, basis))
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::Map;
 use super::defects::{Defect, Lean};
@@ -45,7 +45,7 @@ pub struct SharedSummary {
 }
 
 /// Seconds per step.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[schema(as = MapTiming)]
 pub struct Timing {
     /// Darks, flats, frames read and resampled.
@@ -58,6 +58,20 @@ pub struct Timing {
     pub mean: f64,
     /// Files.
     pub write: f64,
+}
+
+impl Timing {
+    /// Returns the sum of each step.
+    #[must_use]
+    pub fn plus(&self, other: &Timing) -> Timing {
+        Timing {
+            read: self.read + other.read,
+            settle: self.settle + other.settle,
+            fit: self.fit + other.fit,
+            mean: self.mean + other.mean,
+            write: self.write + other.write,
+        }
+    }
 }
 
 /// The object of `map --json`.

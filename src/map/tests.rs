@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock};
 
+use super::kernel::Parameters;
 use super::layers::{BORDER, DEFECT, FEW_OBSERVATIONS, MISFIT};
 use super::tiles::spread_out;
 use super::*;

@@ -14,6 +14,7 @@ use super::settle::{LOBE_SIGNIFICANCE, Settled};
 use super::solve::{End, FREE};
 use super::start::{self, lambert_chi2};
 use super::{MapError, Progress, REFRESHES, Stage, doubt};
+use crate::shard::Shard;
 
 /// Number of tiles and of pixels from which the shared quantities are determined.
 const SAMPLED_TILES: usize = 32;
@@ -37,7 +38,7 @@ pub(super) fn sampled(planes: &Planes) -> Result<Batch, MapError> {
     Ok(Batch::join(batches))
 }
 
-/// The fits of all tiles.
+/// The fits of all tiles, or of those of a shard.
 pub(super) struct Tiles {
     pub(super) layers: Layers,
     pub(super) evaluations: f64,
@@ -45,10 +46,18 @@ pub(super) struct Tiles {
     pub(super) pixels: usize,
 }
 
-/// Fits all pixels, tile by tile on all cores, until `late` returns true.
+/// Returns the tiles of a shard, in an order that spreads over the field.
+pub(super) fn tiles_of(planes: &Planes, shard: Shard) -> Vec<usize> {
+    let spread = (0..).zip(spread_out(planes.tiles()));
+    let own = spread.filter(|(n, _)| shard.has(*n));
+    own.map(|(_, tile)| tile).collect()
+}
+
+/// Fits the pixels of a shard, tile by tile on all cores, until `late` returns true.
 pub(super) fn fit_tiles(
     planes: &Planes,
     settled: &Settled,
+    shard: Shard,
     late: &(dyn Fn() -> bool + Sync),
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
@@ -57,39 +66,38 @@ pub(super) fn fit_tiles(
     let amplitude = settled.costly.is_amplitude();
     let answered = Mutex::new((Layers::new(view.width, view.height, amplitude), 0.0));
     let done = AtomicUsize::new(0);
-    spread_out(planes.tiles())
-        .into_par_iter()
-        .with_max_len(1)
-        .try_for_each(|tile| {
-            if cancel.load(Ordering::Relaxed) {
-                return Err(MapError::Cancelled);
-            }
-            if late() {
-                return Ok(());
-            }
-            let batch = Batch::of_tile(planes, tile, |_| true).map_err(MapError::Scratch)?;
-            let run = Run {
-                batch: &batch,
-                globals: &settled.globals,
-                costly: &settled.costly,
-                view,
-                poses: &settled.poses,
-                beside: settled.beside.as_ref(),
-            };
-            let (answers, spent) = fit_batch(&run, settled);
-            let mut answered = answered.lock().expect("no holder of this lock panics");
-            for (pixel, answer) in batch.pixels.iter().zip(&answers) {
-                answered.0.put(*pixel, answer);
-            }
-            answered.1 += spent;
-            drop(answered);
-            progress(Progress {
-                stage: Stage::Fitting,
-                done: done.fetch_add(batch.pixels.len(), Ordering::Relaxed) + batch.pixels.len(),
-                total: view.pixels(),
-            });
-            Ok(())
-        })?;
+    let own = tiles_of(planes, shard);
+    let total = own.iter().map(|tile| planes.range(*tile).len()).sum();
+    own.into_par_iter().with_max_len(1).try_for_each(|tile| {
+        if cancel.load(Ordering::Relaxed) {
+            return Err(MapError::Cancelled);
+        }
+        if late() {
+            return Ok(());
+        }
+        let batch = Batch::of_tile(planes, tile, |_| true).map_err(MapError::Scratch)?;
+        let run = Run {
+            batch: &batch,
+            globals: &settled.globals,
+            costly: &settled.costly,
+            view,
+            poses: &settled.poses,
+            beside: settled.beside.as_ref(),
+        };
+        let (answers, spent) = fit_batch(&run, settled);
+        let mut answered = answered.lock().expect("no holder of this lock panics");
+        for (pixel, answer) in batch.pixels.iter().zip(&answers) {
+            answered.0.put(*pixel, answer);
+        }
+        answered.1 += spent;
+        drop(answered);
+        progress(Progress {
+            stage: Stage::Fitting,
+            done: done.fetch_add(batch.pixels.len(), Ordering::Relaxed) + batch.pixels.len(),
+            total,
+        });
+        Ok(())
+    })?;
     let (layers, evaluations) = answered
         .into_inner()
         .expect("no holder of this lock panics");

@@ -9,6 +9,8 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+use serde::{Deserialize, Serialize};
+
 use super::costly::RealSurface;
 use super::globals::Globals;
 use super::layers::Layers;
@@ -33,19 +35,28 @@ const REGION: &str = "even";
 /// A value of the pixels' mean and its standard uncertainty.
 type Known = (f64, f64);
 
+/// The layers of [`Together::mean`].
+const MEAN: [&str; FREE] = [
+    "theta_r_deg",
+    "lean_azimuth_deg",
+    "alpha_u",
+    "alpha_v",
+    "rho_d",
+];
+
 /// The fit of the pixels' mean.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Together {
-    /// By the name of a layer, in its unit; `None` if the data do not determine it.
-    mean: [(&'static str, Option<Known>); FREE],
+    /// In the order of [`MEAN`] and the units of these layers; `None` if the data do not determine it.
+    mean: [Option<Known>; FREE],
     /// Whether the mean is over all pixels and not over one region.
     of_all: bool,
     stray: Option<Known>,
     tilt_offset_deg: Option<Known>,
-    /// The sample's deviations from an ideal sawtooth, if the fit is good enough to determine them.
-    pub(super) real: Option<Arc<RealSurface>>,
 }
 
-/// Fits the mean of a uniform sample, or of one region of a sample that has a layout.
+/// Fits the mean of a uniform sample, or of one region of a sample that has a layout. Also returns the sample's deviations
+/// from an ideal sawtooth, if the fit is good enough to determine them.
 ///
 /// # Errors
 /// The reason why there is no such fit.
@@ -53,7 +64,7 @@ pub(super) fn together(
     source: &dyn FrameSource,
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
-) -> Result<Together, String> {
+) -> Result<(Together, Option<Arc<RealSurface>>), String> {
     let source = &Counted {
         source,
         read: AtomicUsize::new(0),
@@ -76,19 +87,19 @@ pub(super) fn together(
     let p = &report.parameters;
     let absolute = set.white_reference.is_some();
     let of = |parameter: &Parameter| -> Option<Known> { Some((parameter.value?, parameter.std?)) };
-    Ok(Together {
+    let mean = Together {
         mean: [
-            ("theta_r_deg", of(&p.theta_r_deg)),
-            ("lean_azimuth_deg", of(&p.azimuth_offset_deg)),
-            ("alpha_u", of(&p.alpha_u)),
-            ("alpha_v", of(&p.alpha_v)),
-            ("rho_d", of(&p.rho_d)),
+            of(&p.theta_r_deg),
+            of(&p.azimuth_offset_deg),
+            of(&p.alpha_u),
+            of(&p.alpha_v),
+            of(&p.rho_d),
         ],
         of_all: !layout,
         stray: of(&p.background).filter(|_| absolute),
         tilt_offset_deg: of(&p.tilt_offset_deg),
-        real: real_surface(&report, &set),
-    })
+    };
+    Ok((mean, real_surface(&report, &set)))
 }
 
 /// Returns the deviations from an ideal sawtooth; `None` if the fit's residual is large, as for the mean of unlike
@@ -165,8 +176,8 @@ impl Together {
     ) -> [f64; FREE] {
         std::array::from_fn(|k| {
             let layer = &layers.parameters[k];
-            let known = self.mean.iter().find(|(name, _)| *name == layer.name);
-            let Some((value, of_mean)) = known.and_then(|(_, known)| *known) else {
+            let known = MEAN.iter().position(|name| *name == layer.name);
+            let Some((value, of_mean)) = known.and_then(|n| self.mean[n]) else {
                 return std[k];
             };
             // Directions count from another zero, and a region's mean is not that of its neighbours.

@@ -22,11 +22,13 @@ use super::rng::Purpose;
 use super::scene::PreparedScene;
 use super::tally::{TallyBatch, Totals};
 use super::walk::{Waiting, Walk, worth_splitting};
-pub use division::{Follow, PartialRun, Shard, StopPolicy, TimeLimit, TraceProgress};
-use division::{batches, share};
+pub use division::{Follow, PartialRun, StopPolicy, TimeLimit, TraceProgress, check_shard};
+use division::{batches, batches_of, share};
 use preview::Preview;
 pub use task::CHECK_INTERVAL;
 use task::{StopCheck, Task};
+
+pub use crate::shard::Shard;
 
 /// Largest fraction of a limited time for the surface analysis.
 const ANALYSIS_SHARE_MAX: f64 = 0.5;
@@ -160,7 +162,7 @@ impl Part {
 
     /// Number of its photons in a run with this number of photons.
     fn planned(&self, photons: u64) -> u64 {
-        let of = self.shard.batches(photons);
+        let of = batches_of(self.shard, photons);
         of.map(|b| share(photons, batches(photons), b)).sum()
     }
 }
@@ -328,8 +330,7 @@ impl Task<'_> {
             before.totals.grid() == grid && before.totals.elements() == L::ELEMENTS,
             "what was done before has the scene's bins"
         );
-        let left: Vec<u64> = shard
-            .batches(photons)
+        let left: Vec<u64> = batches_of(shard, photons)
             .filter(|batch| before.batches.binary_search(batch).is_err())
             .collect();
         let complete = before.batches.len() + left.len();

@@ -63,7 +63,7 @@ pub struct Totals {
 }
 
 /// A mean and its standard error.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 pub struct MonteCarloEstimate {
     /// The mean.
     pub value: f64,

@@ -27,6 +27,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("limits", &[]),
     ("logging", &[]),
     ("robust", &[]),
+    ("shard", &[]),
     ("preview", &["frame", "robust"]),
     ("wording", &[]),
     ("program", &[]),
@@ -36,7 +37,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("model", &["units", "geometry", "material"]),
     (
         "trace",
-        &["units", "geometry", "material", "model", "wording"],
+        &["units", "geometry", "material", "model", "shard", "wording"],
     ),
     ("heights", &["archive", "trace", "wording"]),
     (
@@ -157,6 +158,7 @@ const RULES: &[(&str, &[&str])] = &[
             "fit",
             "plan",
             "robust",
+            "shard",
         ],
     ),
     (

@@ -31,6 +31,7 @@ mod radiances;
 mod real_samples;
 mod recorded;
 mod runner;
+mod shards;
 mod shell;
 mod simulate_rig;
 mod soak;

@@ -5,25 +5,29 @@
 //! first of its bins; and `run`, in its first row, the run that it belongs to and the SHA-256 of all of that. A file that
 //! was sorted, edited or copied incompletely is refused, since its sums would be wrong.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::cli::CliError;
+use crate::cli::shards::{Fact, ShardSet};
+use crate::cli::{CliError, output_path};
 use crate::trace::bins::{self, BinPlaces};
 use crate::trace::grid::DirectionGrid;
 use crate::trace::height_field::Side;
 use crate::trace::report::About;
 use crate::trace::run::{PartialRun, Shard};
 use crate::trace::tally::Totals;
+use crate::version::BUILD;
 use crate::wording::hex;
 
 /// The run that the file of a shard or of a stopped run belongs to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct ShardPart {
+    /// Program that traced it, with its version.
+    #[serde(default)]
+    pub program: String,
     /// SHA-256 of the scene, its files and the tolerance.
     pub run: String,
     /// 1 to `of`.
@@ -74,6 +78,7 @@ impl ShardPart {
     ) -> Self {
         let totals = &done.totals;
         let mut part = ShardPart {
+            program: BUILD.to_owned(),
             run,
             shard: shard.number,
             of: shard.of,
@@ -99,6 +104,15 @@ impl ShardPart {
         }
         part.sums = Some(hex(&sums.finalize()));
         part
+    }
+
+    /// What all shards of a run have in common.
+    fn facts(&self) -> Vec<Fact> {
+        let scene = "scene with its files, run and --tolerance (SHA-256)";
+        vec![
+            Fact::new("program", &self.program),
+            Fact::new(scene, &self.run),
+        ]
     }
 
     /// Its SHA-256 before the first row of sums.
@@ -187,19 +201,7 @@ pub(super) fn write(
     stokes: &[f64; 4],
     part: Option<&ShardPart>,
 ) -> Result<(), CliError> {
-    let text = text(totals, stokes, part);
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".part");
-    let unfinished = folder.unwrap_or(Path::new(".")).join(name);
-    std::fs::File::create(&unfinished)
-        .and_then(|mut file| {
-            file.write_all(text.as_bytes())?;
-            file.sync_all()
-        })
-        .and_then(|()| std::fs::rename(&unfinished, path))
-        .with_context(|| format!("cannot write {}", path.display()))
-        .map_err(CliError::no_result)
+    output_path::write_whole(path, text(totals, stokes, part).as_bytes())
 }
 
 fn text(totals: &Totals, stokes: &[f64; 4], part: Option<&ShardPart>) -> String {
@@ -233,7 +235,7 @@ pub(super) struct MergedShards {
 /// Merges all shards of one run.
 pub(super) fn merge(files: &[PathBuf]) -> Result<MergedShards, CliError> {
     let mut merged: Option<(ShardPart, Totals)> = None;
-    let mut seen: Vec<(u64, &PathBuf)> = Vec::new();
+    let mut set = ShardSet::default();
     for file in files {
         let wrong = |what: &str| CliError::bad_input(anyhow!("{}: {what}", file.display()));
         let (part, totals) = read(file)?;
@@ -242,43 +244,23 @@ pub(super) fn merge(files: &[PathBuf]) -> Result<MergedShards, CliError> {
                 "this shard was stopped before its end: finish it with --resume",
             ));
         }
-        if let Some((_, other)) = seen.iter().find(|(n, _)| *n == part.shard) {
-            return Err(wrong(&format!(
-                "shard {} is already in {}",
-                part.shard,
-                other.display()
-            )));
-        }
-        seen.push((part.shard, file));
+        let shard = Shard {
+            number: part.shard,
+            of: part.of,
+        };
+        set.add(file, shard, &part.facts())?;
         match &mut merged {
             None => merged = Some((part, totals)),
-            Some((first, sum)) => {
-                if first.run != part.run || first.of != part.of {
-                    return Err(wrong("this shard belongs to another run"));
-                }
-                sum.merge(&totals).map_err(CliError::bad_input)?;
-            }
+            Some((_, sum)) => sum.merge(&totals).map_err(CliError::bad_input)?,
         }
     }
+    set.check_complete()?;
     let (first, totals) = merged.ok_or_else(|| CliError::bad_input(anyhow!("no shards given")))?;
-    let missing: Vec<String> = (1..=first.of)
-        .filter(|n| !seen.iter().any(|(s, _)| s == n))
-        .map(|n| n.to_string())
-        .take(10)
-        .collect();
-    if missing.is_empty() {
-        Ok(MergedShards {
-            totals,
-            stokes: first.stokes,
-            scene: first.scene,
-        })
-    } else {
-        Err(CliError::bad_input(anyhow!(
-            "of {} shards these are missing: {}",
-            first.of,
-            missing.join(", ")
-        )))
-    }
+    Ok(MergedShards {
+        totals,
+        stokes: first.stokes,
+        scene: first.scene,
+    })
 }
 
 fn read(file: &Path) -> Result<(ShardPart, Totals), CliError> {

@@ -14,16 +14,16 @@ use super::{Args, pictures, prepare, ready, surface_build, table, unreached};
 use crate::accuracy::trace_forecast::{Patience, TraceExtent, of_run};
 use crate::cli::limits::Stopwatch;
 use crate::cli::progress::Bar;
-use crate::cli::{CliError, interrupt, output_path};
+use crate::cli::{CliError, interrupt, output_path, shards};
 use crate::clock::elapsed_s;
 use crate::plan::scene::TracePlanRequest;
 use crate::plan::{self, ComputationPlan};
 use crate::trace::report::{About, TraceReport};
-use crate::trace::run::{self, PartialRun, Shard, StopPolicy, TraceProgress};
+use crate::trace::run::{self, PartialRun, Shard, StopPolicy, TraceProgress, check_shard};
 use crate::trace::scene::{PreparedScene, Scene};
 use crate::trace::surface_spread::over_surfaces;
 use crate::trace::tally::Totals;
-use crate::wording::{counted, hex};
+use crate::wording::hex;
 
 /// A prepared scene with the options of the run.
 pub(super) struct TraceTask<'a> {
@@ -84,14 +84,8 @@ impl<'a> TraceTask<'a> {
             )));
         }
         let shard = args.shard.unwrap_or(Shard::WHOLE);
-        shard.check(prepared.photons).map_err(|most| {
-            CliError::bad_input(anyhow!(
-                "--shard {}/{}: {} can be divided into at most {most} shards",
-                shard.number,
-                shard.of,
-                counted(prepared.photons as usize, "photon")
-            ))
-        })?;
+        check_shard(shard, prepared.photons)
+            .map_err(|most| shards::too_many(shard, prepared.photons, "photon", most))?;
         Ok(TraceTask {
             args,
             path,
@@ -254,7 +248,7 @@ fn out_of(args: &Args) -> Option<&Path> {
 }
 
 fn how_to_go_on(scene: &Path, out: Option<&Path>, shard: Option<Shard>) -> String {
-    let shard = shard.map_or(String::new(), |s| format!(" --shard {}/{}", s.number, s.of));
+    let shard = shard.map_or(String::new(), |shard| format!(" --shard {shard}"));
     match out {
         Some(out) => format!(
             "stopped before the last photon; to resume: ridged trace {}{shard} --resume {}",

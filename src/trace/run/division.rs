@@ -1,33 +1,20 @@
 //! How a run is divided into shards and batches, when it may stop, and what a stopped run has finished.
 
 use super::super::tally::Totals;
+use crate::shard::Shard;
 
-/// Part of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shard {
-    /// 1 to `of`.
-    pub number: u64,
-    /// Number of parts.
-    pub of: u64,
+/// Checks that every shard of a run with this number of photons has photons.
+///
+/// # Errors
+/// The largest number of shards of the run.
+pub fn check_shard(shard: Shard, photons: u64) -> Result<(), u64> {
+    let most = batches(photons);
+    if shard.of <= most { Ok(()) } else { Err(most) }
 }
 
-impl Shard {
-    /// The whole run.
-    pub const WHOLE: Shard = Shard { number: 1, of: 1 };
-
-    /// Checks that every part of a run with this number of photons has photons.
-    ///
-    /// # Errors
-    /// The largest number of parts of the run.
-    pub fn check(self, photons: u64) -> Result<(), u64> {
-        let most = batches(photons);
-        if self.of <= most { Ok(()) } else { Err(most) }
-    }
-
-    /// Numbers of its batches in a run with this number of photons.
-    pub(super) fn batches(self, photons: u64) -> impl Iterator<Item = u64> {
-        (0..batches(photons)).filter(move |batch| batch % self.of == self.number - 1)
-    }
+/// Numbers of the batches of a shard in a run with this number of photons.
+pub(super) fn batches_of(shard: Shard, photons: u64) -> impl Iterator<Item = u64> {
+    (0..batches(photons)).filter(move |batch| shard.has(*batch))
 }
 
 /// Time limit of a run, on the caller's clock.
@@ -95,7 +82,7 @@ impl PartialRun {
             return Some(PartialRun { totals, batches });
         }
         let count = self::batches(photons);
-        let known = |batch: &u64| *batch < count && batch % shard.of == shard.number - 1;
+        let known = |batch: &u64| *batch < count && shard.has(*batch);
         let rising = batches.windows(2).all(|pair| pair[0] < pair[1]);
         if !(rising && batches.iter().all(known)) {
             return None;
@@ -107,7 +94,7 @@ impl PartialRun {
     /// Whether a shard of a run with this number of photons is finished.
     #[must_use]
     pub fn is_complete(&self, photons: u64, shard: Shard) -> bool {
-        self.batches.len() == shard.batches(photons).count()
+        self.batches.len() == batches_of(shard, photons).count()
     }
 }
 
