@@ -7,7 +7,7 @@ use std::time::Duration;
 use ridged::clock::{Clock, SteppedClock};
 use ridged::lab::{Lab, RigParts, ScanRequest};
 use ridged::scan::plan::{DarkRequest, FlatRequest, Values};
-use ridged::scan::{PlanRequest, ScanState};
+use ridged::scan::{PlanRequest, Rig, ScanState};
 use ridged::sim::rig::{SimulatedRig, Simulation};
 use ridged::store::disk::{Disk, RealDisk};
 use ridged::store::scans::Scan;
@@ -29,6 +29,21 @@ impl BenchInABox {
     pub async fn with(disk: Arc<dyn Disk>, hands: bool) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let mut bench = BenchInABox::open(folder.path(), disk, hands).await;
+        bench.folder = Some(folder);
+        bench
+    }
+
+    /// A fresh one without hands whose line waits shortly for an answer: for tests in which the controller is silent.
+    pub async fn impatient() -> Self {
+        let impatient = |mut parts: RigParts| {
+            let mut link = parts.rig.link().clone();
+            link.settings.reply_timeout_ms = 100;
+            parts.rig = Rig::new(link, parts.rig.camera);
+            parts
+        };
+        let (folder, disk) = (tempfile::tempdir().unwrap(), Arc::new(RealDisk));
+        let mut bench =
+            BenchInABox::open_as(folder.path(), disk, false, Duration::ZERO, impatient).await;
         bench.folder = Some(folder);
         bench
     }

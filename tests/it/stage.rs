@@ -697,7 +697,7 @@ async fn a_pulled_plug_ends_the_move_and_the_next_connection_finds_a_still_stage
     );
     assert!(stage.status().await.unwrap_err().is_disconnect());
     assert!(rig.world.is_moving(), "the stop could not reach the device");
-    drop(stage);
+    stage.closed().await;
     let stage = rig.connect().await;
     assert!(!rig.world.is_moving());
     assert!(stage.status().await.unwrap().all_homed());

@@ -144,7 +144,7 @@ async fn a_stop_without_a_port_says_that_it_reached_nothing() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_scan_that_lost_its_stage_leaves_the_port_to_the_stop() {
-    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let bench = BenchInABox::impatient().await;
     let scan = bench.start(small(&[0.0, 10.0], &[0.0])).await;
     bench.until(scan.id, ScanState::WaitingForOperator).await;
     bench.rig.world.set_powered(PhiS, false);
@@ -169,7 +169,7 @@ async fn a_scan_that_lost_its_stage_leaves_the_port_to_the_stop() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_resume_while_the_controller_is_silent_leaves_the_port_to_what_comes_next() {
-    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let bench = BenchInABox::impatient().await;
     let scan = bench.start(small(&[0.0, 10.0], &[0.0])).await;
     bench.until(scan.id, ScanState::WaitingForOperator).await;
     bench.rig.world.set_powered(PhiS, false);
@@ -359,7 +359,7 @@ async fn the_rig_says_why_it_is_not_there_while_a_motion_waits_for_it() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_abort_that_does_not_reach_the_stages_says_so() {
-    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let bench = BenchInABox::impatient().await;
     let scan = bench.start(small(&[0.0, 10.0], &[0.0])).await;
     bench.until(scan.id, ScanState::WaitingForOperator).await;
     for axis in [ThetaC, PhiS] {
