@@ -4,6 +4,9 @@
 //! share: keys, ids, parameters and bodies.
 
 use axum::http::Method;
+use serde::Serialize;
+use serde_json::Serializer;
+use serde_json::ser::PrettyFormatter;
 use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::response::{Response, ResponseBuilder};
 use utoipa::openapi::schema::{
@@ -30,8 +33,12 @@ pub const OPENAPI: &str = include_str!("openapi.json");
 pub fn openapi_of_handlers() -> String {
     let mut document = Document::openapi();
     complete(&mut document);
-    let json = document.to_pretty_json();
-    json.expect("a document of text is JSON") + "\n"
+    let mut json = Vec::new();
+    let formatter = PrettyFormatter::with_indent(b" ");
+    let written = document.serialize(&mut Serializer::with_formatter(&mut json, formatter));
+    written.expect("a document of text is JSON");
+    json.push(b'\n');
+    String::from_utf8(json).expect("JSON is UTF-8")
 }
 
 /// Bytes of a file.
