@@ -1,4 +1,4 @@
-//! Checks that outputs can be written, before the work that makes them.
+//! Outputs: whether they can be written, checked before the work that makes them, and files that appear whole.
 
 use std::fs::{self, OpenOptions, Permissions};
 use std::io::Write as _;

@@ -249,18 +249,30 @@ fn read_one<T: DeserializeOwned>(command: &str, file: &Path) -> Result<(Head, T)
 /// # Errors
 /// Bad input where a piece is missing or there twice.
 pub fn in_order<T>(
-    pieces: impl IntoIterator<Item = (u64, T)>,
+    pieces: impl IntoIterator<Item = (usize, T)>,
     count: usize,
 ) -> Result<Vec<T>, CliError> {
-    let mut pieces: Vec<(u64, T)> = pieces.into_iter().collect();
+    let mut pieces: Vec<(usize, T)> = pieces.into_iter().collect();
     pieces.sort_by_key(|(index, _)| *index);
-    let whole = pieces.iter().map(|(index, _)| *index).eq(0..count as u64);
+    let whole = pieces.iter().map(|(index, _)| *index).eq(0..count);
     match whole {
         true => Ok(pieces.into_iter().map(|(_, piece)| piece).collect()),
         false => Err(CliError::bad_input(anyhow!(
             "the shards do not contain each of {count} results once: compute them again with one program"
         ))),
     }
+}
+
+/// Returns the numbers, from 0, of a shard's surfaces in a run that has `count`.
+///
+/// # Errors
+/// Bad input where there are fewer surfaces than shards.
+pub fn surfaces_of(shard: Shard, count: usize) -> Result<Vec<usize>, CliError> {
+    let all = count as u64;
+    if shard.of > all {
+        return Err(too_many(shard, all, "surface", all));
+    }
+    Ok((0..count).filter(|n| shard.has(*n as u64)).collect())
 }
 
 /// Refuses a shard of a run that has fewer pieces of work than shards.

@@ -42,11 +42,8 @@ pub(super) fn run(args: &Args) -> Result<(), CliError> {
     let mut fits: Vec<(String, FitReport)> = Vec::new();
     for (n, file) in args.files.iter().enumerate() {
         output_collision::not_the_input(&args.out, file)?;
-        let earlier = args.files[..n].iter();
-        if let Some(twin) = earlier
-            .into_iter()
-            .find(|other| output_collision::same_file(other, file))
-        {
+        let mut earlier = args.files[..n].iter();
+        if let Some(twin) = earlier.find(|other| output_collision::same_file(other, file)) {
             return Err(CliError::bad_input(anyhow!(
                 "{} and {} are the same file: give it once",
                 twin.display(),

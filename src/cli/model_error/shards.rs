@@ -14,8 +14,8 @@ use crate::cli::shards::{self, Fact, MergeArgs, Run, Target};
 #[derive(Debug, Serialize, Deserialize)]
 struct ErrorsPart {
     /// Surfaces of the whole run.
-    count: u64,
-    cells: Vec<(u64, Option<SurfaceErrors>)>,
+    count: usize,
+    cells: Vec<(usize, Option<SurfaceErrors>)>,
 }
 
 /// The name of the command.
@@ -43,16 +43,12 @@ pub(super) fn trace(
     cancel: &AtomicBool,
 ) -> Result<(), CliError> {
     let all = wanted(args)?;
-    let (shard, count) = (target.shard, all.len() as u64);
-    if shard.of > count {
-        return Err(shards::too_many(shard, count, "surface", count));
-    }
-    let own = (0..).zip(&all).filter(|(n, _)| shard.has(*n));
-    let (numbers, own): (Vec<u64>, Vec<&SurfaceComparison>) = own.unzip();
-    let found = compare(&own, args.paths, args.seed, None, watch, cancel)?;
+    let own = shards::surfaces_of(target.shard, all.len())?;
+    let surfaces: Vec<&SurfaceComparison> = own.iter().map(|n| &all[*n]).collect();
+    let found = compare(&surfaces, args.paths, args.seed, None, watch, cancel)?;
     let part = ErrorsPart {
-        count,
-        cells: numbers.into_iter().zip(found).collect(),
+        count: all.len(),
+        cells: own.into_iter().zip(found).collect(),
     };
     shards::write(target, run_of(args), watch.seconds(), &part)
 }
@@ -62,7 +58,7 @@ pub(super) fn merge(args: &MergeArgs) -> Result<(), CliError> {
     let merged = shards::read::<ErrorsPart>(COMMAND, &args.files)?;
     let count = merged.parts.first().map_or(0, |part| part.count);
     let cells = merged.parts.into_iter().flat_map(|part| part.cells);
-    let cells = shards::in_order(cells, usize::try_from(count).unwrap_or(usize::MAX))?;
+    let cells = shards::in_order(cells, count)?;
     let compared = Compared {
         cells: cells.into_iter().flatten().collect(),
         missing: Vec::new(),

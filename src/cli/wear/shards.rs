@@ -15,7 +15,7 @@ use crate::cli::shards::{self, Fact, MergeArgs, Run, Target};
 struct WearPart {
     surfaces: Surfaces,
     paths: u64,
-    points: Vec<(u64, Option<WearPoint>)>,
+    points: Vec<(usize, Option<WearPoint>)>,
 }
 
 /// The name of the command.
@@ -47,22 +47,12 @@ pub(super) fn trace(
     cancel: &AtomicBool,
 ) -> Result<(), CliError> {
     let study = Study::of(args)?;
-    let (shard, count) = (target.shard, study.surfaces.count());
-    if shard.of > count as u64 {
-        return Err(shards::too_many(
-            shard,
-            count as u64,
-            "surface",
-            count as u64,
-        ));
-    }
-    let own: Vec<usize> = (0..count).filter(|n| shard.has(*n as u64)).collect();
-    let numbers: Vec<u64> = own.iter().map(|n| *n as u64).collect();
-    let points = study.points(own, args.paths, watch, cancel)?;
+    let own = shards::surfaces_of(target.shard, study.surfaces.count())?;
+    let points = study.points(own.clone(), args.paths, watch, cancel)?;
     let part = WearPart {
         surfaces: study.surfaces,
         paths: args.paths,
-        points: numbers.into_iter().zip(points).collect(),
+        points: own.into_iter().zip(points).collect(),
     };
     shards::write(target, run_of(args), watch.seconds(), &part)
 }
