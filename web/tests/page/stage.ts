@@ -65,3 +65,24 @@ export async function axeViolations(): Promise<string[]> {
     return violations.map((v) => `${v.id}: ${v.nodes.map((n) => `${n.html.slice(0, 160)} ${n.failureSummary}`).join('\n')}`);
   });
 }
+
+/** Records in every page that is opened from now on how far its layout moves without an input of the user. */
+export async function watchLayout(): Promise<void> {
+  await page.addInitScript(() => {
+    const shifts = window as unknown as { shift: number; moved: string[] };
+    [shifts.shift, shifts.moved] = [0, []];
+    new PerformanceObserver((list) => {
+      for (const entry of list.getEntries() as unknown as { value: number; hadRecentInput: boolean; sources: { node: Element | null; previousRect: DOMRect; currentRect: DOMRect }[] }[]) {
+        if (entry.hadRecentInput) continue;
+        shifts.shift += entry.value;
+        const where = ({ x, y, width, height }: DOMRect): string => [x, y, width, height].map(Math.round).join(' ');
+        shifts.moved.push(...entry.sources.map(({ node, previousRect, currentRect }) => `${entry.value.toFixed(3)} ${node?.nodeName ?? ''}.${node?.className ?? ''} “${node?.textContent?.trim().slice(0, 30)}” ${where(previousRect)} → ${where(currentRect)}`));
+      }
+    }).observe({ type: 'layout-shift', buffered: true });
+  });
+}
+
+/** The sum of the layout shifts so far, and what moved. */
+export async function layoutShift(): Promise<{ shift: number; moved: string[] }> {
+  return page.evaluate(() => { const { shift, moved } = window as unknown as { shift: number; moved: string[] }; return { shift, moved }; });
+}

@@ -6,7 +6,7 @@ import { gzipSync } from 'node:zlib';
 
 import { describe, expect, it } from 'vitest';
 
-import { axeViolations, chooseSample, daemon, page, text, url } from './stage';
+import { axeViolations, chooseSample, daemon, layoutShift, page, text, url, watchLayout } from './stage';
 
 const DIST = join(import.meta.dirname, '../../dist');
 
@@ -37,6 +37,9 @@ function fill(): void {
   daemon.addPart(1, 'PX-1204', 'drawing 7');
   daemon.addFit(daemon.addScan(1, 'full'));
 }
+
+/** A row of the fit during a scan. */
+const certainty = (id: number) => ({ id, elapsed_s: 9 * id, n_observations: id, n_frames_used: id, variant: 'sawtooth', status: 'converged', parameters: { theta_r_deg: { value: 10, std: 0.3 / id } } });
 
 async function open(view: string, words: string): Promise<void> {
   await page.goto(`${url}/#/${view}`);
@@ -90,7 +93,7 @@ describe('the address', () => {
 
 describe('every view', () => {
   it('has no violation of axe-core, in light and dark, and no console error', async () => {
-    daemon.certainties.push(...[1, 2, 3].map((id) => ({ id, elapsed_s: 9 * id, n_observations: id, n_frames_used: id, variant: 'sawtooth', status: 'converged', parameters: { theta_r_deg: { value: 10, std: 0.3 / id } } })));
+    daemon.certainties.push(...[1, 2, 3].map(certainty));
     fill();
     const errors: string[] = [];
     page.on('console', (message) => message.type() === 'error' && errors.push(message.text()));
@@ -122,27 +125,50 @@ describe('every view', () => {
   it.each([320, 1440])('fits a window of %i pixels and does not jump while it is read', async (width) => {
     fill();
     await page.setViewportSize({ width, height: width === 320 ? 640 : 900 });
-    await page.addInitScript(() => {
-      const shifts = window as unknown as { shift: number; moved: string[] };
-      [shifts.shift, shifts.moved] = [0, []];
-      new PerformanceObserver((list) => {
-        for (const entry of list.getEntries() as unknown as { value: number; hadRecentInput: boolean; sources: { node: Element | null }[] }[]) {
-          if (entry.hadRecentInput) continue;
-          shifts.shift += entry.value;
-          shifts.moved.push(...entry.sources.map(({ node }) => `${entry.value.toFixed(3)} ${node?.nodeName ?? ''}.${node?.className ?? ''}`));
-        }
-      }).observe({ type: 'layout-shift', buffered: true });
-    });
+    await watchLayout();
     for (const [view, words] of VIEWS) {
       await page.goto('about:blank');
       await open(view, words);
       await page.waitForTimeout(150);
       expect(await page.evaluate(() => document.documentElement.scrollWidth - innerWidth), `${view} is wider than the window`).toBeLessThanOrEqual(0);
-      const { shift, moved } = await page.evaluate(() => { const { shift, moved } = window as unknown as { shift: number; moved: string[] }; return { shift, moved }; });
+      const { shift, moved } = await layoutShift();
       expect(shift, `layout shift of ${view}: ${moved.join(', ')}`).toBeLessThan(0.1);
       const stop = await page.getByRole('button', { name: /STOP/ }).boundingBox();
       expect((stop?.x ?? 1e9) + (stop?.width ?? 0)).toBeLessThanOrEqual(width);
     }
+  });
+
+  it.each([390, 1440])('does not jump from the start of a scan to its verdict in a window of %i pixels', async (width) => {
+    daemon.recipes.add({ name: 'PX-1204', plan: { preset: 'paper' }, target_expanded_deg: 0.05 });
+    daemon.specifications.add({ name: 'drawing 7', limits: { theta_r_deg: { lower: 9, upper: 11 } } });
+    daemon.frameMs = 40;
+    daemon.fitMs = 800;
+    await page.setViewportSize({ width, height: width === 390 ? 844 : 1000 });
+    await watchLayout();
+    await page.goto(url);
+    await chooseSample();
+    await page.getByRole('combobox', { name: 'Recipe' }).selectOption('PX-1204');
+    await page.getByRole('combobox', { name: 'Specification' }).selectOption('drawing 7');
+    await page.getByText('53 frames').waitFor();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
+    await page.getByTestId('newest-frame').locator('canvas').waitFor();
+    for (const id of [1, 2, 3, 4]) {
+      // Far from the last press, so that every jump counts.
+      await page.waitForTimeout(250);
+      daemon.event('uncertainty', { ...certainty(id), scan_id: 1 });
+    }
+    await page.getByTestId('so-far').waitFor();
+    await page.getByText('completed', { exact: true }).waitFor();
+    const fit = await fetch(`${url}/api/v1/fits`, { method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify({ scan_id: 1, variant: 'auto' }) });
+    expect(fit.status).toBe(202);
+    daemon.event('fit', { fit_id: 1, scan_id: 1, state: 'running' });
+    await page.getByTestId('forecast').waitFor();
+    await page.getByTestId('verdict-banner').getByText('pass').waitFor();
+    await page.getByRole('button', { name: 'sawtooth', exact: true }).waitFor();
+    await page.waitForTimeout(300);
+    const { shift, moved } = await layoutShift();
+    expect(shift, moved.join(', ')).toBeLessThan(0.1);
   });
 
   it('is reached and used by keys only', async () => {
