@@ -77,6 +77,12 @@ it('makes the pictures of a day at the rig', async () => {
   await openView(page, 'Result');
   await page.getByRole('button', { name: 'sawtooth', exact: true }).waitFor({ timeout: 60_000 });
   await picture(page, '');
+  // As a printer gets it, on the text width of A4.
+  await page.emulateMedia({ media: 'print' });
+  await page.setViewportSize({ width: 720, height: 1018 });
+  await picture(page, '-print');
+  await page.emulateMedia({ media: 'screen' });
+  await page.setViewportSize({ width: 1440, height: 1000 });
   await openView(page, 'Records');
   await page.getByTestId('scans').locator('tbody tr').nth(2).waitFor();
   await picture(page, '-records');
