@@ -20,7 +20,7 @@ export function resultRows({ scans, fits, verdicts }: Source): Json[] {
       scan_id: body.id, fit_id: fit?.['id'] ?? null, sample_id: body.sample_id, part: body['sample_name'], lot: body['lot'] ?? null, recipe: (body['recipe'] as Json | null | undefined)?.['name'] ?? null, recipe_version: null, external_id: body['external_id'] ?? null, operator_name: body['operator_name'] ?? null,
       material: 'dielectric', origin: body['origin'] ?? 'rig', state: body.state, status: fit?.['status'] ?? null, ...Object.fromEntries(values),
       theta_r_deg_expanded: parameters['theta_r_deg']?.expanded ?? null, coverage_factor: fit ? 2 : null, verdict: verdict?.['verdict'] ?? null, verdict_id: verdict?.['id'] ?? null, specification: verdict?.['specification'] ?? null,
-      created_at: body['created_at'], ended_at: body['ended_at'], ...(body['result'] as Json | undefined),
+      created_at: body['created_at'], ended_at: body['ended_at'], archived: body['archived'] ?? false, ...(body['result'] as Json | undefined),
     };
   });
 }
@@ -43,6 +43,7 @@ const OTHERS = ['sort', 'limit', 'cursor', 'count', 'fields', 'format', 'latest'
 /** The answer to a query. */
 export function resultsPage(all: readonly Json[], query: URLSearchParams): { items: Json[]; next_cursor: string | null; count: number } {
   let rows = all.filter((row) => [...query].every(([name, text]) => OTHERS.includes(name) || isWanted(row, name, text)));
+  if (query.get('archived') !== 'all') rows = rows.filter((row) => row['archived'] !== true);
   if (query.get('latest') === 'true') rows = rows.filter((row) => row['fit_id'] !== null && !rows.some((other) => other['sample_id'] === row['sample_id'] && Number(other['scan_id']) > Number(row['scan_id'])));
   const sort = query.get('sort') ?? '-scan_id';
   const [column, sign] = sort.startsWith('-') ? [sort.slice(1), -1] : [sort, 1];

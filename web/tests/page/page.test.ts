@@ -428,6 +428,31 @@ describe('the answer', () => {
     await page.getByText('The scan is interrupted: The daemon was stopped; resume the scan to continue.').waitFor();
   });
 
+  it('states the state of the scan as the bar does, while it is paused and while it waits', async () => {
+    daemon.frameMs = 100;
+    await page.goto(url);
+    await chooseSample();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    const answer = page.locator('section[aria-labelledby=answer-title]');
+    await answer.getByText('Scan waiting for you: 0 of 53 frames.').waitFor();
+    for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
+    await answer.getByText(/Scan running: \d+ of 53 frames. The first result follows after a few poses./).waitFor();
+    await page.getByRole('button', { name: 'Pause' }).click();
+    await page.locator('header').getByText('scan paused').waitFor();
+    await answer.getByText(/Scan paused: \d+ of 53 frames\.$/).waitFor();
+    expect(await answer.getByText('running').count()).toBe(0);
+  });
+
+  it('does not offer to fit a scan without a frame of the part', async () => {
+    daemon.addScan(1, 'paper');
+    Object.assign(daemon.scans[0]?.body ?? {}, { state: 'aborted', reason: null, progress: { phase: 'dark', shots_done: 0, shots_total: 53, frames_done: 0, frames_total: 53, fraction: 0, elapsed_s: 2, time_left_s: null } });
+    await page.goto(url);
+    await page.getByText('The scan is aborted. It has no frame of the part, so there is nothing to fit.').waitFor();
+    Object.assign(daemon.scans[0]?.body ?? {}, { reason: 'ended by Ada' });
+    await page.reload();
+    await page.getByText('The scan is aborted: Ended by Ada. It has no frame of the part, so there is nothing to fit.').waitFor();
+  });
+
   it('says when the target of the user is reached', async () => {
     daemon.certainties.push(row(1, 0.1), row(2, 0.05), row(3, 0.04));
     daemon.addScan(1, 'paper');

@@ -89,6 +89,20 @@ describe('the records', () => {
     expect(Object.fromEntries(csv.searchParams)).toEqual({ format: 'csv', theta_r_deg_min: '10.1', latest: 'true', sort: '-theta_r_deg' });
   });
 
+  it('say that archived scans are left out, and list them on request', async () => {
+    measured(1, 0);
+    await page.goto(`${url}/#/result/1/record`);
+    const warnings: string[] = [];
+    page.on('console', (message) => warnings.push(message.text()));
+    await page.getByRole('button', { name: 'Archive', exact: true }).click();
+    await page.getByText('archived', { exact: true }).first().waitFor();
+    await page.goto(`${url}/#/records`);
+    await page.getByText('No scan to list. Archived scans are left out.').waitFor();
+    await page.getByRole('button', { name: 'List archived scans too' }).click();
+    await expect.poll(() => rows().count()).toBe(1);
+    expect(warnings).toEqual([]);
+  });
+
   it('follow scans that run, and their fits', async () => {
     daemon.frameMs = 60;
     daemon.fitsAtEnd = true;
