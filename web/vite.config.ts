@@ -1,8 +1,10 @@
 import { svelte } from '@sveltejs/vite-plugin-svelte';
 import { defineConfig } from 'vitest/config';
 
+import { helpDocuments } from './documents.ts';
+
 export default defineConfig({
-  plugins: [svelte()],
+  plugins: [svelte(), helpDocuments()],
   // The daemon serves the page at its root; relative paths keep it movable.
   base: './',
   build: { target: 'es2023', outDir: 'dist', emptyOutDir: true, assetsInlineLimit: 0, reportCompressedSize: true },

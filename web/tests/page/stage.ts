@@ -86,3 +86,37 @@ export async function watchLayout(): Promise<void> {
 export async function layoutShift(): Promise<{ shift: number; moved: string[] }> {
   return page.evaluate(() => { const { shift, moved } = window as unknown as { shift: number; moved: string[] }; return { shift, moved }; });
 }
+
+/** Views and a text of each that shows that it is there. */
+export const VIEWS: readonly (readonly [string, string])[] = [
+  ['measure', 'Last results'],
+  ['result/1', 'BRDF × cos'],
+  ['result/1/uncertainty', 'Share of the variance'],
+  ['result/1/verdict', 'Ridge angle'],
+  ['result/1/map', 'The fit of every pixel'],
+  ['result/1/contrast', 'turned by 90°'],
+  ['result/1/frames', 'automatic levels'],
+  ['result/1/record', 'Models tried'],
+  ['result/1/fits', 'of all scans'],
+  ['records', 'Search'],
+  ['compare/1,2', 'open dots'],
+  ['repeat/1,2', 'Scatter s'],
+  ['chart', 'Values, newest first'],
+  ['rig', 'Axes by hand'],
+  ['lab', 'Virtual ellipsometer'],
+  ['setup', 'Look of the page'],
+];
+
+/** A store as a lab has it: recipes, a specification, and two scans of which one cannot be decided. */
+export function fill(): void {
+  for (const name of ['PX-1204', 'PX-1205']) daemon.recipes.add({ name, plan: { preset: 'paper' }, target_expanded_deg: 0.05 });
+  daemon.specifications.add({ name: 'drawing 7', limits: { theta_r_deg: { lower: 9, upper: 10.1 } } });
+  daemon.addPart(1, 'PX-1204', 'drawing 7');
+  daemon.addFit(daemon.addScan(1, 'full'));
+}
+
+/** Opens a view, and waits for a text of it. */
+export async function open(view: string, words: string): Promise<void> {
+  await page.goto(`${url}/#/${view}`);
+  await page.locator('main').getByText(words, { exact: false }).first().waitFor();
+}

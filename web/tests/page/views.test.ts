@@ -6,45 +6,12 @@ import { gzipSync } from 'node:zlib';
 
 import { describe, expect, it } from 'vitest';
 
-import { axeViolations, chooseSample, daemon, layoutShift, page, text, url, watchLayout } from './stage';
+import { axeViolations, chooseSample, daemon, fill, layoutShift, open, page, text, url, VIEWS, watchLayout } from './stage';
 
 const DIST = join(import.meta.dirname, '../../dist');
 
-/** Views and a text of each that shows that it is there. */
-const VIEWS: readonly (readonly [string, string])[] = [
-  ['measure', 'Last results'],
-  ['result/1', 'BRDF × cos'],
-  ['result/1/uncertainty', 'Share of the variance'],
-  ['result/1/verdict', 'Ridge angle'],
-  ['result/1/map', 'The fit of every pixel'],
-  ['result/1/contrast', 'turned by 90°'],
-  ['result/1/frames', 'automatic levels'],
-  ['result/1/record', 'Models tried'],
-  ['result/1/fits', 'of all scans'],
-  ['records', 'Search'],
-  ['compare/1,2', 'open dots'],
-  ['repeat/1,2', 'Scatter s'],
-  ['chart', 'Values, newest first'],
-  ['rig', 'Axes by hand'],
-  ['lab', 'Virtual ellipsometer'],
-  ['setup', 'Look of the page'],
-];
-
-/** A store as a lab has it: recipes, a specification, and two scans of which one cannot be decided. */
-function fill(): void {
-  for (const name of ['PX-1204', 'PX-1205']) daemon.recipes.add({ name, plan: { preset: 'paper' }, target_expanded_deg: 0.05 });
-  daemon.specifications.add({ name: 'drawing 7', limits: { theta_r_deg: { lower: 9, upper: 10.1 } } });
-  daemon.addPart(1, 'PX-1204', 'drawing 7');
-  daemon.addFit(daemon.addScan(1, 'full'));
-}
-
 /** A row of the fit during a scan. */
 const certainty = (id: number) => ({ id, elapsed_s: 9 * id, n_observations: id, n_frames_used: id, variant: 'sawtooth', status: 'converged', parameters: { theta_r_deg: { value: 10, std: 0.3 / id } } });
-
-async function open(view: string, words: string): Promise<void> {
-  await page.goto(`${url}/#/${view}`);
-  await page.locator('main').getByText(words, { exact: false }).first().waitFor();
-}
 
 /** Bytes of script and style that the page has requested so far, as the daemon sends them. */
 async function loaded(): Promise<{ names: string[]; bytes: number }> {
@@ -181,7 +148,9 @@ describe('every view', () => {
     await page.keyboard.press('Enter');
     await page.getByTestId('records').waitFor();
     await expect.poll(() => page.evaluate(() => document.activeElement?.id)).toBe('main');
-    // The first stop of the Tab key in the view.
+    // The first stops of the Tab key in the view: the help of the card, then the search.
+    await page.keyboard.press('Tab');
+    expect(await page.evaluate(() => document.activeElement?.getAttribute('href'))).toBe('docs/how-to/results.html');
     await page.keyboard.press('Tab');
     await page.keyboard.type('no such part');
     await page.getByText('No scan matches these filters.').waitFor();
