@@ -6,18 +6,14 @@ import { noAnswer, problemOf } from './problems';
 import type { SampleRequest } from './newsample';
 import type { ShapeRequest } from './shape';
 import type {
-  Accuracy,
   AxisName,
   Calibration,
   Certainty,
-  Comparison,
   CurvePoint,
   Curves,
   Estimate,
   Fit,
   FrameRow,
-  GaugeBy,
-  Imported,
   Incident,
   Job,
   JobKind,
@@ -32,7 +28,6 @@ import type {
   QueueOrder,
   RecordChange,
   RefusedStages,
-  Repeatability,
   ResultRow,
   Rig,
   Sample,
@@ -42,8 +37,6 @@ import type {
   StoredDefinition,
   StoredRecipe,
   StoredSpecification,
-  Trace,
-  TracePlane,
 } from './types';
 
 export const PREFIX = '/api/v1';
@@ -74,7 +67,7 @@ export function ownHeaders(init?: HeadersInit): Headers {
   return headers;
 }
 
-async function ask(path: string, init: RequestInit = {}): Promise<Response> {
+export async function ask(path: string, init: RequestInit = {}): Promise<Response> {
   let response: Response;
   try {
     response = await fetch(path, { ...init, headers: ownHeaders(init.headers) });
@@ -88,12 +81,12 @@ async function ask(path: string, init: RequestInit = {}): Promise<Response> {
   throw problemOf(response.status, body, `the daemon answered ${response.status} ${response.statusText}`);
 }
 
-async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
+export async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
   const response = await ask(PREFIX + path, { headers: { accept: 'application/json' }, ...(signal ? { signal } : {}) });
   return (await response.json()) as T;
 }
 
-async function post<T>(path: string, body?: unknown, method: 'POST' | 'DELETE' | 'PATCH' = 'POST', signal?: AbortSignal): Promise<T> {
+export async function post<T>(path: string, body?: unknown, method: 'POST' | 'DELETE' | 'PATCH' = 'POST', signal?: AbortSignal): Promise<T> {
   const init: RequestInit = { method, ...(signal ? { signal } : {}) };
   if (body !== undefined) {
     init.headers = { 'content-type': 'application/json' };
@@ -105,7 +98,7 @@ async function post<T>(path: string, body?: unknown, method: 'POST' | 'DELETE' |
 }
 
 /** All pages of a list. */
-async function getAll<T>(path: string, signal?: AbortSignal): Promise<T[]> {
+export async function getAll<T>(path: string, signal?: AbortSignal): Promise<T[]> {
   const items: T[] = [];
   let cursor: string | null = null;
   do {
@@ -145,19 +138,6 @@ export interface FitRequest extends FitOptions {
   readonly shape?: ShapeRequest;
 }
 
-/** Body of `POST /traces`; `scene` is the text of its TOML. */
-export interface TraceRequest {
-  /** Content in base64 of the files that the scene names by `path`. */
-  readonly files?: Readonly<Record<string, string>>;
-  readonly scene: string;
-  readonly photons?: number;
-  readonly max_seconds?: number;
-  readonly target_error?: number;
-  readonly compare: boolean;
-  /** Number of random surfaces of the same statistics, the scene's own included. */
-  readonly surfaces?: number;
-}
-
 /** An 8-bit picture of a frame. */
 export interface FramePicture {
   readonly bitmap: ImageBitmap;
@@ -165,12 +145,6 @@ export interface FramePicture {
   readonly low: number;
   /** Count that is white; 0.2 % of the pixels are above. */
   readonly high: number;
-}
-
-/** The scans of a study, and the lines of the budget that they share. */
-function studied(scans: readonly number[], shared: readonly string[] | null): string {
-  const ids = scans.map((id) => `scan_id=${id}`).join('&');
-  return shared === null ? ids : `${ids}&shared=${shared.length === 0 ? 'none' : shared.join(',')}`;
 }
 
 export const api = {
@@ -267,11 +241,6 @@ export const api = {
 
   /** Frames, poses, observations and fit as one file. */
   nexusUrl: (scan: number): string => `${PREFIX}/scans/${scan}/scan.nxs`,
-  /** The fitted surface as a material for renderers. */
-  surfaceUrl: (scan: number, fit: number): string => `${PREFIX}/scans/${scan}/surface.bsdf?fit_id=${fit}`,
-
-  /** Imports a recorded series from a folder of the daemon's machine. */
-  importSeries: (folder: string, skip_unreadable: boolean): Promise<Imported> => post('/imports', { folder, skip_unreadable }),
 
   /** A page of fits of one scan, or of all scans; newest first. */
   fits: (of: { readonly scan_id?: number; readonly cursor?: string } = {}, signal?: AbortSignal): Promise<Page<Fit>> =>
@@ -280,47 +249,17 @@ export const api = {
   startFit: (request: FitRequest): Promise<{ id: number }> => post('/fits', request),
   curves: (id: number, signal?: AbortSignal): Promise<Curves> => get(`/fits/${id}/curve?step_deg=2`, signal),
 
-  /** Two scans by their newest fits; `shared` states the lines of the budget with the same error in both, null leaves it to the records. */
-  compare: (scans: readonly [number, number], shared: readonly string[] | null, signal?: AbortSignal): Promise<Comparison> => get(`/comparisons?${studied(scans, shared)}`, signal),
-  /** Scatter of several scans, and gauge R&R over operators or days. */
-  repeatability: (scans: readonly number[], shared: readonly string[] | null, by: GaugeBy | null, signal?: AbortSignal): Promise<Repeatability> =>
-    get(`/repeatability?${studied(scans, shared)}${by === null ? '' : `&by=${by}`}`, signal),
-
   /** Jobs of a kind of one scan, newest first. */
   jobsOf: (kind: JobKind, scan_id: number, signal?: AbortSignal): Promise<ScanJob[]> => getAll(`/${kind}?scan_id=${scan_id}`, signal),
   startJob: (kind: JobKind, request: Record<string, unknown>): Promise<{ id: number }> => post(`/${kind}`, request),
   cancelJob: (kind: JobKind, id: number): Promise<unknown> => post(`/${kind}/${id}/cancel`),
   jobUrl: (kind: JobKind, id: number): string => `${PREFIX}/${kind}/${id}`,
   job: <T extends Job>(kind: JobKind, id: number, signal?: AbortSignal): Promise<T> => get(`/${kind}/${id}`, signal),
-  mapFileUrl: (id: number, name: string): string => `${PREFIX}/maps/${id}/files/${name}`,
-  mapBytes: async (id: number, name: string, signal?: AbortSignal): Promise<ArrayBuffer> =>
-    (await ask(`${PREFIX}/maps/${id}/files/${name}`, signal ? { signal } : undefined)).arrayBuffer(),
-
-  /** The newest 50 traces, newest first. */
-  traces: async (signal?: AbortSignal): Promise<readonly Trace[]> => (await get<Page<Trace>>('/traces?limit=50', signal)).items,
-  startTrace: (request: TraceRequest): Promise<{ id: number }> => post('/traces', request),
-  traceFileUrl: (id: number, name: string): string => `${PREFIX}/traces/${id}/files/${name}`,
-  tracePlane: (id: number, signal?: AbortSignal): Promise<TracePlane> => get(`/traces/${id}/files/plane.json`, signal),
-  traceBytes: async (id: number, name: string, signal?: AbortSignal): Promise<ArrayBuffer> =>
-    (await ask(`${PREFIX}/traces/${id}/files/${name}`, signal ? { signal } : undefined)).arrayBuffer(),
-
-  /** Null if nothing was measured. */
-  accuracy: async (signal?: AbortSignal): Promise<Accuracy | null> => {
-    const response = await ask(`${PREFIX}/accuracy`, signal ? { signal } : undefined);
-    return response.status === 204 ? null : ((await response.json()) as Accuracy);
-  },
-  accuracyUrl: (): string => `${PREFIX}/accuracy`,
 
   /** A small 8-bit picture of a frame, and the counts of its black and white. */
   async framePreview(id: number, width: number, signal?: AbortSignal): Promise<FramePicture> {
     const response = await ask(`${PREFIX}/frames/${id}/preview.png?width=${width}`, signal ? { signal } : undefined);
     const end = (name: string): number => Number(response.headers.get(name));
     return { bitmap: await createImageBitmap(await response.blob()), low: end('x-low-dn'), high: end('x-high-dn') };
-  },
-
-  /** The bytes of a frame's file. */
-  async frameBytes(row: FrameRow, signal?: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
-    const response = await ask(row.image, signal ? { signal } : undefined);
-    return new Uint8Array(await response.arrayBuffer());
   },
 };

@@ -1,0 +1,56 @@
+// Requests of the later views: traces, maps, accuracy, comparisons, imports, and files. They are apart so that the first view stays small.
+
+import { ask, get, post, PREFIX } from './api';
+import type { Accuracy, Comparison, FrameRow, GaugeBy, Imported, Page, Repeatability, Trace, TracePlane } from './types';
+
+/** Body of `POST /traces`; `scene` is the text of its TOML. */
+export interface TraceRequest {
+  /** Content in base64 of the files that the scene names by `path`. */
+  readonly files?: Readonly<Record<string, string>>;
+  readonly scene: string;
+  readonly photons?: number;
+  readonly max_seconds?: number;
+  readonly target_error?: number;
+  readonly compare: boolean;
+  /** Number of random surfaces of the same statistics, the scene's own included. */
+  readonly surfaces?: number;
+}
+
+/** The scans of a study, and the lines of the budget that they share. */
+function studied(scans: readonly number[], shared: readonly string[] | null): string {
+  const ids = scans.map((id) => `scan_id=${id}`).join('&');
+  return shared === null ? ids : `${ids}&shared=${shared.length === 0 ? 'none' : shared.join(',')}`;
+}
+
+export const studyApi = {
+  /** The fitted surface as a material for renderers. */
+  surfaceUrl: (scan: number, fit: number): string => `${PREFIX}/scans/${scan}/surface.bsdf?fit_id=${fit}`,
+  /** Imports a recorded series from a folder of the daemon's machine. */
+  importSeries: (folder: string, skip_unreadable: boolean): Promise<Imported> => post('/imports', { folder, skip_unreadable }),
+  /** Two scans by their newest fits; `shared` states the lines of the budget with the same error in both, null leaves it to the records. */
+  compare: (scans: readonly [number, number], shared: readonly string[] | null, signal?: AbortSignal): Promise<Comparison> => get(`/comparisons?${studied(scans, shared)}`, signal),
+  /** Scatter of several scans, and gauge R&R over operators or days. */
+  repeatability: (scans: readonly number[], shared: readonly string[] | null, by: GaugeBy | null, signal?: AbortSignal): Promise<Repeatability> =>
+    get(`/repeatability?${studied(scans, shared)}${by === null ? '' : `&by=${by}`}`, signal),
+  mapFileUrl: (id: number, name: string): string => `${PREFIX}/maps/${id}/files/${name}`,
+  mapBytes: async (id: number, name: string, signal?: AbortSignal): Promise<ArrayBuffer> =>
+    (await ask(`${PREFIX}/maps/${id}/files/${name}`, signal ? { signal } : undefined)).arrayBuffer(),
+  /** The newest 50 traces, newest first. */
+  traces: async (signal?: AbortSignal): Promise<readonly Trace[]> => (await get<Page<Trace>>('/traces?limit=50', signal)).items,
+  startTrace: (request: TraceRequest): Promise<{ id: number }> => post('/traces', request),
+  traceFileUrl: (id: number, name: string): string => `${PREFIX}/traces/${id}/files/${name}`,
+  tracePlane: (id: number, signal?: AbortSignal): Promise<TracePlane> => get(`/traces/${id}/files/plane.json`, signal),
+  traceBytes: async (id: number, name: string, signal?: AbortSignal): Promise<ArrayBuffer> =>
+    (await ask(`${PREFIX}/traces/${id}/files/${name}`, signal ? { signal } : undefined)).arrayBuffer(),
+  /** Null if nothing was measured. */
+  accuracy: async (signal?: AbortSignal): Promise<Accuracy | null> => {
+    const response = await ask(`${PREFIX}/accuracy`, signal ? { signal } : undefined);
+    return response.status === 204 ? null : ((await response.json()) as Accuracy);
+  },
+  accuracyUrl: (): string => `${PREFIX}/accuracy`,
+  /** The bytes of a frame's file. */
+  async frameBytes(row: FrameRow, signal?: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
+    const response = await ask(row.image, signal ? { signal } : undefined);
+    return new Uint8Array(await response.arrayBuffer());
+  },
+};
