@@ -57,6 +57,12 @@ export function plain(x: number, digits = 3): string {
   return String(Number(x.toPrecision(digits))).replace('-', MINUS);
 }
 
+/** The coverage factors of expanded uncertainties in words: `k = 2`, and `k = 2 … 4.53` if they differ. */
+export function coverageWords(factors: readonly (number | null | undefined)[]): string {
+  const [least = '2', ...others] = [...new Set(factors.filter((k) => k != null).sort((a, b) => a - b).map((k) => plain(k)))];
+  return `k = ${[least, ...others.slice(-1)].join(' … ')}`;
+}
+
 /** A tick of a logarithmic axis: `10⁻⁷`, `5 × 10⁻⁷`. */
 export function decade(x: number): string {
   const exponent = Math.floor(Math.log10(Number(x.toPrecision(1))));

@@ -149,6 +149,8 @@ export interface VerdictResult extends ScanJob {
     readonly quantity: string;
     readonly value: number | null;
     readonly expanded: number | null;
+    /** Verdicts of older versions lack it. */
+    readonly coverage_factor?: number | null;
     readonly lower: number | null;
     readonly upper: number | null;
     readonly acceptance_lower: number | null;

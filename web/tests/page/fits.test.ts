@@ -82,6 +82,32 @@ describe('a store of many fits', () => {
   });
 });
 
+describe('a fit with few degrees of freedom', () => {
+  it('states the coverage factor of each value', async () => {
+    for (const scan of [daemon.addScan(1, 'paper'), daemon.addScan(1, 'paper')]) daemon.addFit(scan);
+    const parameters = daemon.fits[0]?.['parameters'] as Record<string, { std: number; expanded: number; coverage_factor: number }>;
+    const angle = parameters['theta_r_deg'];
+    if (angle) Object.assign(angle, { coverage_factor: 4.527, expanded: 4.527 * angle.std });
+    await page.goto(`${url}/#/result/2/uncertainty`);
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.03 ± 0.19° k = 4.53');
+    expect(await text('[data-parameter=alpha_u]')).toMatch(/ k = 2$/);
+    expect(await text('section[aria-labelledby=answer-title] .sum')).toContain('± is the expanded uncertainty, k = 2 … 4.53 ·');
+    const table = page.getByTestId('parameters');
+    expect(await table.getByRole('columnheader', { name: 'U (k = 2 … 4.53)' }).count()).toBe(1);
+    expect((await table.locator('[data-row=theta_r_deg] td').nth(1).innerText()).replace(/\s+/g, ' ')).toBe('± 0.19° k = 4.53');
+    // The other scan has one factor, which is stated once.
+    await page.goto(`${url}/#/result/1/uncertainty`);
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.031 ± 0.085°');
+    expect(await table.getByRole('columnheader', { name: 'U (k = 2)' }).count()).toBe(1);
+    await page.goto(`${url}/#/measure`);
+    const last = page.getByTestId('last-results');
+    await last.getByRole('columnheader', { name: 'θr ± U (k = 2 … 4.53)' }).waitFor();
+    expect((await last.locator('tbody tr').first().locator('.number').innerText()).replace(/\s+/g, ' ')).toBe('10.03° ± 0.19° k = 4.53');
+    await page.goto(`${url}/#/compare/1,2`);
+    await page.getByText('± is U (k = 2 … 4.53)').waitFor();
+  });
+});
+
 describe('the fit of a metal', () => {
   it('has no diffuse reflectance, which is not a fault', async () => {
     daemon.addFit(daemon.addScan(1, 'paper'));

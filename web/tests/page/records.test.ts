@@ -214,7 +214,7 @@ describe('the record of a scan', () => {
     await page.goto(`${url}/#/result/1/record`);
     const card = page.getByTestId('scan-record');
     await card.getByLabel('Tags, separated by commas').fill('study 1, night, study 1');
-    await card.getByLabel('Note').fill('scratch at the edge');
+    await card.getByRole('textbox', { name: 'Note' }).fill('scratch at the edge');
     await card.getByRole('button', { name: 'Save' }).click();
     await card.getByText('Saved.').waitFor();
     expect(daemon.requests.at(-1)).toEqual({ method: 'PATCH', path: '/scans/1', body: { tags: ['study 1', 'night'], note: 'scratch at the edge' } });

@@ -1,6 +1,15 @@
 import { describe, expect, it } from 'vitest';
 
-import { angle, between, bytes, count, counted, decade, decimalsFor, decimalsOfStep, duration, exposure, fixed, foretold, moment, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
+import { angle, between, bytes, count, counted, coverageWords, decade, decimalsFor, decimalsOfStep, duration, exposure, fixed, foretold, moment, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
+
+describe('coverageWords', () => {
+  it('states the one factor, or the range of several', () => {
+    expect(coverageWords([2, null, 2.0001])).toBe('k = 2');
+    expect(coverageWords([4.5268, 2, undefined, 2.13])).toBe('k = 2 … 4.53');
+    expect(coverageWords([])).toBe('k = 2');
+    expect(coverageWords([12.71])).toBe('k = 12.7');
+  });
+});
 
 describe('withUncertainty', () => {
   it('rounds value and uncertainty to the same place, two digits of the uncertainty', () => {
