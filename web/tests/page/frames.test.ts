@@ -92,6 +92,60 @@ describe('a frame', () => {
     expect(await text('[data-testid=zoom]')).toBe('1×');
   });
 
+  it('has a region with its statistics, drawn by the pointer and by keys', async () => {
+    daemon.addScan(1, 'paper');
+    await page.goto(`${url}/#/result/1/frames`);
+    const canvas = page.getByTestId('frame');
+    await page.getByText('automatic levels').waitFor();
+    const box = await canvas.boundingBox();
+    if (!box) throw new Error('the frame has no place');
+    const at = (column: number, row: number): [number, number] => [box.x + ((column + 0.5) * box.width) / 96, box.y + ((row + 0.5) * box.height) / 96];
+    await page.mouse.move(...at(50, 40));
+    await page.mouse.down();
+    await page.mouse.move(...at(30, 30), { steps: 4 });
+    await page.mouse.move(...at(20, 12), { steps: 4 });
+    await page.mouse.up();
+    await expect.poll(() => text('[data-testid=region]')).toMatch(/^columns 20 to 50, rows 12 to 40: mean [\d ]+\.\d DN, standard deviation [\d.]+ DN, [\d ]+ to [\d ]+ DN, (899|89\d) pixels/);
+    // The drag did not keep a pixel.
+    await page.mouse.move(...at(70, 70));
+    await expect.poll(() => text('[data-testid=pixel]')).toContain('column 70, row 70');
+    const stage = page.getByRole('img', { name: /^Frame/ });
+    await stage.focus();
+    await page.keyboard.press('Delete');
+    await expect.poll(() => page.getByTestId('region').count()).toBe(0);
+    await page.keyboard.press('Enter');
+    for (let i = 0; i < 3; i++) await page.keyboard.press('ArrowLeft');
+    await page.keyboard.press('ArrowUp');
+    await page.keyboard.press('Enter');
+    await page.keyboard.press('ArrowUp');
+    await expect.poll(() => text('[data-testid=region]')).toMatch(/^columns 67 to 70, rows 69 to 70: .* 8 pixels; none saturated/);
+  });
+
+  it('is shown as the difference from a dark frame, the white reference or another frame', async () => {
+    daemon.addScan(1, 'paper');
+    await page.goto(`${url}/#/result/1/frames`);
+    await page.getByText('automatic levels').waitFor();
+    const minus = page.getByRole('combobox', { name: 'Minus' });
+    await minus.selectOption('dark frame');
+    await expect.poll(() => text('[data-testid=minus]')).toMatch(/^Frame \d+ minus dark frame \d+ at θc 0.0°, φs 0.0°, [\d.]+ m?s\.$/);
+    expect(await text('[data-testid=difference-scale]')).toMatch(/^−([\d ]+) \1 DN$/);
+    expect(await page.getByText('automatic levels').count()).toBe(0);
+    await minus.selectOption('white reference');
+    await expect.poll(() => text('[data-testid=minus]')).toContain('minus white reference');
+    await minus.selectOption('another frame …');
+    await page.getByLabel('Number').fill('7');
+    await page.getByText('No frame of this scan has the number 7.').waitFor();
+    const shown = Number(await page.getByTestId('frame').getAttribute('data-frame-id'));
+    // A frame minus itself is zero everywhere.
+    await page.getByLabel('Number').fill(String(shown));
+    await page.getByTestId('difference-scale').waitFor();
+    const box = await page.getByTestId('frame').boundingBox();
+    await page.mouse.move((box?.x ?? 0) + 40, (box?.y ?? 0) + 40);
+    await expect.poll(() => text('[data-testid=pixel]')).toMatch(/: 0 DN$/);
+    await minus.selectOption('nothing');
+    await page.getByText('automatic levels').waitFor();
+  });
+
   it('of a large camera is a picture until its counts are asked for', async () => {
     daemon.statedPx = 4000;
     daemon.addScan(1, 'paper');
