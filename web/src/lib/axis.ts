@@ -17,3 +17,8 @@ export function roundMarks(low: number, high: number, most: number): Marks {
   const last = Math.floor(high / step + 1e-9);
   return { at: Array.from({ length: Math.max(0, last - first + 1) }, (_, i) => (first + i) * step), decimals: Math.max(0, -(factor === 10 ? exponent + 1 : exponent)) };
 }
+
+/** Pixels beside an axis for its numbers in the font of the plots (11 px), with the gap to the plot. */
+export function labelRoom(labels: readonly string[]): number {
+  return Math.max(46, Math.ceil(10 + 6.6 * Math.max(0, ...labels.map((label) => label.length))));
+}

@@ -60,6 +60,8 @@ class Live {
   /** The scan whose fits were read in addition to the newest of all. */
   fitsOfScan = $state<number | null>(null);
   alarms = $state.raw<readonly Alarm[]>([]);
+  /** Those that were dismissed. */
+  pastAlarms = $state.raw<readonly Alarm[]>([]);
   #incidents = $state.raw<ReadonlyMap<number, number>>(new Map());
   /** Frames of events since the page was opened, by scan. */
   freshFrames = $state.raw<readonly FrameRow[]>([]);
@@ -146,6 +148,7 @@ class Live {
   }
 
   dismissAlarm(id: number): void {
+    this.pastAlarms = [...this.pastAlarms, ...this.alarms.filter((a) => a.id === id)];
     this.alarms = this.alarms.filter((a) => a.id !== id);
   }
 

@@ -129,6 +129,12 @@ export function posesWords(tilts: number, azimuths: number, poses: readonly Plan
   return poses.length > 0 ? counted(poses.length, 'pose') : `${counted(tilts, 'tilt')} × ${counted(azimuths, 'azimuth')}`;
 }
 
+/** What is unusual about exposures: those beyond 0.1 ms to 10 s; empty if nothing is. */
+export function unusualExposure(exposures_s: readonly number[] = []): string {
+  const odd = exposures_s.find((s) => s < 1e-4 || s > 10);
+  return odd === undefined ? '' : `${exposure(odd)} is an unusually ${odd > 1 ? 'long' : 'short'} exposure.`;
+}
+
 /** Poses and exposures in one line: `5 tilts × 3 azimuths × 3 exposures, 2 frames of each`. */
 export function planWords(plan: PlanRequest, rigExposures: number): string {
   const { tilts, azimuths } = gridListsOf(plan);

@@ -92,6 +92,18 @@ describe('a frame', () => {
     expect(await text('[data-testid=zoom]')).toBe('1×');
   });
 
+  it('has its kinds below each other in a narrow window', async () => {
+    daemon.addScan(1, 'full');
+    await page.setViewportSize({ width: 280, height: 640 });
+    await page.goto(`${url}/#/result/1/frames`);
+    const kinds = page.getByRole('group', { name: 'Kind of frame' }).getByRole('button');
+    await expect.poll(() => kinds.count()).toBe(3);
+    for (const kind of await kinds.all()) {
+      const box = await kind.boundingBox();
+      expect((box?.x ?? 1e9) + (box?.width ?? 0)).toBeLessThanOrEqual(280);
+    }
+  });
+
   it('has a region with its statistics, drawn by the pointer and by keys', async () => {
     daemon.addScan(1, 'paper');
     await page.goto(`${url}/#/result/1/frames`);

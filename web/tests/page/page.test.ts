@@ -141,6 +141,36 @@ describe('faults', () => {
     expect(posts().slice(2)).toEqual(['/rig/axes/theta_c/home', '/scans']);
   });
 
+  it('says beside the field that an exposure is unusual', async () => {
+    await page.goto(url);
+    await chooseSample();
+    const field = page.getByLabel('Exposures, ms');
+    await field.fill('20000');
+    await page.getByText('20 s is an unusually long exposure.').waitFor();
+    await field.fill('0.02');
+    await page.getByText('0.02 ms is an unusually short exposure.').waitFor();
+    await field.fill('20, 60');
+    await page.getByText('unusually').waitFor({ state: 'detached' });
+  });
+
+  it('keeps the camera during a scan with the reason why it takes no picture, and lists alarms after they are dismissed', async () => {
+    daemon.frameMs = 200;
+    await page.goto(url);
+    await chooseSample();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    await page.getByRole('button', { name: 'Continue' }).waitFor();
+    await page.goto(`${url}/#/rig`);
+    const camera = page.getByTestId('camera');
+    await camera.getByText('No picture can be taken now. Scan 1 uses the camera. Its newest frame is in Measure.').waitFor();
+    expect(await camera.getByRole('button', { name: 'Take a look' }).isDisabled()).toBe(true);
+    const events = page.getByTestId('rig-events');
+    await events.getByText('No alarm in the newest scans').waitFor();
+    daemon.event('alarm', { code: 'disk-low', message: 'the disk has 90 MB left', scan_id: null });
+    await page.getByRole('button', { name: 'Seen' }).click();
+    await events.getByText('The disk has 90 MB left.').waitFor();
+    await events.getByText('disk-low').waitFor();
+  });
+
   it('shows an alarm until it is dismissed', async () => {
     await page.goto(url);
     await page.getByText('at rest').waitFor();

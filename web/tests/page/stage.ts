@@ -102,7 +102,7 @@ export const VIEWS: readonly (readonly [string, string])[] = [
   ['compare/1,2', 'open dots'],
   ['repeat/1,2', 'Scatter s'],
   ['chart', 'Values, newest first'],
-  ['rig', 'Axes by hand'],
+  ['rig', 'No alarm in the newest scans'],
   ['lab', 'Virtual ellipsometer'],
   ['setup', 'Look of the page'],
 ];

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { roundMarks } from '../../src/lib/axis';
+import { labelRoom, roundMarks } from '../../src/lib/axis';
 import { chartOf, signalSentences } from '../../src/lib/charted';
 import type { ResultRow } from '../../src/lib/types';
 
@@ -34,5 +34,13 @@ describe('marks of an axis', () => {
     expect(roundMarks(0, 0.0121, 2)).toEqual({ at: [0, 0.01], decimals: 2 });
     expect(roundMarks(-30, 120, 5)).toEqual({ at: [0, 50, 100], decimals: 0 });
     expect(roundMarks(5, 5, 4).at).toEqual([5]);
+  });
+});
+
+describe('the room of an axis', () => {
+  it('holds its longest number', () => {
+    expect(labelRoom(['0', '0.2'])).toBe(46);
+    // 11 px Inter with figures of equal width takes 6.6 px a character; the gap to the plot is 4 px.
+    expect(labelRoom(['−0.00005', '0'])).toBeGreaterThanOrEqual(8 * 6.6 + 4);
   });
 });

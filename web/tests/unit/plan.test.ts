@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { gridListsOf, gridOf, newGrid, planWords, posesOf, readGrid, recipeWords, valuesOf, type GridDraft, type PlanRequest } from '../../src/lib/plan';
+import { type GridDraft, gridListsOf, gridOf, newGrid, type PlanRequest, planWords, posesOf, readGrid, recipeWords, unusualExposure, valuesOf } from '../../src/lib/plan';
 
 const draft = (change: Partial<GridDraft>): GridDraft => ({ ...newGrid(), ...change });
 
@@ -55,5 +55,13 @@ describe('a plan', () => {
     expect(valuesOf({ from: 0, to: 1, step: 0.1 })).toHaveLength(11);
     expect(valuesOf({ from: 0, to: 1, step: 0.1 }).at(-1)).toBe(1);
     expect(valuesOf(null)).toEqual([]);
+  });
+});
+
+describe('unusualExposure', () => {
+  it('names an exposure that is far from those of a camera', () => {
+    expect(unusualExposure([0.02, 20])).toBe('20 s is an unusually long exposure.');
+    expect(unusualExposure([0.00002])).toBe('0.02 ms is an unusually short exposure.');
+    expect([unusualExposure([1e-4, 0.06, 10]), unusualExposure([]), unusualExposure()]).toEqual(['', '', '']);
   });
 });
