@@ -16,7 +16,7 @@ matplotlib.use("Agg")
 
 def test_curves_lie_over_the_observations(scan: ridged.Scan) -> None:
     axes = scan.plot()
-    assert axes.get_ylabel() == "BRDF / sr⁻¹"
+    assert axes.get_ylabel() == "BRDF × cos θi / sr⁻¹"
     legend = axes.get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == ["-20°", "-10°", "0°", "10°", "20°"]

@@ -47,8 +47,8 @@ def finish(axes: Axes, ylabel: str, title: str) -> Axes:
 
 
 def signal_label(is_absolute: bool) -> str:
-    """Radiance for an irradiance of 1 is a BRDF; without a white reference its unit is arbitrary."""
-    return "BRDF / sr⁻¹" if is_absolute else "signal / arbitrary unit"
+    """Radiance over the irradiance of a surface that faces the lamp; without a white reference its unit is arbitrary."""
+    return "BRDF × cos θi / sr⁻¹" if is_absolute else "signal / arbitrary unit"
 
 
 def draw_points(axes: Axes, rows: list[Any], all_tilts: list[float], label: bool) -> None:
