@@ -34,7 +34,6 @@ import type {
   Scan,
   ScanJob,
   Session,
-  StoredDefinition,
   StoredRecipe,
   StoredSpecification,
 } from './types';
@@ -126,9 +125,6 @@ export interface ScanRequest {
   readonly operator_name?: string;
 }
 
-/** Kinds of definitions, as they appear in paths. */
-export type DefinitionKind = 'recipes' | 'specifications';
-
 /** Body of `POST /fits`. */
 export interface FitRequest extends FitOptions {
   readonly scan_id: number;
@@ -173,15 +169,6 @@ export const api = {
 
   recipes: (): Promise<StoredRecipe[]> => getAll('/recipes'),
   specifications: (signal?: AbortSignal): Promise<StoredSpecification[]> => getAll('/specifications', signal),
-  archived: (kind: DefinitionKind): Promise<StoredDefinition[]> => getAll(`/${kind}?archived=true`),
-  /** All versions, newest first. */
-  versions: (kind: DefinitionKind, id: number, signal?: AbortSignal): Promise<StoredDefinition[]> => getAll(`/${kind}/${id}/versions`, signal),
-  addDefinition: (kind: DefinitionKind, content: object): Promise<StoredDefinition> => post(`/${kind}`, content),
-  /** Adds a version; `replaces` is the one that it was made from. */
-  addVersion: (kind: DefinitionKind, id: number, replaces: number, content: object): Promise<StoredDefinition> =>
-    post(`/${kind}/${id}/versions`, { replaces, [kind === 'recipes' ? 'recipe' : 'specification']: content }),
-  archive: (kind: DefinitionKind, id: number): Promise<unknown> => post(`/${kind}/${id}/archive`),
-  restore: (kind: DefinitionKind, id: number): Promise<unknown> => post(`/${kind}/${id}/restore`),
   /** The newest results: one row per scan, several for a part with regions. */
   verdictWords: async (limit: number, signal?: AbortSignal): Promise<readonly ResultRow[]> => (await get<Page<ResultRow>>(`/results?fields=scan_id,region,verdict&limit=${limit}`, signal)).items,
   queue: (): Promise<Queue> => get('/queue'),

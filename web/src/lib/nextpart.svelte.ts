@@ -33,6 +33,8 @@ class NextPart {
   lot = $state('');
   externalId = $state('');
   operator = $state('');
+  /** Of this part only. */
+  note = $state('');
   grid = $state<GridDraft>(newGrid());
 
   constructor() {
@@ -47,7 +49,7 @@ class NextPart {
 
   /** Keeps what the next part will probably share; an external number belongs to one part only. */
   sent(): void {
-    this.externalId = '';
+    [this.externalId, this.note] = ['', ''];
     const kept: Remembered = { recipe: this.recipe === OWN_GRID ? remembered().recipe : this.recipe, specification: this.specification, operator: this.operator.trim() };
     try {
       localStorage.setItem(KEY, JSON.stringify(kept));

@@ -1,7 +1,10 @@
-// Requests of the later views: traces, maps, accuracy, comparisons, imports, and files. They are apart so that the first view stays small.
+// Requests of the later views: definitions, traces, maps, accuracy, comparisons, imports, and files. They are apart so that the first view stays small.
 
-import { ask, get, post, PREFIX } from './api';
-import type { Accuracy, Comparison, FrameRow, GaugeBy, Imported, Page, Repeatability, Trace, TracePlane } from './types';
+import { ask, get, getAll, post, PREFIX } from './api';
+import type { Accuracy, Comparison, FrameRow, GaugeBy, Imported, Page, Repeatability, StoredDefinition, Trace, TracePlane } from './types';
+
+/** Kinds of definitions, as they appear in paths. */
+export type DefinitionKind = 'recipes' | 'specifications';
 
 /** Body of `POST /traces`; `scene` is the text of its TOML. */
 export interface TraceRequest {
@@ -23,6 +26,15 @@ function studied(scans: readonly number[], shared: readonly string[] | null): st
 }
 
 export const studyApi = {
+  archived: (kind: DefinitionKind): Promise<StoredDefinition[]> => getAll(`/${kind}?archived=true`),
+  /** All versions, newest first. */
+  versions: (kind: DefinitionKind, id: number, signal?: AbortSignal): Promise<StoredDefinition[]> => getAll(`/${kind}/${id}/versions`, signal),
+  addDefinition: (kind: DefinitionKind, content: object): Promise<StoredDefinition> => post(`/${kind}`, content),
+  /** Adds a version; `replaces` is the one that it was made from. */
+  addVersion: (kind: DefinitionKind, id: number, replaces: number, content: object): Promise<StoredDefinition> =>
+    post(`/${kind}/${id}/versions`, { replaces, [kind === 'recipes' ? 'recipe' : 'specification']: content }),
+  archive: (kind: DefinitionKind, id: number): Promise<unknown> => post(`/${kind}/${id}/archive`),
+  restore: (kind: DefinitionKind, id: number): Promise<unknown> => post(`/${kind}/${id}/restore`),
   /** The fitted surface as a material for renderers. */
   surfaceUrl: (scan: number, fit: number): string => `${PREFIX}/scans/${scan}/surface.bsdf?fit_id=${fit}`,
   /** Imports a recorded series from a folder of the daemon's machine. */

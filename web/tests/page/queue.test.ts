@@ -32,6 +32,22 @@ describe('the queue', () => {
     expect(posts().at(-1)).toBe('/queue/start');
   });
 
+  it('keeps a note with its order, and a scan that is started has it', async () => {
+    daemon.recipes.add({ name: 'PX-1204', plan: { preset: 'paper' } });
+    await page.goto(url);
+    const note = page.getByTestId('next-part').getByLabel('Note');
+    await chooseSample();
+    await note.fill(' after cleaning ');
+    await page.getByRole('button', { name: 'Add to queue' }).click();
+    await expect.poll(() => daemon.orders.map((o) => o['note'])).toEqual(['after cleaning']);
+    // It is of one part only.
+    await expect.poll(() => note.inputValue()).toBe('');
+    await chooseSample();
+    await note.fill('scratch at the edge');
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    await expect.poll(() => daemon.requests.filter((r) => r.method === 'PATCH').map((r) => [r.path, r.body])).toEqual([['/scans/1', { note: 'scratch at the edge' }]]);
+  });
+
   it('takes the next part while a scan runs', async () => {
     daemon.recipes.add({ name: 'PX-1204', plan: { preset: 'paper' } });
     await page.goto(url);
