@@ -245,7 +245,7 @@ async fn a_slip_without_a_flag_is_found_by_the_encoder() {
     );
 }
 
-/// A rig whose frames nobody takes.
+/// A rig that takes no frames.
 struct NoCamera;
 
 impl Camera for NoCamera {
@@ -292,7 +292,7 @@ async fn a_slip_while_the_link_is_lost_is_found_after_the_next_connection() {
     let stage = ready(&mut owner).await;
     stage.move_pose(Pose::from_deg(0.0, 60.0)).await.unwrap();
     assert_at(bench.world.pose_now(), 0.0, 60.0);
-    // A controller that restarted begins anew: its encoder counts from elsewhere.
+    // A restarted controller has no reference and another count of its encoder: both are read again.
     owner.let_go();
     bench.world.cause(PhiS, AxisFault::PowerCycle);
     let stage = ready(&mut owner).await;
