@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::full::{Full, Printed, Sawtooth};
+use super::full::Full;
 use super::lean::{self, COLUMNS, N, Optics, ROW, Row};
 use super::problem::{Problem, Values};
 use super::solver::Bounds;
@@ -91,16 +91,7 @@ pub(super) fn descend_in_full(
     evaluations: usize,
     cancel: &AtomicBool,
 ) -> Option<Vec<End>> {
-    match problem.variant() {
-        Variant::Sawtooth => {
-            let form = Full::<Sawtooth>::new(problem);
-            descend(problem, form, starts, evaluations, cancel)
-        }
-        Variant::Paper => {
-            let form = Full::<Printed>::new(problem);
-            descend(problem, form, starts, evaluations, cancel)
-        }
-    }
+    descend(problem, Full::new(problem), starts, evaluations, cancel)
 }
 
 /// Whether lanes support the full form of a problem.

@@ -169,10 +169,10 @@ fn a_lane_has_the_cost_gradient_and_normal_matrix_of_the_full_problem() {
                 lit += 1;
                 match variant {
                     Variant::Sawtooth => {
-                        assert_same(&problem, Full::<Sawtooth>::new(&problem), &v, 2e-6);
+                        assert_same(&problem, Full::new(&problem), &v, 2e-6);
                     }
                     Variant::Paper => {
-                        assert_same(&problem, Full::<Printed>::new(&problem), &v, 1e-8);
+                        assert_same(&problem, Full::new(&problem), &v, 1e-8);
                     }
                 }
             }

@@ -8,91 +8,19 @@ use pulp::Simd;
 use super::crew::{Form, MOST};
 use super::lean::{N, ROW, Row};
 use super::problem::Problem;
+use crate::model::form::{self, Half, NUMBERS, Shape, Terms};
 use crate::model::fresnel::reflectance;
-use crate::model::lanes::{Lane, Slopes, paper, sawtooth};
+use crate::model::lanes::Lane;
 use crate::model::prepared::{OpticsTable, Prepared};
 use crate::model::{Surface, Variant};
 
 /// Number of values that place a surface and its signals: sine and cosine of tilt and azimuth offset, gain, background.
 const PLACED: usize = 6;
 
-/// The complete sawtooth.
-#[derive(Clone, Copy)]
-pub(super) struct Sawtooth(sawtooth::Optics);
-/// The printed lobe.
-#[derive(Clone, Copy)]
-pub(super) struct Printed;
-
-/// A variant of the model for a register of surfaces.
-pub(super) trait Kind: Copy + Sync {
-    const VARIANT: Variant;
-    /// Number of values that describe a surface.
-    const NUMBERS: usize;
-    fn new(prepared: &Prepared) -> Self;
-    fn numbers(prepared: &Prepared, f: f64, h2: f64, to: &mut [f64]);
-    fn partials<S: Simd>(
-        &self,
-        simd: S,
-        shape: &[Lane<S>; MOST],
-        incident: &[Lane<S>; 3],
-        outgoing: &[Lane<S>; 3],
-    ) -> Slopes<S>;
-}
-
-impl Kind for Sawtooth {
-    const VARIANT: Variant = Variant::Sawtooth;
-    const NUMBERS: usize = sawtooth::SHAPE;
-
-    fn new(prepared: &Prepared) -> Self {
-        Sawtooth(sawtooth::Optics::of(prepared))
-    }
-
-    fn numbers(prepared: &Prepared, f: f64, h2: f64, to: &mut [f64]) {
-        to.copy_from_slice(&sawtooth::shape(prepared, f, h2));
-    }
-
-    #[inline(always)]
-    fn partials<S: Simd>(
-        &self,
-        simd: S,
-        shape: &[Lane<S>; MOST],
-        incident: &[Lane<S>; 3],
-        outgoing: &[Lane<S>; 3],
-    ) -> Slopes<S> {
-        let shape = shape.first_chunk().expect("fewer than the most");
-        sawtooth::partials(simd, &self.0, shape, incident, outgoing)
-    }
-}
-
-impl Kind for Printed {
-    const VARIANT: Variant = Variant::Paper;
-    const NUMBERS: usize = paper::SHAPE;
-
-    fn new(_: &Prepared) -> Self {
-        Printed
-    }
-
-    fn numbers(prepared: &Prepared, f: f64, h2: f64, to: &mut [f64]) {
-        to.copy_from_slice(&paper::shape(prepared, f, h2));
-    }
-
-    #[inline(always)]
-    fn partials<S: Simd>(
-        &self,
-        simd: S,
-        shape: &[Lane<S>; MOST],
-        incident: &[Lane<S>; 3],
-        outgoing: &[Lane<S>; 3],
-    ) -> Slopes<S> {
-        let shape = shape.first_chunk().expect("fewer than the most");
-        paper::partials(simd, shape, incident, outgoing)
-    }
-}
-
 /// The full form of a variant on a far rig.
 #[derive(Clone, Copy)]
-pub(super) struct Full<K> {
-    kind: K,
+pub(super) struct Full {
+    variant: Variant,
     table: OpticsTable,
     /// Direction of the lamp: along the camera direction, across it in the tilt plane, and perpendicular to that plane.
     lamp: [f64; 3],
@@ -101,7 +29,7 @@ pub(super) struct Full<K> {
     h2: f64,
 }
 
-impl<K: Kind> Full<K> {
+impl Full {
     pub(super) fn new(problem: &Problem<'_>) -> Self {
         let rig = &problem.set().rig;
         let (sl, cl) = rig.theta_l.sin_cos();
@@ -109,15 +37,8 @@ impl<K: Kind> Full<K> {
         let table = *problem.nominal_optics();
         let (eta, k) = (table.optics.eta, table.optics.k);
         let h2 = 2.0 + 2.0 * cl;
-        let flat = Surface {
-            theta_r: 0.0,
-            alpha_u: 1.0,
-            alpha_v: 1.0,
-            rho_d: 0.0,
-            amplitude: 1.0,
-        };
         Full {
-            kind: K::new(&Prepared::new(K::VARIANT, &flat, &table)),
+            variant: problem.variant(),
             table,
             lamp: [cl, sl * ca, sl * sa],
             f: reflectance(0.5 * h2.sqrt(), eta, k),
@@ -126,8 +47,8 @@ impl<K: Kind> Full<K> {
     }
 }
 
-impl<K: Kind> Form for Full<K> {
-    const SHAPE: usize = K::NUMBERS + PLACED;
+impl Form for Full {
+    const SHAPE: usize = NUMBERS + PLACED;
 
     fn shape(&self, x: &[f64; N], to: &mut [f64; MOST]) {
         let [
@@ -147,20 +68,20 @@ impl<K: Kind> Form for Full<K> {
             rho_d,
             amplitude: 1.0,
         };
-        let prepared = Prepared::new(K::VARIANT, &surface, &self.table);
-        K::numbers(&prepared, self.f, self.h2, &mut to[..K::NUMBERS]);
+        let prepared = Prepared::new(self.variant, &surface, &self.table);
+        to[..NUMBERS].copy_from_slice(prepared.numbers());
         // θr < 0 is the surface rotated by 180°.
         let side = if theta_r < 0.0 { -1.0 } else { 1.0 };
         let (so, co) = tilt.sin_cos();
         let (sp, cp) = turn.sin_cos();
         let placed = [so, co, side * sp, side * cp, scale, background];
-        to[K::NUMBERS..Self::SHAPE].copy_from_slice(&placed);
+        to[NUMBERS..Self::SHAPE].copy_from_slice(&placed);
     }
 
     #[inline(always)]
     fn row<S: Simd>(&self, simd: S, pose: &[Lane<S>; ROW], shape: &[Lane<S>; MOST]) -> Row<S> {
         let [st, ct, sr, cr, signal, weight] = *pose;
-        let placed: &[Lane<S>; PLACED] = shape[K::NUMBERS..Self::SHAPE]
+        let placed: &[Lane<S>; PLACED] = shape[NUMBERS..Self::SHAPE]
             .first_chunk()
             .expect("as many as are placed");
         let [so, co, sp0, cp0, scale, background] = *placed;
@@ -178,7 +99,15 @@ impl<K: Kind> Form for Full<K> {
             iz,
         ];
         let o = [sin * sp, sin * cp, cos];
-        let g = self.kind.partials(simd, shape, &i, &o);
+        let k = |x: f64| Lane::splat(simd, x);
+        let fixed = self.table.fixed();
+        let terms = Terms {
+            diffuse: fixed.is_dielectric(),
+            risers: true,
+        };
+        let surface = Shape::of(shape.first_chunk().expect("more than they"), k(1.0));
+        let half = Half::of_far_rig(k(self.h2), k(self.f));
+        let g = form::radiance(self.variant, terms, fixed, &surface, &half, &i, &o);
         // The tilt rotates a rig direction (x, y, z) about +y at the rate (z, 0, −x); the rotation of the sample
         // rotates (u, v) at the rate (v, −u).
         macro_rules! turned {

@@ -32,8 +32,9 @@ use crate::material::Material;
 use crate::model::extended::slopes::TAIL_MAX;
 use crate::model::extended::{self, CREST_MAX, Real, Terms, Walls};
 use crate::model::prepared::{OpticsTable, Partials, Prepared};
+use crate::model::views::{Rotation, Views};
 use crate::model::{Gradient, Optics, Surface, Variant};
-use crate::observation::{ObservationSet, Prior};
+use crate::observation::{ObservationSet, Prior, View};
 use crate::units::Angle;
 
 /// Smallest and largest gain as multiples of the brightest signal. Without a limit, a lobe that all poses miss by far
@@ -72,6 +73,8 @@ pub struct Problem<'a> {
     walls: Option<Arc<Walls>>,
     /// Sines and cosines of the recorded poses: (θc, φs with the known zeros), one per observation.
     poses: Vec<[(f64, f64); 2]>,
+    /// The views of observations that average over several; empty if none does.
+    views: Arc<[Views]>,
 }
 
 /// The model at one set of values, prepared for every observation.
@@ -121,6 +124,7 @@ impl<'a> Problem<'a> {
                     [o.pose.theta_c.sin_cos(), azimuth.sin_cos()]
                 })
                 .collect(),
+            views: views(set),
             set,
         }
     }
@@ -440,9 +444,7 @@ impl<'a> Problem<'a> {
         incident: Vector3<f64>,
         outgoing: Vector3<f64>,
     ) -> (Directions, f64, f64) {
-        let [_, (sp, cp)] = self.poses[index];
-        let (so, co) = ready.turn;
-        let (sin, cos) = (sp * co + cp * so, cp * co - sp * so);
+        let (sin, cos) = self.azimuth(index, ready);
         let turned =
             |w: Vector3<f64>| Vector3::new(w.x * sin - w.y * cos, w.x * cos + w.y * sin, w.z);
         let directions = Directions {
@@ -452,25 +454,38 @@ impl<'a> Problem<'a> {
         (directions, sin, cos)
     }
 
+    /// Sine and cosine of the azimuth of v.
+    fn azimuth(&self, index: usize, ready: &Ready) -> (f64, f64) {
+        let [_, (sp, cp)] = self.poses[index];
+        let (so, co) = ready.turn;
+        (sp * co + cp * so, cp * co - sp * so)
+    }
+
     /// Computes the radiance of one observation with all derivatives, for either sign of θr. For a near camera this is
     /// the weighted sum over the views.
     #[must_use]
     pub fn gradient(&self, index: usize, ready: &Ready) -> Gradient {
-        let one = |(directions, sin, cos): (Directions, f64, f64)| {
-            self.partials(&directions, ready)
-                .on_rig(&directions, sin, cos)
-        };
-        let mut g = match self.set.views.get(index) {
-            None => one(self.directions(index, ready)),
-            Some(views) => {
+        let mut g = match (self.set.views.get(index), self.views.get(index)) {
+            (Some(_), Some(views)) if self.walls.is_none() => {
+                let rotation = Rotation {
+                    tilt: ready.tilt,
+                    turn: self.azimuth(index, ready),
+                };
+                ready.prepared.over_views(views, rotation)
+            }
+            (Some(views), _) => {
                 let mut sum = Gradient::ZERO;
                 for view in views {
-                    sum.add(
-                        view.weight,
-                        &one(self.of_view(index, ready, &view.directions)),
-                    );
+                    let (directions, sin, cos) = self.of_view(index, ready, &view.directions);
+                    let one = self.partials(&directions, ready);
+                    sum.add(view.weight, &one.on_rig(&directions, sin, cos));
                 }
                 sum
+            }
+            (None, _) => {
+                let (directions, sin, cos) = self.directions(index, ready);
+                self.partials(&directions, ready)
+                    .on_rig(&directions, sin, cos)
             }
         };
         if ready.mirrored {
@@ -553,6 +568,7 @@ impl<'a> Problem<'a> {
     {
         Problem {
             set,
+            views: views(set),
             ..self.clone()
         }
     }
@@ -590,6 +606,18 @@ impl<'a> Problem<'a> {
     pub(super) fn reflectance(&self) -> f64 {
         self.set.white_reference.map_or(1.0, |w| w.reflectance)
     }
+}
+
+/// The views of a set by columns, where there are several of an observation.
+fn views(set: &ObservationSet) -> Arc<[Views]> {
+    if set.views.iter().all(|views| views.len() < 2) {
+        return Arc::default();
+    }
+    let of = |views: &Vec<View>| {
+        let views: Vec<_> = views.iter().map(|v| (v.directions, v.weight)).collect();
+        Views::new(&views)
+    };
+    set.views.iter().map(of).collect()
 }
 
 /// Fresnel reflectance at normal incidence; within 1e-4 of that at 5°.

@@ -97,7 +97,8 @@ fn views_with_the_directions_of_the_rig_only_change_the_weight() {
             (f.phi_s, n.phi_s),
             (f.alpha_v, n.alpha_v),
         ] {
-            assert!((1.2 * f - n).abs() < 1e-12 * f.abs().max(f.abs()).max(1e-3));
+            // Views are summed with the digits of a register.
+            assert!((1.2 * f - n).abs() < 1e-6 * f.abs().max(1e-3), "{f} {n}");
         }
     }
 }

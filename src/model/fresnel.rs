@@ -215,15 +215,24 @@ pub(super) fn principal_sqrt(z: Complex<f64>) -> Complex<f64> {
 
 /// A reflectance with its derivatives with respect to the cosine of the angle of incidence and to the index.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Slopes {
+pub struct Slopes<N = f64> {
     /// The reflectance, within [0, 1].
-    pub value: f64,
+    pub value: N,
     /// ∂/∂ cos θ.
-    pub cos: f64,
+    pub cos: N,
     /// ∂/∂ n.
-    pub eta: f64,
+    pub eta: N,
     /// ∂/∂ k.
-    pub k: f64,
+    pub k: N,
+}
+
+/// What a smooth wall reflects of light from one direction.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Boundary<R> {
+    /// The unpolarised reflectance.
+    pub(super) f: Slopes<R>,
+    /// R_s and R_p of a metal; `None` for a dielectric, whose terms use the unpolarised one.
+    pub(super) parts: Option<[Slopes<R>; 2]>,
 }
 
 /// R_s and R_p with their first derivatives.

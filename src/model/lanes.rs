@@ -9,31 +9,7 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 use pulp::Simd;
 use pulp::bytemuck::cast;
 
-mod fresnel;
-pub(crate) mod paper;
-pub(crate) mod sawtooth;
-
-/// Lower bound of divisors in forms for a register of surfaces.
-const TINY: f64 = 1e-9;
-
-/// A radiance per lane with its slopes.
-#[derive(Clone, Copy)]
-pub(crate) struct Slopes<S: Simd> {
-    /// The radiance.
-    pub(crate) value: Lane<S>,
-    /// With respect to θr.
-    pub(crate) theta_r: Lane<S>,
-    /// With respect to ln αu.
-    pub(crate) ln_alpha_u: Lane<S>,
-    /// With respect to ln αv.
-    pub(crate) ln_alpha_v: Lane<S>,
-    /// With respect to ρd.
-    pub(crate) rho_d: Lane<S>,
-    /// With respect to the components of the lamp's direction along u, v, n, at constant |h|.
-    pub(crate) incident: [Lane<S>; 3],
-    /// With respect to those of the camera's direction.
-    pub(crate) outgoing: [Lane<S>; 3],
-}
+pub(super) mod fresnel;
 
 /// One number per pixel.
 #[derive(Clone, Copy)]
@@ -241,7 +217,7 @@ impl std::ops::DerefMut for Numbers {
 /// tan 22.5°.
 const FRAC_PI_8_TAN: f64 = 0.414_213_562_373_095_03;
 /// 1/√(2π).
-const FRAC_1_SQRT_TAU: f64 = 0.398_942_280_401_432_7;
+pub(super) const FRAC_1_SQRT_TAU: f64 = 0.398_942_280_401_432_7;
 /// 1.5 · 2²⁰ + 1023: numbers of this size have their units in the lowest bit of the high half.
 const ROUND: f64 = 1_572_864.0 + 1023.0;
 /// Coefficients of 2^f on |f| ≤ 1/2 with a relative error of 3e-16: interpolated at the zeros of Chebyshev's T₁₁.

@@ -16,10 +16,9 @@ pub mod double_double;
 pub mod dual;
 pub mod extended;
 pub mod flat_stack;
+pub(crate) mod form;
 pub mod fresnel;
 pub mod gauss;
-mod gradient_paper;
-mod gradient_sawtooth;
 pub(crate) mod lanes;
 pub mod left_out;
 pub mod number;
@@ -29,11 +28,13 @@ pub mod picture;
 pub mod polarisation;
 pub mod prepared;
 pub mod quadrature;
+mod register;
 pub mod rough_boundary;
 pub mod sawtooth;
 pub mod single_bounce;
 pub mod surface_brdf;
 mod third_bounce;
+pub mod views;
 
 #[cfg(test)]
 mod derivative_tests;

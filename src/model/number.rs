@@ -39,18 +39,22 @@ pub trait Number:
     fn mirrored(self, eta: Self, k: Self) -> (Self, Self);
 
     /// Multiplies by a constant.
+    #[inline(always)]
     fn times(self, factor: f64) -> Self {
         self * self.like(factor)
     }
     /// The larger of two.
+    #[inline(always)]
     fn larger(self, other: Self) -> Self {
         Self::choose(other.below(self), self, other)
     }
     /// The smaller of two.
+    #[inline(always)]
     fn smaller(self, other: Self) -> Self {
         Self::choose(self.below(other), self, other)
     }
     /// The number if it is positive, else 0.
+    #[inline(always)]
     fn positive(self) -> Self {
         self.larger(self.like(0.0))
     }
@@ -86,12 +90,15 @@ pub trait Number:
 impl<T: Scalar> Number for T {
     type Choice = bool;
 
+    #[inline(always)]
     fn like(self, value: f64) -> Self {
         T::constant(value)
     }
+    #[inline(always)]
     fn below(self, other: Self) -> bool {
         self.value() < other.value()
     }
+    #[inline(always)]
     fn choose(choice: bool, yes: Self, no: Self) -> Self {
         if choice { yes } else { no }
     }
@@ -128,6 +135,18 @@ impl<S: Simd> Number for Lane<S> {
     #[inline(always)]
     fn choose(choice: Mask<S>, yes: Self, no: Self) -> Self {
         choice.select(yes, no)
+    }
+    #[inline(always)]
+    fn larger(self, other: Self) -> Self {
+        self.max(other)
+    }
+    #[inline(always)]
+    fn smaller(self, other: Self) -> Self {
+        self.min(other)
+    }
+    #[inline(always)]
+    fn root(self) -> Self {
+        self.sqrt()
     }
     #[inline(always)]
     fn map(self, f: impl Fn(f64) -> (f64, f64)) -> Self {

@@ -336,6 +336,8 @@ mod tests {
         };
         let first = run(&first_line, &Pace::UNHURRIED);
         assert!(!stopped.complete && !stopped.at_theta_r_bound && !stopped.at_alpha_bound);
-        assert!(stopped.contrast >= first.contrast, "{stopped:?} {first:?}");
+        // The two searches round their roughnesses differently.
+        let best = first.contrast * (1.0 - 1e-12);
+        assert!(stopped.contrast >= best, "{stopped:?} {first:?}");
     }
 }

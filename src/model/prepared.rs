@@ -2,22 +2,24 @@
 //!
 //! [`OpticsTable`] contains the values that depend on the index only (computed once per fit unless the index is
 //! free), [`Prepared`] those that depend on the parameters (once per trial); [`Prepared::partials`] evaluates one
-//! pose. The derivatives are written by hand in reverse mode, from the radiance to the corner-frame components of the
-//! two directions. Tests compare them with the dual numbers of [`super::dual`] in the forms of [`super::sawtooth`]
-//! and [`super::paper`].
+//! pose, [`Prepared::over_views`] the mean over many directions, several at once. The forms are those of [`super::form`].
 //!
 //! *Conditioning.* The value has the forms of [`super::sawtooth`] and their digits. Derivatives are logarithmic ones
 //! times the value, so they vanish with it and never divide by it. ∂/∂α² of a lobe loses no digits at the lobe's peak
 //! and grows as (x/α)² beside it, which is its true size. A retro lobe beyond e⁻¹⁰⁰ of its peak is omitted: below
 //! 1e-43 of the peak the inner loop returns 0, unlike the reference form.
 
+use std::f64::consts::{FRAC_1_PI, PI};
+
 use nalgebra::Vector3;
 
 use crate::geometry::{Directions, Pose, RigGeometry};
 
 use super::dual::Dual;
-use super::fresnel::{Reflectances, Slopes, dielectric_slopes};
-use super::sawtooth::diffuse_transmittance;
+use super::form::{self, Fixed, Half, NUMBERS, Shape, Terms};
+use super::fresnel::Slopes;
+use super::register::Register;
+use super::sawtooth::{RETRO_TILT_MAX, RETRO_TILT_MIN, diffuse_transmittance};
 use super::{Gradient, Optics, Surface, Variant};
 
 /// A radiance with its derivatives with respect to the parameters and to the components of both directions.
@@ -94,6 +96,8 @@ pub struct OpticsTable {
     pub(super) diffuse: [f64; 3],
     /// π T̄² with ∂/∂n, ∂/∂k.
     pub(super) exchange: [f64; 3],
+    /// What the forms take from both.
+    fixed: Fixed,
     /// cos(θl/2) and the reflectance there, which applies to every single reflection of a far rig.
     half: (f64, Slopes),
 }
@@ -105,7 +109,7 @@ impl OpticsTable {
         let eta = Dual::<2>::variable(optics.eta, 0);
         let k = Dual::<2>::variable(optics.k, 1);
         let t = |cos: f64| {
-            let f = Reflectances::at(cos, optics.eta, optics.k).unpolarised();
+            let f = super::fresnel::Reflectances::at(cos, optics.eta, optics.k).unpolarised();
             Dual {
                 value: 1.0 - f.value,
                 partials: [-f.eta, -f.k],
@@ -118,7 +122,7 @@ impl OpticsTable {
         let enters = t(1.0) * t(optics.theta_l.cos());
         // If no light enters (total reflection, a perfect mirror), none leaves; `domain` refuses ρd > 0 there.
         let diffuse = if enters.value > f64::MIN_POSITIVE {
-            one / (enters * std::f64::consts::PI)
+            one / (enters * PI)
         } else {
             Dual {
                 value: 0.0,
@@ -126,41 +130,53 @@ impl OpticsTable {
             }
         };
         let t_bar = diffuse_transmittance(eta, k);
-        let exchange = t_bar * t_bar * std::f64::consts::PI;
+        let exchange = t_bar * t_bar * PI;
         let parts = |x: Dual<2>| [x.value, x.partials[0], x.partials[1]];
+        let (diffuse, exchange) = (parts(diffuse), parts(exchange));
+        let kappa_index = [1, 2].map(|n| diffuse[n] * exchange[0] + diffuse[0] * exchange[n]);
+        let fixed = Fixed {
+            eta: optics.eta,
+            k: optics.k,
+            diffuse: diffuse[0],
+            kappa: diffuse[0] * exchange[0],
+            diffuse_index: [diffuse[1], diffuse[2]],
+            kappa_index,
+            cones: 0.5 * optics.cones.widening(),
+            per_tan: [RETRO_TILT_MIN, RETRO_TILT_MAX].map(|tilt| 1.0 / tilt.tan()),
+        };
         let cos_half = (0.5 * optics.theta_l).cos();
         OpticsTable {
             optics: *optics,
-            diffuse: parts(diffuse),
-            exchange: parts(exchange),
-            half: (cos_half, slopes_at(optics, cos_half)),
+            diffuse,
+            exchange,
+            fixed,
+            half: (cos_half, cos_half.reflectance(optics.eta, optics.k)),
         }
     }
 
-    /// As [`OpticsTable::reflectance`], for the half angle of lamp and camera.
+    /// Returns what the forms need besides the surface.
+    #[must_use]
+    pub(crate) fn fixed(&self) -> &Fixed {
+        &self.fixed
+    }
+
+    /// Returns the half vector's length for two directions. Most are those of a far rig, which share its reflectance.
     #[inline]
-    pub(super) fn mirrored(&self, cos: f64) -> Slopes {
+    fn half(&self, i: &[f64; 3], o: &[f64; 3]) -> Half<f64> {
+        let h = [i[0] + o[0], i[1] + o[1], i[2] + o[2]];
+        let h2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
         // Within the rounding of the cosine the stored value is as exact.
-        if (cos - self.half.0).abs() <= 4.0 * f64::EPSILON {
+        let cos = 0.5 * h2.sqrt();
+        let f = if (cos - self.half.0).abs() <= 4.0 * f64::EPSILON {
             self.half.1
         } else {
-            self.reflectance(cos)
+            cos.reflectance(self.optics.eta, self.optics.k)
+        };
+        Half {
+            h2,
+            f,
+            varies: true,
         }
-    }
-
-    /// Returns the unpolarised reflectance with derivatives; a dielectric takes the shorter form.
-    #[inline]
-    pub(super) fn reflectance(&self, cos: f64) -> Slopes {
-        slopes_at(&self.optics, cos)
-    }
-}
-
-#[inline]
-fn slopes_at(optics: &Optics, cos: f64) -> Slopes {
-    if optics.k == 0.0 {
-        dielectric_slopes(cos, optics.eta)
-    } else {
-        Reflectances::at(cos, optics.eta, optics.k).unpolarised()
     }
 }
 
@@ -170,30 +186,11 @@ pub struct Prepared {
     variant: Variant,
     /// Whether θr was negative: then the same surface turned by 180° is computed.
     turned: bool,
-    pub(super) table: OpticsTable,
-    pub(super) surface: Surface,
-    pub(super) opaque: bool,
-    pub(super) lean: bool,
-    pub(super) sin: f64,
-    pub(super) cos: f64,
-    pub(super) tan: f64,
-    /// 1/(α² + R²/8) along and across the ridges.
-    pub(super) per_au2: f64,
-    pub(super) per_av2: f64,
-    /// (Rl² + Rc²)/16, the cones' share in the retro lobe's variances.
-    pub(super) cones: f64,
-    /// 1/(αv² + R²/16) and 1/αv.
-    pub(super) per_v_v: f64,
-    pub(super) per_alpha_v: f64,
-    /// 1/(π √((αu² + R²/8)(αv² + R²/8))).
-    pub(super) peak: f64,
-    /// c_d.
-    pub(super) c_d: f64,
-    /// Coefficients of the exchange term, E_f E_f, E_f E_r (both ways), E_r E_r, each a
-    /// [`Dual`] over θr and κ.
-    pub(super) exchange: [Dual<2>; 3],
-    /// κ = π c_d T̄² and its derivatives to ρd, n, k.
-    pub(super) kappa: [f64; 4],
+    table: OpticsTable,
+    surface: Surface,
+    opaque: bool,
+    lean: bool,
+    numbers: [f64; NUMBERS],
 }
 
 impl Prepared {
@@ -205,20 +202,6 @@ impl Prepared {
             theta_r: surface.theta_r.abs(),
             ..*surface
         };
-        let (sin, cos) = surface.theta_r.sin_cos();
-        let cones = 0.5 * table.optics.cones.widening();
-        let au2 = surface.alpha_u * surface.alpha_u + 2.0 * cones;
-        let av2 = surface.alpha_v * surface.alpha_v + 2.0 * cones;
-        let v_v = surface.alpha_v * surface.alpha_v + cones;
-        let c_d = surface.rho_d * table.diffuse[0];
-        let kappa = [
-            c_d * table.exchange[0],
-            table.diffuse[0] * table.exchange[0],
-            surface.rho_d
-                * (table.diffuse[1] * table.exchange[0] + table.diffuse[0] * table.exchange[1]),
-            surface.rho_d
-                * (table.diffuse[2] * table.exchange[0] + table.diffuse[0] * table.exchange[2]),
-        ];
         Prepared {
             variant,
             turned,
@@ -226,19 +209,14 @@ impl Prepared {
             surface: *surface,
             opaque: false,
             lean: false,
-            sin,
-            cos,
-            tan: sin / cos,
-            per_au2: 1.0 / au2,
-            per_av2: 1.0 / av2,
-            cones,
-            per_v_v: 1.0 / v_v,
-            per_alpha_v: 1.0 / surface.alpha_v,
-            peak: 1.0 / (std::f64::consts::PI * (au2 * av2).sqrt()),
-            c_d,
-            exchange: exchange_coefficients(sin, cos, kappa[0]),
-            kappa,
+            numbers: numbers(surface, table),
         }
+    }
+
+    /// Returns the numbers of [`Shape::of`].
+    #[must_use]
+    pub(crate) fn numbers(&self) -> &[f64; NUMBERS] {
+        &self.numbers
     }
 
     /// Omits the diffuse terms and ∂/∂ρd for a surface whose ρd is 0 and stays 0, which saves half the time on metal.
@@ -272,10 +250,30 @@ impl Prepared {
         if i[2] <= 0.0 || o[2] <= 0.0 {
             return Partials::default();
         }
-        let mut out = match self.variant {
-            Variant::Paper => super::gradient_paper::partials(self, i, o),
-            Variant::Sawtooth => super::gradient_sawtooth::partials(self, i, o),
+        let half = self.table.half(&i, &o);
+        let shape = Shape::of(&self.numbers, self.surface.amplitude);
+        let (terms, fixed) = (self.terms(), &self.table.fixed);
+        let d = form::radiance(self.variant, terms, fixed, &shape, &half, &i, &o);
+        let mut out = Partials {
+            value: d.value,
+            theta_r: d.theta_r,
+            alpha_u: d.ln_alpha_u / self.surface.alpha_u,
+            alpha_v: d.ln_alpha_v / self.surface.alpha_v,
+            rho_d: d.rho_d,
+            translucency: 0.0,
+            tail: 0.0,
+            crest: 0.0,
+            amplitude: d.amplitude,
+            eta: d.eta,
+            k: d.k,
+            incident: d.incident,
+            outgoing: d.outgoing,
         };
+        if let Some([albedo, per_rho_d]) = self.flat_light() {
+            out.value += albedo * i[2];
+            out.rho_d = per_rho_d * i[2];
+            out.incident[2] += albedo;
+        }
         if self.turned {
             out.theta_r = -out.theta_r;
             for g in [&mut out.incident, &mut out.outgoing] {
@@ -286,6 +284,37 @@ impl Prepared {
         out
     }
 
+    /// The terms that are evaluated.
+    pub(super) fn terms(&self) -> Terms {
+        Terms {
+            diffuse: !(self.opaque || self.lean),
+            risers: !self.lean,
+        }
+    }
+
+    /// Of the lean form: its diffuse light and ∂/∂ρd over i_n, which are those of a flat Lambertian surface.
+    pub(super) fn flat_light(&self) -> Option<[f64; 2]> {
+        let flat = self.variant == Variant::Sawtooth && self.lean && !self.opaque;
+        flat.then_some([self.surface.rho_d * FRAC_1_PI, FRAC_1_PI])
+    }
+
+    pub(super) fn variant(&self) -> Variant {
+        self.variant
+    }
+
+    pub(super) fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
+    pub(super) fn table(&self) -> &OpticsTable {
+        &self.table
+    }
+
+    /// Whether θr was negative.
+    pub(super) fn is_turned(&self) -> bool {
+        self.turned
+    }
+
     /// As [`Self::partials`] at a true pose of a rig, with the derivatives with respect to the stage angles.
     #[must_use]
     pub fn gradient(&self, rig: &RigGeometry, pose: Pose) -> Gradient {
@@ -293,6 +322,41 @@ impl Prepared {
         let directions = rig.directions(pose);
         self.partials(&directions).on_rig(&directions, sin, cos)
     }
+}
+
+/// Returns the numbers of a surface with θr ≥ 0, as [`Shape::of`] takes them.
+fn numbers(surface: &Surface, table: &OpticsTable) -> [f64; NUMBERS] {
+    let (sin, cos) = surface.theta_r.sin_cos();
+    let cones = table.fixed.cones;
+    let (au2, av2) = (surface.alpha_u.powi(2), surface.alpha_v.powi(2));
+    let (a, b) = (au2 + 2.0 * cones, av2 + 2.0 * cones);
+    let per_v_v = 1.0 / (av2 + cones);
+    let [c1, c2, c3] = exchange_coefficients(sin, cos, surface.rho_d * table.fixed.kappa);
+    [
+        sin,
+        cos,
+        1.0 / a,
+        1.0 / b,
+        1.0 / (PI * (a * b).sqrt()),
+        au2 / a,
+        av2 / b,
+        au2,
+        per_v_v,
+        per_v_v.sqrt(),
+        av2 * per_v_v,
+        1.0 / surface.alpha_v,
+        surface.rho_d,
+        surface.rho_d * table.fixed.diffuse,
+        c1.value,
+        c2.value,
+        c3.value,
+        c1.partials[0],
+        c2.partials[0],
+        c3.partials[0],
+        c1.partials[1],
+        c2.partials[1],
+        c3.partials[1],
+    ]
 }
 
 /// Returns the coefficients of the exchange term c_d [C₁ E_f(o) E_f(i) + C₂ (E_f(o) E_r(i) + E_r(o) E_f(i)) + C₃

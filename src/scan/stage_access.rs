@@ -122,10 +122,13 @@ impl StageAccess {
             return Ok(stage);
         }
         let last = self.last().clone();
-        if let Some(last) = last {
+        if let Some(last) = &last {
             last.closed().await;
         }
         let stage = self.open_somewhere().await?;
+        if let Some(last) = &last {
+            stage.carry_on(last);
+        }
         {
             let mut controllers = self.controllers();
             controllers.expected.get_or_insert_with(|| stage.identity());

@@ -404,12 +404,6 @@ const CIRCLES: &[&[&str]] = &[
         "map/settle.rs",
         "map/start.rs",
     ],
-    &[
-        "model/gradient_paper.rs",
-        "model/gradient_sawtooth.rs",
-        "model/gradient_sawtooth/retro.rs",
-        "model/prepared.rs",
-    ],
 ];
 
 /// What `api` may not name: it reaches the disk through `lab` and `store`.

@@ -1,9 +1,13 @@
 //! What a stage verifies beyond its flags: settings, encoder, lost steps, passing refusals, other devices on the line.
 
+use std::collections::BTreeSet;
+
+use futures::future::BoxFuture;
 use ridged::bench::AxisName::{PhiS, ThetaC};
 use ridged::bench::stage::{Notices, Stage, StageError, StageNotice, StageSettings};
 use ridged::bench::wire::zaber::{Activity, Reply};
 use ridged::bench::wire::zaber_flags::Flag;
+use ridged::bench::{Camera, CameraError, CaptureRequest, Captured};
 use ridged::geometry::Pose;
 use ridged::sim::faults::LineFault;
 use ridged::sim::world::AxisFault;
@@ -239,6 +243,61 @@ async fn a_slip_without_a_flag_is_found_by_the_encoder() {
         matches!(error, StageError::Slipped { axis: PhiS, .. }),
         "{error:?}"
     );
+}
+
+/// A rig that takes no frames.
+struct NoCamera;
+
+impl Camera for NoCamera {
+    fn describe(&self) -> String {
+        "no camera".into()
+    }
+
+    fn capture<'a>(
+        &'a mut self,
+        _: &'a CaptureRequest,
+    ) -> BoxFuture<'a, Result<Captured, CameraError>> {
+        unreachable!("no frame is taken")
+    }
+}
+
+#[tokio::test]
+async fn a_slip_while_the_link_is_lost_is_found_after_the_next_connection() {
+    let bench = Rig::new();
+    let mut owner = ridged::scan::Rig::new(bench.link(settings()), Box::new(NoCamera));
+    let ready = async |owner: &mut ridged::scan::Rig| {
+        owner
+            .make_ready(&BTreeSet::new(), true, true)
+            .await
+            .unwrap()
+    };
+    let stage = ready(&mut owner).await;
+    stage.move_pose(Pose::from_deg(0.0, 30.0)).await.unwrap();
+    owner.let_go();
+    bench
+        .world
+        .cause(PhiS, AxisFault::Slip(Angle::from_deg(0.1)));
+    let stage = ready(&mut owner).await;
+    let error = stage
+        .move_pose(Pose::from_deg(0.0, 60.0))
+        .await
+        .unwrap_err();
+    assert!(
+        matches!(error, StageError::Slipped { axis: PhiS, .. }),
+        "{error:?}"
+    );
+    // Homing ends the doubt, also over a further connection.
+    stage.home(PhiS).await.unwrap();
+    owner.let_go();
+    let stage = ready(&mut owner).await;
+    stage.move_pose(Pose::from_deg(0.0, 60.0)).await.unwrap();
+    assert_at(bench.world.pose_now(), 0.0, 60.0);
+    // A restarted controller has no reference and another count of its encoder: both are read again.
+    owner.let_go();
+    bench.world.cause(PhiS, AxisFault::PowerCycle);
+    let stage = ready(&mut owner).await;
+    stage.move_pose(Pose::from_deg(0.0, 20.0)).await.unwrap();
+    assert_at(bench.world.pose_now(), 0.0, 20.0);
 }
 
 #[tokio::test]

@@ -157,6 +157,13 @@ impl Stage {
         rest.1
     }
 
+    /// Takes over what the last connection knew of devices that kept their reference: how their encoders stood to their
+    /// counters.
+    pub fn carry_on(&self, last: &Stage) {
+        self.inner.theta_c.carry_on(&last.inner.theta_c);
+        self.inner.phi_s.carry_on(&last.inner.phi_s);
+    }
+
     /// Checks both axes at rest for a slip since they were homed, by their encoders: the counter
     /// does not show a slip. Finds nothing on a device without an encoder.
     ///

@@ -82,7 +82,7 @@ impl Axis {
             memory.referenced = referenced;
             memory.profile_holds = true;
         }
-        self.reference_encoder().await
+        self.meet_encoder().await
     }
 
     /// Sets checksums on every reply and no alerts, which would only fill the line. Returns whether

@@ -18,10 +18,13 @@ pub(super) enum Encoder {
     /// The device has none, or it does not count in the unit of the position.
     #[default]
     Absent,
-    /// Encoder and counter at the last reference.
+    /// Encoder and counter when both were read first.
     Known {
         encoder: i64,
         counter: i64,
+        /// Encoder less counter without a slip: as found after the homing. 0, as on devices that set both, for an axis that
+        /// was homed before it was connected: what differs may be a slip.
+        apart: i64,
         /// Whether it followed a long move.
         trusted: bool,
     },
@@ -36,13 +39,23 @@ impl Axis {
         }
     }
 
+    /// Reads encoder and counter of an axis whose homing was not awaited.
+    pub(super) async fn meet_encoder(&self) -> Result<(), StageError> {
+        self.read_both(Some(0)).await
+    }
+
     /// Takes the present positions of encoder and counter as equal.
     pub(super) async fn reference_encoder(&self) -> Result<(), StageError> {
+        self.read_both(None).await
+    }
+
+    async fn read_both(&self, apart: Option<i64>) -> Result<(), StageError> {
         let counter = self.read().await?.counts;
         let encoder = match self.read_encoder().await? {
             Some(encoder) => Encoder::Known {
                 encoder,
                 counter,
+                apart: apart.unwrap_or(encoder - counter),
                 trusted: false,
             },
             None => Encoder::Absent,
@@ -51,13 +64,33 @@ impl Axis {
         Ok(())
     }
 
+    /// Goes on comparing encoder and counter as the last connection did, if this is the same device and it kept its
+    /// reference: a slip before or between the two would be taken as the device's own difference.
+    pub fn carry_on(&self, last: &Axis) {
+        let before = last.memory();
+        let mut now = self.memory();
+        let restarted = match (before.uptime, now.uptime) {
+            (Some(before), Some(now)) => now < before,
+            _ => false,
+        };
+        let same = last.identity.is_same_device(&self.identity);
+        if same && before.referenced && now.referenced && !restarted {
+            now.encoder = before.encoder;
+        }
+    }
+
+    /// Encoder less counter without a slip; `None` without an encoder.
+    pub(super) fn apart(&self) -> Option<i64> {
+        match self.memory().encoder {
+            Encoder::Known { apart, .. } => Some(apart),
+            Encoder::Absent => None,
+        }
+    }
+
     /// Returns how far encoder and counter have moved apart since the last reference; zero without
     /// an encoder.
     pub(super) async fn slip(&self) -> Result<Angle, StageError> {
-        let Encoder::Known {
-            encoder, counter, ..
-        } = self.memory().encoder
-        else {
+        let Some(expected) = self.apart() else {
             return Ok(Angle::ZERO);
         };
         let mut least = f64::INFINITY;
@@ -69,7 +102,7 @@ impl Axis {
             if at.activity == Activity::Busy {
                 return Ok(Angle::ZERO);
             }
-            let apart = ((now - encoder) - (at.counts - counter)) as f64;
+            let apart = (now - at.counts - expected) as f64;
             if apart.abs() < least.abs() {
                 least = apart;
             }
@@ -80,7 +113,7 @@ impl Axis {
         Ok(Angle::from_deg(least / self.counts_per_turn * 360.0))
     }
 
-    fn is_slip(&self, counts: f64) -> bool {
+    pub(super) fn is_slip(&self, counts: f64) -> bool {
         let tolerance = self.settings.encoder_tolerance.deg() / 360.0 * self.counts_per_turn;
         counts.abs() > tolerance.max(1.0)
     }
@@ -94,6 +127,7 @@ impl Axis {
             encoder,
             counter,
             trusted,
+            ..
         } = self.memory().encoder
         else {
             return Ok(());

@@ -7,9 +7,23 @@ use crate::bench::wire::zaber_flags::FlagClass;
 use crate::units::Angle;
 
 impl Axis {
-    /// Moves to the reference position.
+    /// Moves to the reference position. If encoder and counter then differ otherwise than after the last homing, it homes
+    /// again: a slip before the first reading of the encoder would be taken as the device's own difference, and does not
+    /// repeat.
     pub async fn home(&self, stops: u64) -> Result<(), StageError> {
         let _turn = self.take_turn()?;
+        let expected = self.apart().unwrap_or_default();
+        self.seek_reference(stops).await?;
+        if self
+            .apart()
+            .is_some_and(|apart| self.is_slip((apart - expected) as f64))
+        {
+            self.seek_reference(stops).await?;
+        }
+        Ok(())
+    }
+
+    async fn seek_reference(&self, stops: u64) -> Result<(), StageError> {
         self.memory().engaged = false;
         // Flags of an earlier failure would be attributed to this motion; lasting ones stay raised.
         self.ask("warnings clear").await?;

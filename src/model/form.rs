@@ -1,0 +1,38 @@
+//! The closed forms with their derivatives by hand, written once over a [`Register`].
+//!
+//! [`radiance`] evaluates one pair of directions per place of the register. The derivatives are in reverse mode: each
+//! term adds to the sum L (o·n) and to the slopes of the sum with respect to its inputs (`ray`); at the end these are
+//! led back to the directions and the parameters. Tests compare them with the dual numbers of [`super::dual`] in the
+//! forms of [`super::sawtooth`] and [`super::paper`].
+//!
+//! Branches are selections between two numbers, so that the places of a register may take different ones. What no place
+//! needs is omitted.
+
+mod diffuse;
+mod paper;
+mod ray;
+mod retro;
+mod sawtooth;
+mod shape;
+
+use super::Variant;
+use super::register::Register;
+
+pub(crate) use shape::{Derivatives, Fixed, Half, NUMBERS, Shape, Terms};
+
+/// Returns the radiance with its slopes for unit vectors along u, v, n. Directions on or below the horizon give 0.
+#[inline(always)]
+pub(crate) fn radiance<R: Register>(
+    variant: Variant,
+    terms: Terms,
+    fixed: &Fixed,
+    shape: &Shape<R>,
+    half: &Half<R>,
+    i: &[R; 3],
+    o: &[R; 3],
+) -> Derivatives<R> {
+    match variant {
+        Variant::Paper => paper::radiance(shape, half, i, o),
+        Variant::Sawtooth => sawtooth::radiance(terms, fixed, shape, half, i, o),
+    }
+}
