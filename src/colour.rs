@@ -5,23 +5,52 @@
 //! stays readable in grey and with deficient colour vision. [`diverging`] darkens symmetrically from white at zero to
 //! blue and red. [`cyclic`] runs once round the hues at one lightness, for directions.
 
+use std::sync::LazyLock;
+
 /// An sRGB colour.
 pub type Rgb = [u8; 3];
 
+/// Steps of a scale; neighbours differ by one or two of 255 in a channel at most.
+const STEPS: usize = 1024;
+
+/// A scale over [0, 1], by steps: a picture asks for the colour of each of its pixels.
+type Steps = LazyLock<Vec<Rgb>>;
+
+/// The steps of a scale.
+fn steps(colour: impl Fn(f64) -> Rgb) -> Vec<Rgb> {
+    (0..=STEPS)
+        .map(|step| colour(step as f64 / STEPS as f64))
+        .collect()
+}
+
+/// The colour of a fraction in [0, 1].
+fn at(steps: &Steps, fraction: f64) -> Rgb {
+    steps[(fraction * STEPS as f64).round() as usize]
+}
+
 /// Returns the colour of a fraction in [0, 1]; values outside are clipped.
 pub fn sequential(fraction: f64) -> Rgb {
-    let t = fraction.clamp(0.0, 1.0);
-    let lightness = 0.24 + (0.93 - 0.24) * t;
-    let hue_deg = 295.0 - (295.0 - 105.0) * t;
-    in_gamut(lightness, 0.17, hue_deg)
+    static SCALE: Steps = Steps::new(|| {
+        steps(|t| {
+            let lightness = 0.24 + (0.93 - 0.24) * t;
+            let hue_deg = 295.0 - (295.0 - 105.0) * t;
+            in_gamut(lightness, 0.17, hue_deg)
+        })
+    });
+    at(&SCALE, fraction.clamp(0.0, 1.0))
 }
 
 /// Returns the colour of a signed fraction in [−1, 1]: blue below zero, white at zero, red above. Values outside are
 /// clipped. Opposite values are equally dark.
 pub fn diverging(fraction: f64) -> Rgb {
+    static BLUE: Steps = Steps::new(|| steps(|strength| darkened(strength, 255.0)));
+    static RED: Steps = Steps::new(|| steps(|strength| darkened(strength, 28.0)));
     let t = fraction.clamp(-1.0, 1.0);
-    let hue_deg = if t < 0.0 { 255.0 } else { 28.0 };
-    let strength = t.abs();
+    at(if t < 0.0 { &BLUE } else { &RED }, t.abs())
+}
+
+/// Returns one side of the diverging scale.
+fn darkened(strength: f64, hue_deg: f64) -> Rgb {
     let lightness = 0.98 - (0.98 - 0.42) * strength;
     in_gamut(lightness, 0.19 * strength, hue_deg)
 }
@@ -29,7 +58,8 @@ pub fn diverging(fraction: f64) -> Rgb {
 /// Returns the colour of a direction; `turn` and `turn + 1` have the same.
 pub fn cyclic(turn: f64) -> Rgb {
     // The largest chroma that all hues have at this lightness.
-    in_gamut(0.72, 0.115, 360.0 * turn.rem_euclid(1.0) + 25.0)
+    static SCALE: Steps = Steps::new(|| steps(|turn| in_gamut(0.72, 0.115, 360.0 * turn + 25.0)));
+    at(&SCALE, turn.rem_euclid(1.0))
 }
 
 /// Returns the colour of a lightness and hue with the largest displayable chroma up to the given one.
@@ -110,6 +140,17 @@ mod tests {
                 (pair[1] - pair[0] - mean).abs() < 0.4 * mean,
                 "{pair:?} {mean}"
             );
+        }
+    }
+
+    #[test]
+    fn neighbouring_steps_differ_by_two_levels_at_most() {
+        for scale in [sequential, diverging, cyclic] {
+            for step in 0..STEPS {
+                let [a, b] = [step, step + 1].map(|n| scale(n as f64 / STEPS as f64));
+                let close = a.iter().zip(b).all(|(a, b)| a.abs_diff(b) <= 2);
+                assert!(close, "{step}: {a:?} {b:?}");
+            }
         }
     }
 
