@@ -62,6 +62,13 @@ impl ToSchema for Binary {
 /// Adds the answers of the guards and the extractors to each route that they apply to.
 fn complete(document: &mut OpenApi) {
     close_kinds(document, "MaterialBody");
+    for (name, request) in [
+        ("ReportedFit", "FitRequest"),
+        ("ReportedVerdict", "VerdictRequest"),
+    ] {
+        refer(document, name, "request", request);
+    }
+    list_codes(document);
     add_security_schemes(document);
     for (path, item) in &mut document.paths.paths {
         for (method, operation) in [
@@ -229,6 +236,62 @@ fn name_problem(response: &mut RefOr<Response>) {
     });
     if is_problem && let Some(content) = response.content.shift_remove(JSON) {
         response.content.insert(PROBLEM_JSON.into(), content);
+    }
+}
+
+/// Sets the schema of a field whose type this module knows and the field's does not.
+fn refer(document: &mut OpenApi, name: &str, field: &str, to: &str) {
+    let schemas = document.components.as_mut().map(|c| &mut c.schemas);
+    if let Some(RefOr::T(schema)) = schemas.and_then(|all| all.get_mut(name)) {
+        for object in objects(schema) {
+            if let Some(found) = object.properties.get_mut(field) {
+                *found = Ref::from_schema_name(to).into();
+            }
+        }
+    }
+}
+
+/// The objects that a schema consists of.
+fn objects(schema: &mut Schema) -> Vec<&mut utoipa::openapi::Object> {
+    match schema {
+        Schema::Object(object) => vec![object],
+        Schema::AllOf(all) => {
+            let parts = all.items.iter_mut().filter_map(|part| match part {
+                RefOr::T(schema) => Some(schema),
+                RefOr::Ref(_) => None,
+            });
+            parts.flat_map(objects).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// The table of all codes, for people.
+const CODES: &str = include_str!("../../docs/reference/codes.md");
+
+/// Returns the codes in the first column of the tables, sorted. A test of the documents compares the table with the source.
+#[must_use]
+pub fn codes() -> Vec<&'static str> {
+    let rows = CODES.lines().filter_map(|line| line.strip_prefix("| `"));
+    let cells = rows.filter_map(|row| row.split(" | ").next());
+    let mut codes: Vec<&str> = cells
+        .flat_map(|cell| cell.split(", "))
+        .map(|code| code.trim_matches('`'))
+        .collect();
+    codes.sort_unstable();
+    codes.dedup();
+    codes
+}
+
+/// Lists the codes of a problem.
+fn list_codes(document: &mut OpenApi) {
+    let schemas = document.components.as_mut().map(|c| &mut c.schemas);
+    if let Some(RefOr::T(problem)) = schemas.and_then(|all| all.get_mut("Problem")) {
+        for object in objects(problem) {
+            if let Some(RefOr::T(Schema::Object(code))) = object.properties.get_mut("code") {
+                code.enum_values = Some(codes().into_iter().map(Into::into).collect());
+            }
+        }
     }
 }
 

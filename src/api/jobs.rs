@@ -17,6 +17,7 @@ use super::status::{self, ApiError, Problem};
 use super::{App, Begun, List};
 use crate::job::{JobId, JobKind, JobState};
 use crate::lab::{ContrastRequest, JobRequest, LabError, MapRequest, TraceRequest, VerdictRequest};
+use crate::map::summary::Summary;
 use crate::store::jobs::{Job, JobFilter};
 use crate::store::{PageRequest, StoreError};
 
@@ -214,7 +215,7 @@ pub(super) async fn cancel_map(
     ("name" = String, Path, description = "One of its `files`, e.g. theta_r_deg.png"),
 ), responses(
     (status = 200, description = "The file",
-        content((Binary = "image/tiff"), (Binary = "image/png"), (String = "text/csv"), (Object = "application/json"))),
+        content((Binary = "image/tiff"), (Binary = "image/png"), (String = "text/csv"), (Summary = "application/json"))),
     (status = 404, description = "There is no such map", body = Problem),
     (status = 409, description = "The map has no files (yet)", body = Problem),
     (status = 422, description = "The map has no such file", body = Problem),

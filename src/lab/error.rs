@@ -328,7 +328,7 @@ pub(super) fn store_code(error: &StoreError) -> &'static str {
         StoreError::NotFound { .. } => "not-found",
         StoreError::StateConflict { .. } => "state-conflict",
         StoreError::NoVersion { .. } => "not-found",
-        StoreError::NameTaken { .. } => "name-taken",
+        StoreError::NameTaken { .. } | StoreError::PartNameTaken { .. } => "name-taken",
         StoreError::VersionConflict { .. } => "version-conflict",
         StoreError::ExternalIdTaken { .. } => "external-id-taken",
         StoreError::OrderConflict { .. } => "state-conflict",
