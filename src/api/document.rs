@@ -3,10 +3,12 @@
 //! A test makes it from the handlers and compares it with the file that the program serves. [`complete`] adds what all routes
 //! share: keys, ids, parameters and bodies.
 
+use std::collections::HashMap;
+
 use axum::http::Method;
-use serde::Serialize;
-use serde_json::Serializer;
+use serde::{Deserialize, Serialize};
 use serde_json::ser::PrettyFormatter;
+use serde_json::{Serializer, Value};
 use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::response::{Response, ResponseBuilder};
 use utoipa::openapi::schema::{
@@ -15,7 +17,7 @@ use utoipa::openapi::schema::{
 use utoipa::openapi::security::{
     ApiKey, ApiKeyValue, HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme,
 };
-use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, Required};
+use utoipa::openapi::{Content, ContentBuilder, OpenApi, Ref, RefOr, Required};
 use utoipa::{OpenApi as _, PartialSchema, ToSchema};
 
 use super::authentication::cookie_name;
@@ -70,6 +72,8 @@ fn complete(document: &mut OpenApi) {
     }
     list_codes(document);
     add_security_schemes(document);
+    let mut examples: HashMap<String, Example> =
+        serde_json::from_str(EXAMPLES).expect("a test reads the examples");
     for (path, item) in &mut document.paths.paths {
         for (method, operation) in [
             (Method::GET, &mut item.get),
@@ -80,6 +84,8 @@ fn complete(document: &mut OpenApi) {
             if let Some(operation) = operation {
                 let name = method.as_str().to_lowercase();
                 operation.operation_id = Some(operation_id(&name, path));
+                let example = examples.remove(&format!("{method} {path}"));
+                add_examples(operation, example.unwrap_or_default());
                 state_access(operation, table::need(&method, Some(path)));
             }
         }
@@ -129,6 +135,39 @@ fn complete(document: &mut OpenApi) {
             for response in operation.responses.responses.values_mut() {
                 name_problem(response);
             }
+        }
+    }
+}
+
+/// Bodies and answers by route, as a simulated rig gives them; of lists the first entries.
+const EXAMPLES: &str = include_str!("examples.json");
+
+/// The body and the answer of a route.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Example {
+    #[serde(default)]
+    request: Option<Value>,
+    #[serde(default)]
+    answer: Option<Value>,
+}
+
+/// Adds the examples of a route to its body and to the JSON of its success.
+fn add_examples(operation: &mut Operation, example: Example) {
+    let show = |content: &mut Content, example: &Value| content.example = Some(example.clone());
+    if let (Some(RefOr::T(body)), Some(request)) = (&mut operation.request_body, &example.request)
+        && let Some(RefOr::T(content)) = body.content.get_mut(JSON)
+    {
+        show(content, request);
+    }
+    let Some(answer) = example.answer else {
+        return;
+    };
+    for (status, response) in &mut operation.responses.responses {
+        if let (true, RefOr::T(response)) = (status.starts_with('2'), response)
+            && let Some(RefOr::T(content)) = response.content.get_mut(JSON)
+        {
+            show(content, &answer);
         }
     }
 }

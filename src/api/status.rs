@@ -405,7 +405,6 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::Analysis(AnalysisError::Cancelled) => {
             (StatusCode::CONFLICT, "the analysis was cancelled")
         }
-        LabError::NothingMeasured => (StatusCode::NOT_FOUND, NOT_FOUND),
         LabError::NoReport { .. } => (StatusCode::CONFLICT, "the scan has nothing to report"),
         LabError::Store(StoreError::NotFound { .. } | StoreError::NoVersion { .. }) => {
             (StatusCode::NOT_FOUND, NOT_FOUND)

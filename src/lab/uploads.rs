@@ -22,9 +22,11 @@ pub struct Content(pub(super) Vec<u8>);
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = FileFingerprint)]
 pub(super) struct Fingerprint {
-    /// Its bytes.
+    /// Number of its bytes.
+    #[schema(minimum = 0, maximum = 8_388_608)]
     bytes: usize,
     /// SHA-256 of its bytes, hexadecimal.
+    #[schema(max_length = 64)]
     sha256: String,
 }
 
