@@ -17,24 +17,28 @@ const WAITING_LINES_MAX: usize = 8192;
 /// Variable with the levels of the log, by target.
 const LEVELS_VARIABLE: &str = "RIDGED_LOG";
 
-/// The levels where it states none.
-const LEVELS: &str = "warn,ridged=info";
+/// The levels of the daemon where it states none.
+const LEVELS_OF_DAEMON: &str = "warn,ridged=info";
+/// The levels of the other commands, whose lines would run through what they print on a terminal.
+const LEVELS_OF_COMMAND: &str = "warn";
 
 static LEFT_OUT: OnceLock<ErrorCounter> = OnceLock::new();
 
-/// Starts the log with the levels of `RIDGED_LOG`; `stderr` writes to it. The waiting lines are written when the answer is dropped.
+/// Starts the log with the levels of `RIDGED_LOG`; `stderr` writes to it. Without the variable a daemon (`serves`) logs its
+/// events, other commands only warnings. The waiting lines are written when the answer is dropped.
 ///
 /// # Panics
 /// If the log was started before.
-pub fn start(stderr: impl Write + Send + 'static) -> WorkerGuard {
+pub fn start(stderr: impl Write + Send + 'static, serves: bool) -> WorkerGuard {
+    let usual = usual_levels(serves);
     let asked = std::env::var(LEVELS_VARIABLE).unwrap_or_default();
     let levels = match asked.trim() {
-        "" => LEVELS,
+        "" => usual,
         levels => levels,
     };
     let (filter, wrong) = match levels.parse::<Targets>() {
         Ok(filter) => (filter, None),
-        Err(error) => (usual_levels(), Some(error)),
+        Err(error) => (usual.parse().unwrap_or_default(), Some(error)),
     };
     let (writer, guard) = NonBlockingBuilder::default()
         .lossy(true)
@@ -54,14 +58,17 @@ pub fn start(stderr: impl Write + Send + 'static) -> WorkerGuard {
     if let Some(error) = wrong {
         tracing::warn!(
             "{LEVELS_VARIABLE}={asked:?} is not valid ({error}); expected a level or targets with levels, such as debug or \
-             warn,ridged=debug. The log uses {LEVELS}"
+             warn,ridged=debug. The log uses {usual}"
         );
     }
     guard
 }
 
-fn usual_levels() -> Targets {
-    LEVELS.parse().unwrap_or_default()
+const fn usual_levels(serves: bool) -> &'static str {
+    match serves {
+        true => LEVELS_OF_DAEMON,
+        false => LEVELS_OF_COMMAND,
+    }
 }
 
 /// Number of lines left out because stderr had no reader.
@@ -76,8 +83,11 @@ mod tests {
     use tracing::Level;
 
     #[test]
-    fn the_usual_log_has_the_events_of_ridged_and_the_warnings_of_others() {
-        let levels = usual_levels();
+    fn the_usual_log_of_a_daemon_has_the_events_of_ridged_and_that_of_a_command_only_warnings() {
+        let levels: Targets = usual_levels(false).parse().unwrap();
+        assert!(levels.would_enable("ridged::scan", &Level::WARN));
+        assert!(!levels.would_enable("ridged::scan", &Level::INFO));
+        let levels: Targets = usual_levels(true).parse().unwrap();
         assert!(levels.would_enable("ridged::scan", &Level::INFO));
         assert!(!levels.would_enable("ridged::scan", &Level::DEBUG));
         assert!(levels.would_enable("sqlx::query", &Level::WARN));

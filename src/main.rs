@@ -1,10 +1,11 @@
-//! The command-line program: starts the log, parses the command line and runs one subcommand.
+//! The command-line program: parses the command line, starts the log and runs one subcommand.
 
 use std::process::ExitCode;
 
 use ridged::{cli, logging};
 
 fn main() -> ExitCode {
-    let _log = logging::start(cli::progress::AboveBars);
-    cli::run(cli::parse())
+    let command = cli::parse();
+    let _log = logging::start(cli::progress::AboveBars, command.serves());
+    cli::run(command)
 }

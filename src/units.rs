@@ -90,7 +90,11 @@ impl fmt::Display for Angle {
         let (precision, deg) = (f.precision().unwrap_or(3), self.deg());
         match deg.abs() < PLAIN_MAX_DEG {
             true => write!(f, "{deg:.precision$}°"),
-            false => write!(f, "{deg:e}°"),
+            false => {
+                // The conversion from radians leaves digits that were not stated.
+                let rounded = format!("{deg:.9e}").parse().unwrap_or(deg);
+                write!(f, "{rounded:e}°")
+            }
         }
     }
 }

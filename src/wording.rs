@@ -71,6 +71,36 @@ pub fn decimals(uncertainty: f64) -> usize {
     }
 }
 
+/// Returns a value with this number of decimals, where zero has no sign: `0.000` for −0.0001.
+#[must_use]
+pub fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|b| matches!(b, b'0' | b'.')) => zero.to_owned(),
+        _ => text,
+    }
+}
+
+/// Returns the same with its sign, also of a positive value: `+0.012`; zero has none.
+#[must_use]
+pub fn signed(value: f64, decimals: usize) -> String {
+    let text = fixed(value, decimals);
+    match text.bytes().any(|b| (b'1'..=b'9').contains(&b)) && value > 0.0 {
+        true => format!("+{text}"),
+        false => text,
+    }
+}
+
+/// Returns a time in UTC as people read it: `2026-11-25 14:13:05 UTC`. Another text stays as it is.
+#[must_use]
+pub fn utc_words(rfc3339: &str) -> String {
+    let parts = rfc3339.split_once('T').and_then(|(date, rest)| {
+        let clock = rest.strip_suffix('Z')?;
+        Some(format!("{date} {} UTC", clock.get(..8)?))
+    });
+    parts.unwrap_or_else(|| rfc3339.to_owned())
+}
+
 /// Returns a stated value with the digits that it was stated with, as a power of ten where these would be many zeros.
 #[must_use]
 pub fn stated(value: f64) -> String {
@@ -98,6 +128,21 @@ mod tests {
         assert_eq!(counted(0, "frame"), "0 frames");
         assert_eq!(counted(1, "frame"), "1 frame");
         assert_eq!(counted(108, "observation"), "108 observations");
+    }
+
+    #[test]
+    fn zero_has_no_sign_and_times_have_no_milliseconds() {
+        assert_eq!(fixed(-0.0001, 3), "0.000");
+        assert_eq!(fixed(-0.0011, 3), "-0.001");
+        assert_eq!(fixed(-0.4, 0), "0");
+        assert_eq!(signed(0.012, 3), "+0.012");
+        assert_eq!(signed(-0.012, 3), "-0.012");
+        assert_eq!(signed(0.0001, 3), "0.000");
+        assert_eq!(
+            utc_words("2026-11-25T14:13:05.123Z"),
+            "2026-11-25 14:13:05 UTC"
+        );
+        assert_eq!(utc_words("yesterday"), "yesterday");
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::extract::{Id, PageParams, Params, page};
 use super::status::{ApiError, Problem};
 use super::{App, List};
 use crate::fit::report::{Status, VariantName};
-use crate::scan::event::Certainty;
+use crate::scan::event::{Certainty, UncertainValue};
 use crate::scan::{Event, RecordedEvent};
 use crate::store::utc_text;
 
@@ -22,6 +22,8 @@ pub struct UncertainBody {
     value: f64,
     /// Standard uncertainty with all known components, in the same unit.
     std: f64,
+    /// k: the expanded uncertainty is k times `std`.
+    coverage_factor: f64,
 }
 
 /// Result of the live fit of the frames so far.
@@ -71,8 +73,17 @@ impl CertaintyBody {
             parameters: parameters
                 .into_iter()
                 .map(|(name, p)| {
-                    let (value, std) = (p.value, p.std);
-                    (name, UncertainBody { value, std })
+                    let UncertainValue {
+                        value,
+                        std,
+                        coverage_factor,
+                    } = p;
+                    let body = UncertainBody {
+                        value,
+                        std,
+                        coverage_factor,
+                    };
+                    (name, body)
                 })
                 .collect(),
         })

@@ -3,10 +3,12 @@
 //! A test makes it from the handlers and compares it with the file that the program serves. [`complete`] adds what all routes
 //! share: keys, ids, parameters and bodies.
 
+use std::collections::HashMap;
+
 use axum::http::Method;
-use serde::Serialize;
-use serde_json::Serializer;
+use serde::{Deserialize, Serialize};
 use serde_json::ser::PrettyFormatter;
+use serde_json::{Serializer, Value};
 use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::response::{Response, ResponseBuilder};
 use utoipa::openapi::schema::{
@@ -15,7 +17,7 @@ use utoipa::openapi::schema::{
 use utoipa::openapi::security::{
     ApiKey, ApiKeyValue, HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme,
 };
-use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, Required};
+use utoipa::openapi::{Content, ContentBuilder, OpenApi, Ref, RefOr, Required};
 use utoipa::{OpenApi as _, PartialSchema, ToSchema};
 
 use super::authentication::cookie_name;
@@ -62,7 +64,16 @@ impl ToSchema for Binary {
 /// Adds the answers of the guards and the extractors to each route that they apply to.
 fn complete(document: &mut OpenApi) {
     close_kinds(document, "MaterialBody");
+    for (name, request) in [
+        ("ReportedFit", "FitRequest"),
+        ("ReportedVerdict", "VerdictRequest"),
+    ] {
+        refer(document, name, "request", request);
+    }
+    list_codes(document);
     add_security_schemes(document);
+    let mut examples: HashMap<String, Example> =
+        serde_json::from_str(EXAMPLES).expect("a test reads the examples");
     for (path, item) in &mut document.paths.paths {
         for (method, operation) in [
             (Method::GET, &mut item.get),
@@ -73,6 +84,8 @@ fn complete(document: &mut OpenApi) {
             if let Some(operation) = operation {
                 let name = method.as_str().to_lowercase();
                 operation.operation_id = Some(operation_id(&name, path));
+                let example = examples.remove(&format!("{method} {path}"));
+                add_examples(operation, example.unwrap_or_default());
                 state_access(operation, table::need(&method, Some(path)));
             }
         }
@@ -122,6 +135,39 @@ fn complete(document: &mut OpenApi) {
             for response in operation.responses.responses.values_mut() {
                 name_problem(response);
             }
+        }
+    }
+}
+
+/// Bodies and answers by route, as a simulated rig gives them; of lists the first entries.
+const EXAMPLES: &str = include_str!("examples.json");
+
+/// The body and the answer of a route.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Example {
+    #[serde(default)]
+    request: Option<Value>,
+    #[serde(default)]
+    answer: Option<Value>,
+}
+
+/// Adds the examples of a route to its body and to the JSON of its success.
+fn add_examples(operation: &mut Operation, example: Example) {
+    let show = |content: &mut Content, example: &Value| content.example = Some(example.clone());
+    if let (Some(RefOr::T(body)), Some(request)) = (&mut operation.request_body, &example.request)
+        && let Some(RefOr::T(content)) = body.content.get_mut(JSON)
+    {
+        show(content, request);
+    }
+    let Some(answer) = example.answer else {
+        return;
+    };
+    for (status, response) in &mut operation.responses.responses {
+        if let (true, RefOr::T(response)) = (status.starts_with('2'), response)
+            && let Some(RefOr::T(content)) = response.content.get_mut(JSON)
+        {
+            show(content, &answer);
         }
     }
 }
@@ -229,6 +275,62 @@ fn name_problem(response: &mut RefOr<Response>) {
     });
     if is_problem && let Some(content) = response.content.shift_remove(JSON) {
         response.content.insert(PROBLEM_JSON.into(), content);
+    }
+}
+
+/// Sets the schema of a field whose type this module knows and the field's does not.
+fn refer(document: &mut OpenApi, name: &str, field: &str, to: &str) {
+    let schemas = document.components.as_mut().map(|c| &mut c.schemas);
+    if let Some(RefOr::T(schema)) = schemas.and_then(|all| all.get_mut(name)) {
+        for object in objects(schema) {
+            if let Some(found) = object.properties.get_mut(field) {
+                *found = Ref::from_schema_name(to).into();
+            }
+        }
+    }
+}
+
+/// The objects that a schema consists of.
+fn objects(schema: &mut Schema) -> Vec<&mut utoipa::openapi::Object> {
+    match schema {
+        Schema::Object(object) => vec![object],
+        Schema::AllOf(all) => {
+            let parts = all.items.iter_mut().filter_map(|part| match part {
+                RefOr::T(schema) => Some(schema),
+                RefOr::Ref(_) => None,
+            });
+            parts.flat_map(objects).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// The table of all codes, for people.
+const CODES: &str = include_str!("../../docs/reference/codes.md");
+
+/// Returns the codes in the first column of the tables, sorted. A test of the documents compares the table with the source.
+#[must_use]
+pub fn codes() -> Vec<&'static str> {
+    let rows = CODES.lines().filter_map(|line| line.strip_prefix("| `"));
+    let cells = rows.filter_map(|row| row.split(" | ").next());
+    let mut codes: Vec<&str> = cells
+        .flat_map(|cell| cell.split(", "))
+        .map(|code| code.trim_matches('`'))
+        .collect();
+    codes.sort_unstable();
+    codes.dedup();
+    codes
+}
+
+/// Lists the codes of a problem.
+fn list_codes(document: &mut OpenApi) {
+    let schemas = document.components.as_mut().map(|c| &mut c.schemas);
+    if let Some(RefOr::T(problem)) = schemas.and_then(|all| all.get_mut("Problem")) {
+        for object in objects(problem) {
+            if let Some(RefOr::T(Schema::Object(code))) = object.properties.get_mut("code") {
+                code.enum_values = Some(codes().into_iter().map(Into::into).collect());
+            }
+        }
     }
 }
 

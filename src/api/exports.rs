@@ -1,5 +1,6 @@
 //! `/scans/{id}/frames.tif`, `brdf.json`, `surface.bsdf` and `scan.nxs`: a scan for other programs.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use axum::Json;
@@ -10,6 +11,7 @@ use axum::response::{IntoResponse, Response};
 use futures::stream;
 use serde::Deserialize;
 use serde_json::Value;
+use utoipa::ToSchema;
 
 use super::App;
 use super::document::Binary;
@@ -26,10 +28,34 @@ pub struct BrdfParams {
     region: Option<String>,
 }
 
+/// A file of the BiRD project's universal BRDF format, version 1.0. `metadata.schema` names the schema of the format.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "it describes an answer")]
+pub(super) struct BirdFile {
+    /// What was measured, by whom and with what.
+    metadata: BTreeMap<String, Value>,
+    /// Columns of equal length: directions in degrees, BRDF and its standard uncertainty in 1/sr.
+    data: BTreeMap<String, BirdColumn>,
+}
+
+/// A column of a BiRD file.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "it describes an answer")]
+pub(super) struct BirdColumn {
+    /// Unit of the values, where they have one.
+    unit: Option<String>,
+    /// The values: numbers, or words of a notation.
+    values: Vec<Value>,
+    /// Notation of the words.
+    notation: Option<String>,
+    /// What the values are.
+    comments: Option<String>,
+}
+
 /// The observations of a scan as BRDF, in the universal format of the BiRD project (JSON, version 1.0): directions in the
 /// sample frame, BRDF and its standard uncertainty (k = 1), 1/sr.
 #[utoipa::path(get, path = "/api/v1/scans/{id}/brdf.json", tag = "observations", params(("id" = i64, Path, description = "Number of the scan"), BrdfParams), responses(
-    (status = 200, description = "A BiRD file: `metadata` and `data`", body = Object),
+    (status = 200, description = "A BiRD file: `metadata` and `data`", body = BirdFile),
     (status = 404, description = "There is no such scan", body = Problem),
     (status = 422, description = "The scan has no white reference, its frames give no observations, or a region must be named", body = Problem),
 ))]

@@ -34,6 +34,18 @@ pub(super) fn is_stop(request: &Request) -> bool {
 /// Content type of all bodies but uploads.
 const JSON: &str = "application/json";
 
+/// A body that came packed.
+#[derive(Clone, Copy)]
+struct Packed;
+
+/// Marks a request whose body is packed: the layer that unpacks it removes the header.
+pub(super) async fn mark_packed(mut request: Request, next: Next) -> Response {
+    if request.headers().contains_key(header::CONTENT_ENCODING) {
+        request.extensions_mut().insert(Packed);
+    }
+    next.run(request).await
+}
+
 /// Refuses bodies that are too large, too many at a time, or not announced as JSON.
 pub(super) async fn check_body(State(app): State<App>, request: Request, next: Next) -> Response {
     if is_stop(&request) {
@@ -44,6 +56,10 @@ pub(super) async fn check_body(State(app): State<App>, request: Request, next: N
         Method::POST | Method::PUT | Method::PATCH | Method::DELETE
     ) {
         return next.run(request).await;
+    }
+    let is_packed = request.extensions().get::<Packed>().is_some();
+    if request.headers().contains_key(header::CONTENT_ENCODING) {
+        return ApiError::wrong_encoding().into_response();
     }
     let is_open = request.extensions().get::<Principal>().is_none();
     // An upload goes to a file, part by part.
@@ -71,7 +87,7 @@ pub(super) async fn check_body(State(app): State<App>, request: Request, next: N
     if too_large {
         return refuse(request, ApiError::too_large(bytes_max)).await;
     }
-    let has_body = chunked || announced.is_some_and(|bytes| bytes > 0);
+    let has_body = is_packed || chunked || announced.is_some_and(|bytes| bytes > 0);
     if has_body && !announces_json(request.headers()) {
         return match is_open {
             true => ApiError::wrong_content_type(JSON).into_response(),
@@ -84,7 +100,7 @@ pub(super) async fn check_body(State(app): State<App>, request: Request, next: N
     let mut room = app.peers.room_for_body(client.address);
     let (parts, body) = request.into_parts();
     // Read here, so that a chunked body that becomes too large is refused in the same way.
-    match whole(body, &mut room, bytes_max, wait).await {
+    match whole(body, &mut room, bytes_max, wait, is_packed).await {
         Ok(bytes) => {
             next.run(Request::from_parts(parts, Body::from(bytes)))
                 .await
@@ -99,13 +115,21 @@ async fn whole(
     room: &mut BodyRoom,
     bytes_max: usize,
     wait: Duration,
+    is_packed: bool,
 ) -> Result<Vec<u8>, ApiError> {
     let mut bytes = Vec::new();
     let mut stream = body.into_data_stream();
-    while let Some(chunk) = next_part(&mut stream, wait).await? {
+    let unreadable = match is_packed {
+        true => "the body is not valid gzip, or the connection broke before it was complete",
+        false => BROKEN_OFF,
+    };
+    while let Some(chunk) = part_or(&mut stream, wait, unreadable).await? {
         if bytes.len() + chunk.len() > bytes_max {
             drop(bytes);
-            drain(stream).await;
+            // What a small packed body becomes is not unpacked to its end.
+            if !is_packed {
+                drain(stream).await;
+            }
             return Err(ApiError::too_large(bytes_max));
         }
         if !room.take(chunk.len()) {
@@ -121,10 +145,21 @@ pub(super) async fn next_part(
     stream: &mut BodyDataStream,
     wait: Duration,
 ) -> Result<Option<Bytes>, ApiError> {
+    part_or(stream, wait, BROKEN_OFF).await
+}
+
+/// What a body that ends early is refused with.
+const BROKEN_OFF: &str = "the connection broke before the body was complete";
+
+async fn part_or(
+    stream: &mut BodyDataStream,
+    wait: Duration,
+    unreadable: &str,
+) -> Result<Option<Bytes>, ApiError> {
     match timeout(wait, stream.next()).await {
-        Ok(part) => part.transpose().map_err(|_| {
-            ApiError::bad_request("the connection broke before the body was complete")
-        }),
+        Ok(part) => part
+            .transpose()
+            .map_err(|_| ApiError::bad_request(unreadable)),
         Err(_) => Err(ApiError::too_slow(wait)),
     }
 }
@@ -203,12 +238,12 @@ mod tests {
         let some = futures::stream::iter([Ok::<_, std::io::Error>("{")]);
         let body = Body::from_stream(some.chain(futures::stream::pending()));
         let wait = Duration::from_millis(1);
-        let problem = whole(body, &mut room, 100, wait).await.unwrap_err();
+        let problem = whole(body, &mut room, 100, wait, false).await.unwrap_err();
         assert_eq!(problem.into_response().status(), 408);
         let body = Body::from("{}");
-        let read = whole(body, &mut room, 100, CHUNK_WAIT).await;
+        let read = whole(body, &mut room, 100, CHUNK_WAIT, false).await;
         assert_eq!(read.unwrap(), b"{}");
-        let long = whole(Body::from("{ }"), &mut room, 2, CHUNK_WAIT).await;
+        let long = whole(Body::from("{ }"), &mut room, 2, CHUNK_WAIT, false).await;
         assert_eq!(long.unwrap_err().into_response().status(), 413);
     }
 }

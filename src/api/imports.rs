@@ -28,7 +28,7 @@ const NAME_BYTES_MAX: usize = 250;
 #[serde(deny_unknown_fields)]
 pub struct ImportRequest {
     /// Absolute path of the folder on the daemon's machine, below a folder of `import.roots`.
-    #[schema(value_type = String)]
+    #[schema(value_type = String, max_length = 4096)]
     folder: PathBuf,
     /// Leave out unreadable frames instead of refusing the series.
     #[serde(default)]

@@ -95,34 +95,41 @@ impl JobError {
 pub(super) trait JobResult: ToSchema {
     /// Name of a job with this result.
     const NAME: &'static str;
+    /// Name of its request.
+    const REQUEST: &'static str;
     /// What such a job is.
     const DESCRIPTION: &'static str;
 }
 
 impl JobResult for FitReport {
     const NAME: &'static str = "Fit";
+    const REQUEST: &'static str = "FitRequest";
     const DESCRIPTION: &'static str =
         "A fit: its request and its state; from `status` on its report, once it has completed";
 }
 
 impl JobResult for Summary {
     const NAME: &'static str = "Map";
+    const REQUEST: &'static str = "MapRequest";
     const DESCRIPTION: &'static str =
         "A map: its request and its state, and the object of `map --json`, once it has completed";
 }
 
 impl JobResult for ContrastReport {
     const NAME: &'static str = "Contrast";
+    const REQUEST: &'static str = "ContrastRequest";
     const DESCRIPTION: &'static str = "A contrast: its request and its state, and the object of `contrast --json`, once it has completed";
 }
 
 impl JobResult for VerdictReport {
     const NAME: &'static str = "Verdict";
+    const REQUEST: &'static str = "VerdictRequest";
     const DESCRIPTION: &'static str = "A verdict: its request and its state, and the object of `judge --json`, once it has completed";
 }
 
 impl JobResult for TraceReport {
     const NAME: &'static str = "Trace";
+    const REQUEST: &'static str = "TraceRequest";
     const DESCRIPTION: &'static str = "A trace: its request and its state, and the object of `trace --json`, once it has completed";
 }
 
@@ -148,6 +155,8 @@ impl<R: JobResult> WithResult<R> {
         add_fields(&mut job, &JobBody::schema(), &known);
         job.required = required(&JobBody::schema());
         add_fields(&mut job, &R::schema(), &known);
+        let request = Ref::from_schema_name(R::REQUEST);
+        job.properties.insert("request".into(), request.into());
         job.description = Some(R::DESCRIPTION.into());
         job
     }
@@ -208,10 +217,8 @@ pub(super) struct FitBody;
 impl PartialSchema for FitBody {
     fn schema() -> RefOr<Schema> {
         let mut fit = WithResult::<FitReport>::object();
-        for (name, schema) in [("request", "FitRequest"), ("variant", "VariantChoice")] {
-            let field = Ref::from_schema_name(schema);
-            fit.properties.insert(name.into(), field.into());
-        }
+        let variant = Ref::from_schema_name("VariantChoice");
+        fit.properties.insert("variant".into(), variant.into());
         // A fit always has a scan, and with it a part.
         for (name, kind, format, description) in [
             (

@@ -1,11 +1,14 @@
 //! Jobs: one shape for `/fits`, `/maps`, `/contrasts`, `/verdicts` and `/traces`, and the routes of all but fits.
 
+use std::collections::BTreeMap;
+
 use axum::Json;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
+use utoipa::ToSchema;
 
 use super::caller::Caller;
 use super::document::Binary;
@@ -17,6 +20,7 @@ use super::status::{self, ApiError, Problem};
 use super::{App, Begun, List};
 use crate::job::{JobId, JobKind, JobState};
 use crate::lab::{ContrastRequest, JobRequest, LabError, MapRequest, TraceRequest, VerdictRequest};
+use crate::map::summary::Summary;
 use crate::store::jobs::{Job, JobFilter};
 use crate::store::{PageRequest, StoreError};
 
@@ -214,7 +218,7 @@ pub(super) async fn cancel_map(
     ("name" = String, Path, description = "One of its `files`, e.g. theta_r_deg.png"),
 ), responses(
     (status = 200, description = "The file",
-        content((Binary = "image/tiff"), (Binary = "image/png"), (String = "text/csv"), (Object = "application/json"))),
+        content((Binary = "image/tiff"), (Binary = "image/png"), (String = "text/csv"), (Summary = "application/json"))),
     (status = 404, description = "There is no such map", body = Problem),
     (status = 409, description = "The map has no files (yet)", body = Problem),
     (status = 422, description = "The map has no such file", body = Problem),
@@ -375,6 +379,21 @@ pub(super) async fn cancel_trace(
     cancel(&app, JobKind::Trace, id).await
 }
 
+/// The file `plane.json` of a trace: light in the plane of incidence.
+#[derive(ToSchema)]
+#[schema(as = TracePlane)]
+#[expect(dead_code, reason = "it describes an answer")]
+struct PlaneFile {
+    /// States of the lamp, the scene's first.
+    states: Vec<BTreeMap<String, Value>>,
+    /// Settings of the polarisers before the camera.
+    settings: Vec<BTreeMap<String, Value>>,
+    /// Readings of the virtual ellipsometer by direction, where there are some.
+    points: Option<Vec<BTreeMap<String, Value>>>,
+    /// Reflected light by direction, where there is some.
+    lobe: Option<Vec<BTreeMap<String, Value>>>,
+}
+
 /// A file of a trace: `bins.csv` (the table of `trace --out`), `plane.json` (the plane of incidence: the virtual ellipsometer's
 /// readings, and polarised against scalar), or little-endian 32-bit floats: `bins.f32` (for each of `bins.sides`, each bin by polar angle and
 /// azimuth, and each of `bins.numbers`: value and standard error, sr⁻¹, NaN without light),
@@ -385,7 +404,7 @@ pub(super) async fn cancel_trace(
     ("name" = String, Path, description = "One of its `files`, e.g. bins.csv"),
 ), responses(
     (status = 200, description = "The file",
-        content((String = "text/csv"), (Object = "application/json"), (Binary = "application/octet-stream"))),
+        content((String = "text/csv"), (PlaneFile = "application/json"), (Binary = "application/octet-stream"))),
     (status = 404, description = "There is no such trace", body = Problem),
     (status = 409, description = "The trace has no files (yet)", body = Problem),
     (status = 422, description = "The trace has no such file", body = Problem),

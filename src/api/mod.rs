@@ -71,6 +71,7 @@ use tokio_util::sync::CancellationToken;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{DefaultPredicate, NotForContentType, Predicate};
+use tower_http::decompression::RequestDecompressionLayer;
 use utoipa::ToSchema;
 
 use crate::lab::{Lab, LabError};
@@ -211,6 +212,9 @@ pub fn router(
         })
         .layer(from_fn_with_state(app.clone(), keys::once_per_key))
         .layer(from_fn_with_state(app.clone(), guard::check_body))
+        // The limits of a body count what is unpacked.
+        .layer(RequestDecompressionLayer::new().pass_through_unaccepted(true))
+        .layer(from_fn(guard::mark_packed))
         .layer(CatchPanicLayer::custom(panicked))
         .layer(CompressionLayer::new().compress_when(compressible()))
         .layer(from_fn_with_state(

@@ -1,4 +1,4 @@
-//! `/rig/move` and `/rig/motions`: moves of both axes in one order, and waiting until the rig has arrived.
+//! `/rig/move` and `/rig/moves`: moves of both axes in one order, and waiting until the rig has arrived.
 
 use std::time::Duration;
 
@@ -24,9 +24,11 @@ const WAIT_S_MAX: f64 = 60.0;
 pub(super) struct MoveRigBody {
     /// Camera tilt θc to move to, degrees.
     #[serde(default)]
+    #[schema(minimum = -36_000, maximum = 36_000)]
     theta_c_deg: Option<f64>,
     /// Sample azimuth φs to move to, degrees.
     #[serde(default)]
+    #[schema(minimum = -36_000, maximum = 36_000)]
     phi_s_deg: Option<f64>,
 }
 
@@ -87,7 +89,7 @@ pub(super) fn about_to_move(location: &str, state: &str, id: i64) -> Response {
     status::accepted(location, body)
 }
 
-/// Move both axes, or one, to absolute positions. Wait for the motion with `GET /api/v1/rig/motions/{id}?wait_s=30`.
+/// Move both axes, or one, to absolute positions. Wait for the motion with `GET /api/v1/rig/moves/{id}?wait_s=30`.
 #[utoipa::path(post, path = "/api/v1/rig/move", tag = "rig", request_body = MoveRigBody, responses(
     (status = 202, description = "The axes are about to move; `id` is the number of the motion", body = Begun,
         headers(("Location" = String, description = "The motion"))),
@@ -101,12 +103,12 @@ pub(super) async fn move_rig(
 ) -> Result<Response, ApiError> {
     let [theta_c, phi_s] = [body.theta_c_deg, body.phi_s_deg].map(|deg| deg.map(Angle::from_deg));
     let id = app.lab.move_rig(theta_c, phi_s).await?;
-    let location = format!("/api/v1/rig/motions/{id}");
+    let location = format!("/api/v1/rig/moves/{id}");
     Ok(about_to_move(&location, "moving", id))
 }
 
 /// A motion: whether it moves, has arrived, was stopped or failed. The daemon remembers the last 64.
-#[utoipa::path(get, path = "/api/v1/rig/motions/{id}", tag = "rig", params(MotionParams, ("id" = i64, Path, description = "Number of the motion")), responses(
+#[utoipa::path(get, path = "/api/v1/rig/moves/{id}", tag = "rig", params(MotionParams, ("id" = i64, Path, description = "Number of the motion")), responses(
     (status = 200, description = "The motion", body = MotionBody),
     (status = 404, description = "There is no such motion, or it was long ago", body = Problem),
     (status = 503, description = "This daemon has no rig", body = Problem),

@@ -49,14 +49,16 @@ fn on() -> bool {
 #[serde(deny_unknown_fields)]
 pub struct AreaBody {
     /// First column, from 0.
+    #[schema(minimum = 0, maximum = 65_535)]
     left_px: u32,
     /// First row, from 0.
+    #[schema(minimum = 0, maximum = 65_535)]
     top_px: u32,
     /// Columns.
-    #[schema(minimum = 1)]
+    #[schema(minimum = 1, maximum = 65_535)]
     width_px: u32,
     /// Rows.
-    #[schema(minimum = 1)]
+    #[schema(minimum = 1, maximum = 65_535)]
     height_px: u32,
 }
 

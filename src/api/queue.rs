@@ -317,7 +317,7 @@ pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<Order
 #[serde(deny_unknown_fields)]
 pub struct MoveRequest {
     /// Place among the waiting orders, from 1 (the next one); beyond the last one, the end.
-    #[schema(minimum = 1)]
+    #[schema(minimum = 1, maximum = 4_294_967_295_i64)]
     to: u32,
 }
 

@@ -152,6 +152,7 @@ pub(super) async fn versions(
 #[serde(deny_unknown_fields)]
 pub struct RecipeChange {
     /// The version that it replaces, which has to be the newest one, so that no change of another caller is lost.
+    #[schema(minimum = 0, maximum = 9_007_199_254_740_991_i64)]
     replaces: i64,
     /// The whole recipe. Its name stays.
     recipe: Recipe,

@@ -264,6 +264,7 @@ impl From<RigView> for RigBody {
 #[serde(deny_unknown_fields)]
 pub struct MoveBody {
     /// Absolute position to move to, degrees.
+    #[schema(minimum = -36_000, maximum = 36_000)]
     position_deg: f64,
 }
 
@@ -272,12 +273,15 @@ pub struct MoveBody {
 #[serde(deny_unknown_fields)]
 pub struct JogBody {
     /// `theta_c` or `phi_s`.
+    #[schema(pattern = "^(theta_c|phi_s)$", max_length = 7)]
     axis: String,
     /// Speed and direction, degrees per second: positive upwards, 0 to end the jog. A greater speed than that of the axis
     /// is limited to it.
+    #[schema(minimum = -1000, maximum = 1000)]
     speed_deg_s: f64,
     /// Number of the jog to renew or end; omitted to begin one.
     #[serde(default)]
+    #[schema(minimum = 0, maximum = 9_007_199_254_740_991_i64)]
     jog: Option<u64>,
 }
 
@@ -307,8 +311,10 @@ impl From<JogView> for JogAnswer {
 #[serde(deny_unknown_fields)]
 pub struct AcceptStagesBody {
     /// Serial number of the controller of the camera tilt.
+    #[schema(max_length = 20)]
     theta_c_serial: String,
     /// Serial number of the controller of the sample azimuth.
+    #[schema(max_length = 20)]
     phi_s_serial: String,
 }
 

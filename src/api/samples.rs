@@ -24,22 +24,28 @@ pub enum MaterialBody {
     Dielectric {
         /// Real part n of the complex index, no unit.
         #[serde(alias = "index_of_refraction")]
+        #[schema(minimum = 1.0001, maximum = 10)]
         eta: f64,
         /// Standard uncertainty of n; 0.01 if omitted.
         #[serde(alias = "index_of_refraction_std", default = "index_std")]
+        #[schema(minimum = 0, maximum = 50)]
         eta_std: f64,
     },
     /// A metal: opaque below the surface.
     Conductor {
         /// Real part n of the complex index, no unit.
+        #[schema(minimum = 0.01, maximum = 100)]
         eta: f64,
         /// Imaginary part k of the complex index, no unit.
+        #[schema(minimum = 0, maximum = 50)]
         k: f64,
         /// Standard uncertainty of n; 0.01 if omitted.
         #[serde(default = "index_std")]
+        #[schema(minimum = 0, maximum = 50)]
         eta_std: f64,
         /// Standard uncertainty of k; 0.01 if omitted.
         #[serde(default = "index_std")]
+        #[schema(minimum = 0, maximum = 50)]
         k_std: f64,
     },
 }
@@ -153,9 +159,11 @@ impl From<Material> for MaterialBody {
 #[serde(deny_unknown_fields)]
 pub struct MetalBody {
     /// `Ag`, `Al`, `Au`, `Cr`, `Cu` or `W`.
+    #[schema(max_length = 2)]
     name: String,
     /// Wavelength, nm; that of the rig's lamp if omitted.
     #[serde(default)]
+    #[schema(minimum = 100, maximum = 100_000)]
     wavelength_nm: Option<f64>,
 }
 
@@ -164,6 +172,7 @@ pub struct MetalBody {
 #[serde(deny_unknown_fields)]
 pub struct SampleRequest {
     /// Name, 1 to 200 characters.
+    #[schema(min_length = 1, max_length = 200)]
     name: String,
     /// Nominal material. If omitted, an ordinary plastic is assumed (index 1.5, u = 0.05), and the
     /// part's note states so.
@@ -174,11 +183,11 @@ pub struct SampleRequest {
     metal: Option<MetalBody>,
     /// Free text.
     #[serde(default)]
+    #[schema(max_length = 4000)]
     note: Option<String>,
     /// How a simulated rig renders it: `{"surface": "traced"}` or
     /// `{"surface": "model", "theta_r_deg", "alpha_u", "alpha_v", "rho_d"}`.
     #[serde(default)]
-    #[schema(value_type = Option<Object>)]
     simulated: Option<SimulatedSurface>,
 }
 
@@ -194,7 +203,6 @@ pub struct SampleBody {
     /// Free text.
     note: Option<String>,
     /// How a simulated rig renders it; null on a real rig.
-    #[schema(value_type = Option<Object>)]
     simulated: Option<SimulatedSurface>,
     /// When the part was added, RFC 3339 in UTC.
     created_at: String,
@@ -301,6 +309,7 @@ pub(super) async fn get(State(app): State<App>, Id(id): Id) -> Result<Json<Sampl
 #[serde(deny_unknown_fields)]
 pub struct RenameBody {
     /// Name, 1 to 200 characters.
+    #[schema(min_length = 1, max_length = 200)]
     name: String,
 }
 
@@ -310,6 +319,7 @@ pub struct RenameBody {
     (status = 200, description = "The part", body = SampleBody),
     (status = 400, description = "The body cannot be read", body = Problem),
     (status = 404, description = "Not found", body = Problem),
+    (status = 409, description = "Another part has this name (`name-taken`)", body = Problem),
     (status = 422, description = "The name is not valid", body = Problem),
 ))]
 pub(super) async fn rename(

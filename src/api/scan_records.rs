@@ -19,13 +19,15 @@ use crate::store::records::{RecordChange, RecordPatch};
 pub struct ScanPatch {
     /// Number of the part that was scanned.
     #[serde(default)]
+    #[schema(minimum = 1, maximum = 9_007_199_254_740_991_i64)]
     sample_id: Option<i64>,
     /// All tags from now on, at most 20: each 1 to 40 characters without comma, quote and backslash.
     #[serde(default)]
+    #[schema(max_items = 20)]
     tags: Option<Vec<String>>,
     /// The note from now on, at most 4000 characters; null or an empty text removes it.
     #[serde(default, deserialize_with = "stated")]
-    #[schema(value_type = Option<String>)]
+    #[schema(value_type = Option<String>, max_length = 4000)]
     note: Option<Option<String>>,
     /// Whether lists leave the scan out from now on.
     #[serde(default)]

@@ -25,6 +25,7 @@ pub(super) const SESSION: &str = "/api/v1/session";
 #[serde(deny_unknown_fields)]
 pub struct LoginRequest {
     /// The token that `ridged token create` printed.
+    #[schema(max_length = 4000)]
     token: String,
 }
 

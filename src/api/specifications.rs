@@ -154,6 +154,7 @@ pub(super) async fn versions(
 #[serde(deny_unknown_fields)]
 pub struct SpecificationChange {
     /// The version that it replaces, which has to be the newest one, so that no change of another caller is lost.
+    #[schema(minimum = 0, maximum = 9_007_199_254_740_991_i64)]
     replaces: i64,
     /// The whole specification. Its name stays.
     specification: Specification,

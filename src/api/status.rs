@@ -169,6 +169,16 @@ impl ApiError {
         )
     }
 
+    /// A body that is packed in another way than gzip.
+    pub(super) fn wrong_encoding() -> Self {
+        ApiError::new(
+            StatusCode::UNSUPPORTED_MEDIA_TYPE,
+            "wrong-content-encoding",
+            "the body is packed in a way that the daemon does not unpack",
+            "expected a body as it is, or with Content-Encoding: gzip",
+        )
+    }
+
     /// A body that is announced as something else.
     pub(super) fn wrong_content_type(expected: &str) -> Self {
         ApiError::new(
@@ -395,12 +405,11 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::Analysis(AnalysisError::Cancelled) => {
             (StatusCode::CONFLICT, "the analysis was cancelled")
         }
-        LabError::NothingMeasured => (StatusCode::NOT_FOUND, NOT_FOUND),
         LabError::NoReport { .. } => (StatusCode::CONFLICT, "the scan has nothing to report"),
         LabError::Store(StoreError::NotFound { .. } | StoreError::NoVersion { .. }) => {
             (StatusCode::NOT_FOUND, NOT_FOUND)
         }
-        LabError::Store(StoreError::NameTaken { .. }) => {
+        LabError::Store(StoreError::NameTaken { .. } | StoreError::PartNameTaken { .. }) => {
             (StatusCode::CONFLICT, "the name is taken")
         }
         LabError::Store(StoreError::ExternalIdTaken { .. }) => {

@@ -50,7 +50,7 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/rig", READ),
     ("POST", "/api/v1/rig/stop", Need::Stop),
     ("POST", "/api/v1/rig/move", Need::Rig),
-    ("GET", "/api/v1/rig/motions/{id}", READ),
+    ("GET", "/api/v1/rig/moves/{id}", READ),
     ("POST", "/api/v1/rig/axes/{axis}/move", Need::Rig),
     ("POST", "/api/v1/rig/axes/{axis}/home", Need::Rig),
     ("POST", "/api/v1/rig/axes/{axis}/unpark", Need::Rig),

@@ -6,10 +6,11 @@ use std::sync::Arc;
 use super::{CliError, output, runtime};
 use crate::comparison::shared::SharedChoice;
 use crate::comparison::{ComparedParameter, ComparedValue, Comparison};
+use crate::fit::coverage::other_factor;
 use crate::lab;
 use crate::store::Store;
 use crate::store::disk::RealDisk;
-use crate::wording::{decimals, names};
+use crate::wording::{decimals, fixed, names, utc_words};
 
 /// Compares two scans by their newest fits: the difference of each parameter with its expanded uncertainty U, and
 /// E_n = difference / U. The results agree where |E_n| is at most 1.
@@ -79,7 +80,12 @@ fn text(compared: &Comparison) -> String {
     let (a, b) = (&compared.first, &compared.second);
     let mut out = format!(
         "A: scan {}, {}, {}\nB: scan {}, {}, {}\n\n",
-        a.scan_id, a.part, a.measured_at, b.scan_id, b.part, b.measured_at
+        a.scan_id,
+        a.part,
+        utc_words(&a.measured_at),
+        b.scan_id,
+        b.part,
+        utc_words(&b.measured_at)
     );
     out.push_str("| parameter | A ± U | B ± U | B − A ± U | E_n | |\n|---|---|---|---|---|---|\n");
     for parameter in &compared.parameters {
@@ -95,16 +101,26 @@ fn text(compared: &Comparison) -> String {
     for note in &compared.notes {
         out.push_str(&format!("{note}\n"));
     }
-    out.push_str("± is the expanded uncertainty U (k = 2, or as the fit states).\n");
+    out.push_str("± is the expanded uncertainty U, with k = 2 where no other k is stated.\n");
     out
 }
 
 fn row(parameter: &ComparedParameter) -> String {
     let name = names::quantity(parameter.name);
-    let value = |value: &ComparedValue| stated(value.value, value.expanded, name.unit);
+    let with_factor = |text: String, factor: Option<f64>| match other_factor(factor) {
+        Some(k) => format!("{text} ({k})"),
+        None => text,
+    };
+    let value = |value: &ComparedValue| {
+        let text = stated(value.value, value.expanded, name.unit);
+        with_factor(text, value.coverage_factor)
+    };
     let (difference, normalised, word) = match &parameter.difference {
         Some(d) => (
-            stated(Some(d.value), Some(d.expanded), name.unit),
+            with_factor(
+                stated(Some(d.value), Some(d.expanded), name.unit),
+                Some(d.coverage_factor),
+            ),
             format!("{:.2}", d.normalised),
             if d.agrees { "agree" } else { "differ" },
         ),
@@ -124,7 +140,7 @@ pub(super) fn stated(value: Option<f64>, expanded: Option<f64>, unit: &str) -> S
         (None, _) => "–".to_owned(),
         (Some(value), Some(expanded)) => {
             let digits = decimals(expanded);
-            format!("{value:.digits$} ± {expanded:.digits$}{unit}")
+            format!("{} ± {expanded:.digits$}{unit}", fixed(value, digits))
         }
         (Some(value), None) => format!("{value:.4}{unit}"),
     }

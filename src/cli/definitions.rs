@@ -13,7 +13,7 @@ use super::output;
 use crate::judge::Specification;
 use crate::lab::Recipe;
 use crate::lab::definitions::Content;
-use crate::wording::toml_text;
+use crate::wording::{toml_text, utc_words};
 
 /// Lists, shows, saves and archives recipes.
 #[derive(Debug, clap::Args)]
@@ -264,7 +264,7 @@ fn line(row: &Value) -> String {
         "{id:>6}  {}, version {}{archived} (saved {} by {})\n",
         row["name"].as_str().unwrap_or_default(),
         row["version"],
-        row["saved_at"].as_str().unwrap_or_default(),
+        utc_words(row["saved_at"].as_str().unwrap_or_default()),
         row["who"].as_str().unwrap_or_default(),
     )
 }

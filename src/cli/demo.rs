@@ -16,6 +16,7 @@ use super::simulated::ConstructionArgs;
 use crate::api::Access;
 use crate::api::server::{self, ListenError, ListenSettings, Sockets};
 use crate::daemon::{self, Daemon};
+use crate::fit::coverage::other_factor;
 use crate::job::{JobId, JobKind, JobState};
 use crate::lab::{FIT_NOT_STARTED, Lab, ScanRequest};
 use crate::scan::plan::Preset;
@@ -308,7 +309,7 @@ fn table(shown: &Value, args: &Args, url: &str, colour: bool) -> String {
     );
     let head = format!(
         "  {:<28}{:>12}{:>26}   {}\n",
-        "", "truth", "fit ± expanded (k = 2)", "inside"
+        "", "truth", "fit ± U (k = 2)", "inside"
     );
     text.push_str(&paint("1", head));
     for (key, name, unit, digits) in ROWS {
@@ -322,7 +323,9 @@ fn table(shown: &Value, args: &Args, url: &str, colour: bool) -> String {
                     false => paint("31", "no".into()),
                 };
                 let fitted = format!("{value:.digits$}{unit} ± {expanded:.digits$}{unit}");
-                format!("{fitted:>26}   {word}")
+                let factor = other_factor(parameter["coverage_factor"].as_f64());
+                let factor = factor.map_or_else(String::new, |k| format!("  {k}"));
+                format!("{fitted:>26}   {word}{factor}")
             }
             _ => format!("{:>26}   -", "not identifiable"),
         };

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use anyhow::anyhow;
 
 use super::client::Client;
-use super::{CliError, runtime};
+use super::{CliError, output, runtime};
 use crate::clock::{Clock as _, SystemClock};
 use crate::config::Config;
 use crate::lab::assembly::real_rig;
@@ -65,7 +65,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     runtime::block_on(check(args, &config, &mut findings))?;
     let text = match args.json {
         true => format!("{:#}\n", findings.json()),
-        false => findings.text(),
+        false => output::in_columns(&findings.text()),
     };
     let mut out = std::io::stdout().lock();
     out.write_all(text.as_bytes())

@@ -18,6 +18,7 @@ use anyhow::{Context, anyhow};
 
 use super::CliError;
 use super::output_collision::same_file;
+use crate::wording::counted;
 use crate::wording::sheet::other_separator;
 
 /// Evaluates closed forms over a table.
@@ -127,8 +128,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let (rows, refused) = evaluate(&args.kind.table(), &args.cases, &args.out)?;
     // The table's form is fixed, so time and omissions are printed to stderr.
     super::say(&format_args!(
-        "{rows} rows in {:.2} s, {refused} refused (column `refused`); exact to the digits that each row's conditioning \
+        "{} in {:.2} s, {refused} refused (column `refused`); exact to the digits that each row's conditioning \
         allows; left out: {}",
+        counted(rows, "row"),
         started.elapsed().as_secs_f64(),
         args.kind.left_out()
     ));

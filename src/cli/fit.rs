@@ -3,6 +3,7 @@
 
 mod joint;
 mod merge;
+mod stored;
 mod table;
 
 use std::io::IsTerminal;
@@ -15,6 +16,7 @@ use anyhow::{Context, anyhow};
 use clap::ValueEnum;
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
+use super::client::CredentialArgs;
 use super::limits::FitLimits;
 use super::output::ResultArgs;
 use super::values::whole;
@@ -37,6 +39,7 @@ use crate::tables;
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
     after_help = "Example:\n  ridged fit tests/data/series/polymer-10 --json > polymer-10.json\n  \
+                  ridged fit --scan 8 --store && ridged report --scan 8 --out report.html\n  \
                   ridged fit tests/data/series/steel-15 --variant traced\n  \
                   ridged fit tests/data/series/steel-15 --variant paper --check-traced\n  \
                   ridged fit series --variant traced --shape map.tif --pitch-um 0.5 --height-unit-um 1\n  \
@@ -114,9 +117,16 @@ pub struct Args {
     /// (`iterations` of --json).
     #[arg(long)]
     pub iterations: bool,
+    /// Keep the fit of --scan in the store, where report, compare, repeatability and results read it. A running daemon on
+    /// the folder does it.
+    #[arg(long, requires = "scan")]
+    pub store: bool,
     /// Form of the result.
     #[command(flatten)]
     pub printed: ResultArgs,
+    /// Token, for a running daemon.
+    #[command(flatten)]
+    pub credentials: CredentialArgs,
 }
 
 /// Subcommands of `ridged fit`.
@@ -174,6 +184,18 @@ pub enum LossName {
     Tukey,
 }
 
+impl LossName {
+    /// The loss for a fit.
+    #[must_use]
+    pub fn loss(self) -> Loss {
+        match self {
+            LossName::Linear => Loss::Linear,
+            LossName::Huber => Loss::Huber,
+            LossName::Tukey => Loss::Tukey,
+        }
+    }
+}
+
 /// Models by the names of the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Variant {
@@ -223,11 +245,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             variant: args.variant.choice(),
             starts: args.starts.map_or(standard.starts, usize::from),
             starts_alone: args.starts.is_some(),
-            loss: match args.loss {
-                LossName::Linear => Loss::Linear,
-                LossName::Huber => Loss::Huber,
-                LossName::Tukey => Loss::Tukey,
-            },
+            loss: args.loss.loss(),
             constraints: args.fix.iter().chain(&args.prior).copied().collect(),
             profile: args.profile,
             bootstrap: args.bootstrap.unwrap_or(0),
@@ -243,6 +261,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
         iterations: args.iterations,
     };
     let cancel = interrupt::flag()?;
+    if let (true, Some(scan_id)) = (args.store, args.scan) {
+        return stored::run(&args, scan_id, &cancel);
+    }
     if let [dir] = &args.dirs[..]
         && tables::is_table(dir)
     {

@@ -6,14 +6,15 @@ use anyhow::anyhow;
 
 use super::fit::{Variant, print_forecast, watched};
 use super::limits::FitLimits;
-use super::{CliError, interrupt, output, runtime};
+use super::{CliError, interrupt, output, runtime, terminal};
 use crate::analysis::AnalysisOptions;
 use crate::fit::FitOptions;
 use crate::fit::traced::TracingOptions;
 use crate::judge::{Specification, VerdictReport};
 use crate::reduction::{FrameSource, Remembering};
 use crate::series::Series;
-use crate::wording::{decimals, names, significant, stated, toml_text};
+use crate::wording::layout::width;
+use crate::wording::{decimals, fixed, names, significant, stated, toml_text};
 
 /// Measures a series and judges it against a specification: pass, fail or cannot tell.
 #[derive(Debug, clap::Args)]
@@ -104,7 +105,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         &analysis.observations,
         &source.sample_poses(),
     );
-    output::write(args.json, &verdict, || table(&verdict))
+    output::write(args.json, &verdict, || table(&verdict, terminal::columns()))
 }
 
 /// Aligns columns: the first and the last to the left, numbers to the right.
@@ -137,7 +138,7 @@ fn limits(lower: Option<f64>, upper: Option<f64>, unit: &str) -> String {
     }
 }
 
-fn table(verdict: &VerdictReport) -> String {
+fn table(verdict: &VerdictReport, terminal: Option<usize>) -> String {
     let judgement = &verdict.judgement;
     let heads = [
         "quantity",
@@ -154,7 +155,7 @@ fn table(verdict: &VerdictReport) -> String {
         let decimals = item.expanded.map_or(4, decimals);
         // Two digits of the uncertainty, unless the value is too large for a table.
         let digits = |x: f64| match x.abs() < 1e7 {
-            true => format!("{x:.decimals$}"),
+            true => fixed(x, decimals),
             false => significant(x),
         };
         let none = || "–".to_owned();
@@ -176,11 +177,24 @@ fn table(verdict: &VerdictReport) -> String {
         "{}: {}\n{}\n\n",
         judgement.specification, judgement.verdict, judgement.decision_rule
     );
-    for (n, row) in columns(&rows).into_iter().enumerate() {
-        text.push_str(&row);
-        text.push('\n');
-        if let Some(item) = n.checked_sub(1).and_then(|n| judgement.items.get(n)) {
-            text.push_str(&format!("      {}\n", item.reason));
+    let lines = columns(&rows);
+    let widest = lines.iter().map(|line| width(line)).max().unwrap_or(0);
+    if terminal.is_none_or(|terminal| widest <= terminal) {
+        for (n, row) in lines.into_iter().enumerate() {
+            text.push_str(&row);
+            text.push('\n');
+            if let Some(item) = n.checked_sub(1).and_then(|n| judgement.items.get(n)) {
+                text.push_str(&format!("      {}\n", item.reason));
+            }
+        }
+    } else {
+        // Columns would break within a row.
+        for (row, item) in rows[1..].iter().zip(&judgement.items) {
+            let [name, value, k, limits, band, verdict] = row;
+            text.push_str(&format!(
+                "  {name}: {verdict}\n    {value} (k = {k}), limits {limits}, guard band {band}\n    {}\n",
+                item.reason
+            ));
         }
     }
     if let Some(tilts) = &verdict.contrast_theta_c_deg {
@@ -191,7 +205,8 @@ fn table(verdict: &VerdictReport) -> String {
         ));
     }
     for (quantity, found) in &judgement.would_decide {
-        text.push_str(&format!("{quantity}: {}\n", found.message));
+        let name = names::known(quantity).map_or_else(|| quantity.clone(), |name| name.full());
+        text.push_str(&format!("{name}: {}\n", found.message));
     }
     for warning in &judgement.warnings {
         text.push_str(&format!("warning: {warning}\n"));

@@ -8,6 +8,7 @@ use clap::{Command, CommandFactory as _};
 use clap_mangen::Man;
 
 use super::{Cli, CliError, output_path};
+use crate::version::VERSION;
 
 /// Prints the manual page of ridged or of a command, or writes all of them into a folder.
 #[derive(Debug, clap::Args)]
@@ -36,7 +37,9 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         return write_all(&command, "ridged", folder);
     }
     let mut of = &command;
-    for name in &args.of {
+    let words = args.of.iter().flat_map(|words| words.split_whitespace());
+    let words: Vec<String> = words.map(str::to_owned).collect();
+    for name in &words {
         of = of.find_subcommand(name).ok_or_else(|| {
             let known: Vec<&str> = of.get_subcommands().map(Command::get_name).collect();
             CliError::bad_input(anyhow!(
@@ -45,7 +48,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
             ))
         })?;
     }
-    let name = page_name(&args.of);
+    let name = page_name(&words);
     let page = page(of, &name).map_err(CliError::no_result)?;
     std::io::stdout()
         .write_all(&page)
@@ -59,7 +62,10 @@ fn page_name(words: &[String]) -> String {
 
 fn page(command: &Command, name: &str) -> std::io::Result<Vec<u8>> {
     let mut page = Vec::new();
-    let named = command.clone().display_name(name.to_owned());
+    let named = command
+        .clone()
+        .display_name(name.to_owned())
+        .version(VERSION);
     Man::new(named).render(&mut page)?;
     Ok(page)
 }

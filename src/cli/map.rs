@@ -205,7 +205,7 @@ impl Watch {
 fn named(key: &str) -> String {
     match names::known(key) {
         Some(name) if name.unit.is_empty() => name.full(),
-        Some(name) => format!("{} / {}", name.full(), name.unit),
+        Some(name) => format!("{} / {}", name.full(), name.unit.trim_start()),
         None => key.to_owned(),
     }
 }

@@ -61,6 +61,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::version::VERSION;
+use crate::wording::layout::wrapped;
 use crate::wording::numbers::readable;
 
 /// Measures the ridge angle of micro-structured surfaces with its uncertainty.
@@ -202,6 +203,14 @@ fn with_negative_numbers(command: clap::Command) -> clap::Command {
         .mut_subcommands(with_negative_numbers)
 }
 
+impl Cli {
+    /// Whether the command is the daemon, whose log is its record.
+    #[must_use]
+    pub fn serves(&self) -> bool {
+        matches!(self.command, Command::Serve(_))
+    }
+}
+
 /// Runs one command to its exit code; errors are printed with their causes.
 #[must_use]
 pub fn run(cli: Cli) -> ExitCode {
@@ -261,6 +270,11 @@ pub fn run(cli: Cli) -> ExitCode {
 /// Prints a line on stderr. Where it cannot be written (a closed terminal, a full disk), the work continues and the exit
 /// code still shows how it ended.
 fn say(line: &(impl std::fmt::Display + ?Sized)) {
+    let line = line.to_string();
+    let line = match terminal::columns_of_stderr() {
+        Some(columns) => wrapped(&line, columns),
+        None => line,
+    };
     let _ = writeln!(progress::AboveBars, "{line}");
 }
 

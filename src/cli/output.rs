@@ -50,10 +50,13 @@ pub fn write(
         .map_err(CliError::no_result)
 }
 
-/// Lays out a text for the width of the terminal. Files and other programs get it as it is, with tables in Markdown.
+/// Columns of a table in a file or for another program: as many as it needs.
+const ALL_COLUMNS: usize = 1 << 16;
+
+/// Lays out a text for the width of the terminal. Files and other programs get lines of any length.
 pub fn in_columns(text: &str) -> String {
     match terminal::columns() {
         Some(columns) => wrapped(&tables(text, columns), columns),
-        None => text.to_owned(),
+        None => tables(text, ALL_COLUMNS),
     }
 }

@@ -96,12 +96,15 @@ pub enum Action {
 /// An order, or a file of orders.
 #[derive(Debug, clap::Args)]
 pub struct AddArgs {
-    /// File with a header line and one order a line; columns part, recipe, specification, lot, external_id, operator, note.
-    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["part", "external_id"])]
+    /// File with a header line and one order a line; columns part or part_id, recipe, specification, lot, external_id, operator, note.
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["part", "part_id", "external_id"])]
     pub csv: Option<PathBuf>,
     /// Name of the part. A new one gets the material of the recipe.
-    #[arg(long, value_name = "NAME", required_unless_present = "csv")]
+    #[arg(long, value_name = "NAME", required_unless_present_any = ["csv", "part_id"])]
     pub part: Option<String>,
+    /// Number of the part, where several have its name.
+    #[arg(long, value_name = "ID", conflicts_with = "part")]
+    pub part_id: Option<u32>,
     /// The recipe by name or number.
     #[arg(long, value_name = "NAME", required_unless_present = "csv")]
     pub recipe: Option<String>,
@@ -123,31 +126,43 @@ pub struct AddArgs {
 }
 
 impl AddArgs {
-    /// The options by the names of the columns.
-    fn options(&self) -> [(&'static str, &Option<String>); 7] {
-        [
-            ("part", &self.part),
-            ("recipe", &self.recipe),
-            ("specification", &self.specification),
-            ("lot", &self.lot),
-            ("external_id", &self.external_id),
-            ("operator", &self.operator),
-            ("note", &self.note),
-        ]
+    /// The stated options by the names of the columns.
+    fn options(&self) -> Vec<(&'static str, String)> {
+        let options = [
+            ("part", self.part.clone()),
+            ("part_id", self.part_id.map(|id| id.to_string())),
+            ("recipe", self.recipe.clone()),
+            ("specification", self.specification.clone()),
+            ("lot", self.lot.clone()),
+            ("external_id", self.external_id.clone()),
+            ("operator", self.operator.clone()),
+            ("note", self.note.clone()),
+        ];
+        let given = options.into_iter();
+        given
+            .filter_map(|(name, value)| Some((name, value?)))
+            .collect()
     }
 
-    fn orders(&self) -> Result<Vec<Value>, CliError> {
+    /// Adds the orders; a refusal of an order of a file names its line.
+    fn send(&self, client: &Client) -> Result<Value, CliError> {
+        let post =
+            |orders: Vec<Value>| client.post("/queue/orders", Some(&json!({ "orders": orders })));
         let Some(file) = &self.csv else {
-            let given = self.options().into_iter();
-            let given = given.filter_map(|(name, value)| Some((name, value.clone()?)));
-            return Ok(vec![csv::order(given)]);
+            return post(vec![csv::order(self.options().into_iter())]);
         };
-        let defaults: Vec<(&str, String)> = self
-            .options()
-            .into_iter()
-            .filter_map(|(name, value)| Some((name, value.clone()?)))
-            .collect();
-        csv::orders(file, &defaults)
+        let orders = csv::orders(file, &self.options())?;
+        let lines: Vec<usize> = orders.iter().map(|order| order.line).collect();
+        let bodies = orders.into_iter().map(|order| order.body).collect();
+        let named = |error: anyhow::Error| {
+            let message = csv::by_lines(&error.to_string(), &lines);
+            anyhow!("{}: {message}", file.display())
+        };
+        post(bodies).map_err(|error| match error {
+            CliError::BadInput(error) => CliError::BadInput(named(error)),
+            CliError::NoResult(error) => CliError::NoResult(named(error)),
+            other => other,
+        })
     }
 }
 
@@ -173,8 +188,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             (json!({ "queue": queue, "orders": orders["items"] }), text)
         }
         Action::Add(add) => {
-            let body = json!({ "orders": add.orders()? });
-            let answer = client.post("/queue/orders", Some(&body))?;
+            let answer = add.send(&client)?;
             let text = lines(&answer);
             (answer, text)
         }

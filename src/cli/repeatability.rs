@@ -6,7 +6,7 @@ use crate::lab;
 use crate::repeatability::gauge::{Gauge, GaugeNumber, GaugeSpread, GroupedBy, VarianceSource};
 use crate::repeatability::scatter::{Scatter, ScatterVerdict};
 use crate::repeatability::{PARAMETER, Repeatability, StudyChoice};
-use crate::wording::{counted, decimals, names, significant};
+use crate::wording::{counted, decimals, names, signed, significant, utc_words};
 
 /// Compares the scatter of scans with the uncertainty that their newest fits state. Scans of one part, remounted in between,
 /// show whether U is right; scans of several parts by several operators or on several days also give gauge R&R.
@@ -70,13 +70,13 @@ fn text(found: &Repeatability) -> String {
     for result in &found.results {
         let digits = decimals(result.expanded) + 1;
         out.push_str(&format!(
-            "| {} | {} | {} | {} | {} | {:+.digits$}{unit} |\n",
+            "| {} | {} | {} | {} | {} | {}{unit} |\n",
             result.of.scan_id,
             result.of.part,
-            result.of.measured_at,
+            utc_words(&result.of.measured_at),
             result.of.operator_name.as_deref().unwrap_or(""),
             stated(Some(result.value), Some(result.expanded), unit),
-            result.deviation
+            signed(result.deviation, digits)
         ));
     }
     for scan in &found.left_out {
@@ -115,11 +115,11 @@ fn scatter_text(out: &mut String, scatter: &Scatter, unit: &str) {
         ));
     }
     out.push_str(&format!(
-        "Scatter s of one scan: {} (95 %: {} to {}; {} degrees of freedom)\n",
+        "Scatter s of one scan: {} (95 %: {} to {}; {})\n",
         number(scatter.std),
         number(low),
         number(high),
-        scatter.degrees_of_freedom
+        freedom_text(scatter.degrees_of_freedom)
     ));
     out.push_str(&format!(
         "Stated u (k = 1): {}, without the lines that are the same in all scans {}\n",
@@ -128,12 +128,16 @@ fn scatter_text(out: &mut String, scatter: &Scatter, unit: &str) {
     ));
     if let (Some(chi_square), Some(probability)) = (scatter.chi_square, scatter.probability) {
         out.push_str(&format!(
-            "χ² = {} with {} degrees of freedom; probability of a larger one {}\n",
+            "χ² = {} with {}; probability of a larger one {}\n",
             significant(chi_square),
-            scatter.degrees_of_freedom,
+            freedom_text(scatter.degrees_of_freedom),
             probability_text(probability)
         ));
     }
+}
+
+fn freedom_text(freedom: usize) -> String {
+    format!("{} of freedom", counted(freedom, "degree"))
 }
 
 fn probability_text(probability: f64) -> String {
@@ -261,7 +265,7 @@ mod tests {
         );
         let text = text(&found);
         for part in [
-            "| 1 | B-17 | 2026-03-01T09:00:00Z | anna | 10.010 ± 0.040° |",
+            "| 1 | B-17 | 2026-03-01 09:00:00 UTC | anna | 10.010 ± 0.040° |",
             "Gauge R&R: 2 parts, 2 operators",
             "| reproducibility (operators) |",
             "%GRR: ",

@@ -2,18 +2,19 @@
 
 mod table;
 
-use std::io::{IsTerminal as _, Write as _};
+use std::io::Write as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::anyhow;
 use serde::Serialize;
 
-use super::CliError;
 use super::runtime::{self, block_on};
+use super::{CliError, terminal};
 use crate::store::Store;
 use crate::store::disk::RealDisk;
 use crate::store::results::{LIMIT_USUAL, ResultPages, ResultQuery, ResultRow, csv_header};
+use crate::wording::layout::wrapped;
 
 /// Lists results: one row per scan, newest first, with the value of its newest fit and its newest verdict.
 #[derive(Debug, clap::Args)]
@@ -168,7 +169,9 @@ async fn print(store: &Store, query: ResultQuery, args: &Args) -> Result<(), Cli
         return write(&format!("{text}\n"));
     }
     let asked = args.fields.is_some().then_some(fields.as_slice());
-    write(&table::of(&rows, asked, width()))?;
+    let terminal = terminal::columns();
+    let text = table::of(&rows, asked, terminal);
+    write(&terminal.map_or(text.clone(), |columns| wrapped(&text, columns)))?;
     match usize::try_from(count) {
         Ok(0) => super::say("no results; `ridged results --help` shows the filters"),
         Ok(count) if count > rows.len() => super::say(&format!(
@@ -185,16 +188,6 @@ fn write(text: &str) -> Result<(), CliError> {
     out.write_all(text.as_bytes())
         .and_then(|()| out.flush())
         .map_err(CliError::no_result)
-}
-
-/// Columns of the terminal; none where stdout is not one.
-fn width() -> Option<usize> {
-    let out = std::io::stdout();
-    if !out.is_terminal() {
-        return None;
-    }
-    let size = rustix::termios::tcgetwinsize(&out).ok()?;
-    (size.ws_col > 0).then_some(usize::from(size.ws_col))
 }
 
 #[cfg(test)]

@@ -189,7 +189,7 @@ fn move_and_wait(client: &Client, targets: &MoveArgs) -> Result<(), CliError> {
     }
     let begun = client.post("/rig/move", Some(&body))?;
     loop {
-        let motion = client.get(&format!("/rig/motions/{}?wait_s=1", begun["id"]))?;
+        let motion = client.get(&format!("/rig/moves/{}?wait_s=1", begun["id"]))?;
         match motion["state"].as_str() {
             Some("moving") => {}
             Some("arrived") => return Ok(()),

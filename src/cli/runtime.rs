@@ -40,6 +40,7 @@ pub fn lab_error(error: LabError) -> CliError {
             StoreError::NotFound { .. }
             | StoreError::NoVersion { .. }
             | StoreError::NameTaken { .. }
+            | StoreError::PartNameTaken { .. }
             | StoreError::Missing { .. }
             | StoreError::FolderName { .. },
         ) => CliError::bad_input(error),
@@ -61,15 +62,21 @@ pub async fn stop_requested() -> Result<(), CliError> {
 /// # Errors
 /// Bad input for a folder without a store or an unknown scan.
 pub fn stored_series(folder: &Path, scan_id: i64) -> Result<StoredSeries, CliError> {
-    block_on(async {
-        let store = Store::open_for_reading(folder, Arc::new(RealDisk), real_clock())
-            .await
-            .map_err(|error| lab_error(error.into()))?;
-        let series = StoredSeries::open(&store, scan_id).await.map_err(lab_error);
-        // Frames are read from files; the database is no longer needed.
-        store.close().await;
-        series
-    })
+    block_on(stored_series_of(folder, scan_id))
+}
+
+/// The same within a runtime.
+///
+/// # Errors
+/// As [`stored_series`].
+pub async fn stored_series_of(folder: &Path, scan_id: i64) -> Result<StoredSeries, CliError> {
+    let store = Store::open_for_reading(folder, Arc::new(RealDisk), real_clock())
+        .await
+        .map_err(|error| lab_error(error.into()))?;
+    let series = StoredSeries::open(&store, scan_id).await.map_err(lab_error);
+    // Frames are read from files; the database is no longer needed.
+    store.close().await;
+    series
 }
 
 /// Runs a command's future on a runtime of its own.

@@ -12,8 +12,11 @@ use super::runtime;
 use crate::lab::{NameOrId, ScanRequest};
 use crate::material::{Material, tables};
 use crate::scan::PlanRequest;
+use crate::scan::event::UncertainValue;
 use crate::scan::plan::Preset;
 use crate::scan::runner::RunEnd;
+use crate::store::samples::AmbiguousPart;
+use crate::wording::names;
 
 mod by_daemon;
 mod by_itself;
@@ -80,6 +83,9 @@ pub struct Args {
     /// Name of the part [default: that of the last scan of this rig].
     #[arg(long, value_name = "NAME")]
     pub sample: Option<String>,
+    /// Number of the part, where several have its name.
+    #[arg(long, value_name = "ID", conflicts_with_all = ["sample", "eta", "metal"])]
+    pub sample_id: Option<u32>,
     /// Index of refraction; adds the part if it does not exist yet.
     #[arg(long, value_name = "N", requires = "sample")]
     pub eta: Option<f64>,
@@ -148,13 +154,17 @@ pub fn run(args: Args) -> Result<(), CliError> {
         plan.repeats = Some(0);
         plan.reuse_calibrations = None;
     }
-    let answer = match Client::find(&args.data)? {
+    match Client::find(&args.data)? {
         Some(client) => {
             let client = client.presenting(&args.credentials)?;
-            by_daemon::scan(&client, &args, plan)?
+            print(&args, &by_daemon::scan(&client, &args, plan)?)
         }
-        None => runtime::block_on(by_itself::scan(&args, plan))?,
-    };
+        None => runtime::block_on(by_itself::scan(&args, plan)),
+    }
+}
+
+/// Prints the end of a scan, and the verdicts on it.
+fn print(args: &Args, answer: &Value) -> Result<(), CliError> {
     let text = match args.json {
         true => format!("{answer:#}\n"),
         false => format!(
@@ -168,7 +178,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
     out.write_all(text.as_bytes())
         .map_err(CliError::no_result)?;
     if args.timing && !args.json {
-        out.write_all(timing_words(&answer).as_bytes())
+        out.write_all(timing_words(answer).as_bytes())
             .map_err(CliError::no_result)?;
     }
     out.flush().map_err(CliError::no_result)
@@ -201,7 +211,8 @@ fn verdict_words(verdicts: &Value) -> String {
         text.push_str(&format!("{}{region}: {decided}\n", word("specification")));
         for (quantity, found) in verdict["would_decide"].as_object().into_iter().flatten() {
             let message = found["message"].as_str().unwrap_or_default();
-            text.push_str(&format!("  {quantity}: {message}\n"));
+            let name = names::known(quantity).map_or_else(|| quantity.clone(), |name| name.full());
+            text.push_str(&format!("  {name}: {message}\n"));
         }
     }
     text
@@ -294,6 +305,11 @@ fn suits_the_sample(args: &Args, kept: &Material) -> Result<(), CliError> {
     )))
 }
 
+/// The error where several parts have the name of `--sample`.
+fn ambiguous(several: &AmbiguousPart) -> CliError {
+    CliError::bad_input(anyhow!("{several}; give one with --sample-id"))
+}
+
 pub(super) fn no_sample(wanted: Option<&str>) -> CliError {
     CliError::bad_input(match wanted {
         Some(name) => {
@@ -305,13 +321,14 @@ pub(super) fn no_sample(wanted: Option<&str>) -> CliError {
     })
 }
 
-/// Formats the ridge angle during the scan, with its expanded uncertainty (k = 2) and the rig's time.
-fn sure_words(value_deg: f64, std_deg: f64, elapsed_s: f64) -> String {
-    let expanded = 2.0 * std_deg;
+/// Formats the ridge angle during the scan, with its expanded uncertainty and the rig's time.
+fn sure_words(of: UncertainValue, elapsed_s: f64) -> String {
+    let (value_deg, expanded) = (of.value, of.coverage_factor * of.std);
+    let k = of.coverage_factor;
     // Two digits of the uncertainty.
     let digits = (1.0 - expanded.log10().floor()).clamp(0.0, 6.0) as usize;
     let minutes = elapsed_s / 60.0;
-    format!("θr {value_deg:.digits$} ± {expanded:.digits$}° at {minutes:.1} min")
+    format!("θr {value_deg:.digits$} ± {expanded:.digits$}° (k = {k:.2}) at {minutes:.1} min")
 }
 
 #[cfg(test)]
@@ -340,10 +357,18 @@ mod tests {
 
     #[test]
     fn the_ridge_angle_during_a_scan_has_two_digits_of_its_uncertainty() {
+        let of = |std, coverage_factor| UncertainValue {
+            value: 10.0312,
+            std,
+            coverage_factor,
+        };
         assert_eq!(
-            sure_words(10.0312, 0.041, 330.0),
-            "θr 10.031 ± 0.082° at 5.5 min"
+            sure_words(of(0.041, 2.0), 330.0),
+            "θr 10.031 ± 0.082° (k = 2.00) at 5.5 min"
         );
-        assert_eq!(sure_words(10.0312, 6.0, 60.0), "θr 10 ± 12° at 1.0 min");
+        assert_eq!(
+            sure_words(of(6.0, 3.0), 60.0),
+            "θr 10 ± 18° (k = 3.00) at 1.0 min"
+        );
     }
 }

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{CliError, fit, interrupt, output};
 use crate::analysis::AnalysisOptions;
+use crate::fit::coverage::other_factor;
 use crate::fit::report::{FitReport, Parameter};
 use crate::series::Series;
 use crate::wording::decimals;
@@ -55,6 +56,9 @@ pub struct ScoreRow {
     pub value: f64,
     /// Expanded uncertainty of the fitted value.
     pub expanded: f64,
+    /// k of the expanded uncertainty.
+    #[serde(default)]
+    pub coverage_factor: Option<f64>,
     /// (value − truth)/expanded.
     pub e_n: f64,
 }
@@ -236,6 +240,7 @@ fn score(name: &str, truth: &KnownTruth, report: &FitReport) -> Score {
             truth,
             value,
             expanded,
+            coverage_factor: p.coverage_factor,
             e_n: (value - truth) / expanded,
         })
     };
@@ -277,12 +282,13 @@ fn markdown(scores: &Scores) -> String {
             let first = k == 0;
             let _ = writeln!(
                 out,
-                "| {} | {} | {} | {:.digits$} ± {:.digits$} | {:.2} | {} |",
+                "| {} | {} | {} | {:.digits$} ± {:.digits$}{} | {:.2} | {} |",
                 if first { score.series.as_str() } else { "" },
                 row.parameter,
                 (row.truth * 1e4).round() / 1e4,
                 row.value,
                 row.expanded,
+                other_factor(row.coverage_factor).map_or_else(String::new, |k| format!(" ({k})")),
                 row.e_n,
                 match (&score.first_finding, first) {
                     (Some(code), true) => code.as_str(),
@@ -325,6 +331,7 @@ mod tests {
             truth: 10.0,
             value: 10.0 + 0.1 * e_n,
             expanded: 0.1,
+            coverage_factor: Some(2.0),
             e_n,
         };
         let series = |rows| Score {

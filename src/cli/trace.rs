@@ -20,7 +20,7 @@ use task::TraceTask;
 
 use super::limits::{Stopwatch, TraceLimits};
 use super::values::whole;
-use super::{CliError, interrupt, nearby};
+use super::{CliError, interrupt, nearby, output};
 use crate::forecast::Forecast;
 use crate::heights;
 use crate::shard::Shard;
@@ -236,23 +236,17 @@ fn write_picture(folder: &Path, name: &str, svg: &str) -> Result<(), CliError> {
         .map_err(CliError::no_result)
 }
 
-/// Writes one JSON object or a table to stdout.
+/// Writes one JSON object or a table to stdout, in lines that fit the terminal.
 fn print(
     json: bool,
     report: &impl Serialize,
     table: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
 ) -> Result<(), CliError> {
-    let mut out = std::io::stdout().lock();
-    let written = if json {
-        serde_json::to_writer_pretty(&mut out, report)
-            .map_err(std::io::Error::from)
-            .and_then(|()| writeln!(out))
-    } else {
-        table(&mut out)
-    };
-    written
-        .context("cannot write to stdout")
-        .map_err(CliError::no_result)
+    let mut text = Vec::new();
+    if !json {
+        table(&mut text).map_err(CliError::no_result)?;
+    }
+    output::write(json, report, || String::from_utf8_lossy(&text).into_owned())
 }
 
 fn merge(files: &[PathBuf], out: &Path, json: bool) -> Result<(), CliError> {

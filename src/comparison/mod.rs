@@ -10,7 +10,8 @@ pub mod shared;
 
 use serde::Serialize;
 
-use crate::fit::report::{COVERAGE_FACTOR, Parameter, Parameters, VariantName};
+use crate::fit::coverage::coverage_factor;
+use crate::fit::report::{Freedom, Parameter, Parameters, VariantName};
 use shared::{Circumstances, SharedChoice, SharedLine, decided};
 
 /// The result of a scan: what is compared.
@@ -20,6 +21,8 @@ pub struct MeasuredResult {
     pub of: ResultOf,
     /// Fitted parameters.
     pub parameters: Parameters,
+    /// Degrees of freedom of the lines of their budgets that come from scatter; 0 where the fit does not state them.
+    pub freedom: Freedom,
     /// How it was measured.
     pub circumstances: Circumstances,
 }
@@ -78,7 +81,8 @@ pub struct Difference {
     pub std: f64,
     /// Its expanded uncertainty, same unit.
     pub expanded: f64,
-    /// Expanded divided by standard uncertainty: the larger one of the two results.
+    /// Expanded divided by standard uncertainty: 2, or Student's t for 95.45 % where the degrees of freedom are fewer than
+    /// 50. The lines that cancel have no part in them.
     pub coverage_factor: f64,
     /// E_n: the difference divided by its expanded uncertainty, no unit.
     pub normalised: f64,
@@ -145,7 +149,8 @@ pub fn compare(
     let parameters = first.parameters.named().into_iter();
     let parameters = parameters.filter_map(|(name, a)| {
         let (_, b) = others.iter().find(|(other, _)| *other == name)?;
-        (a.value.is_some() || b.value.is_some()).then(|| parameter(name, a, b, &lines))
+        (a.value.is_some() || b.value.is_some())
+            .then(|| parameter(name, [a, b], [first.freedom, second.freedom], &lines))
     });
     let mut notes = Vec::new();
     if first.of.sample_id != second.of.sample_id {
@@ -176,8 +181,8 @@ fn budget(parameter: &Parameter) -> Vec<(&'static str, f64)> {
 
 fn parameter(
     name: &'static str,
-    a: &Parameter,
-    b: &Parameter,
+    [a, b]: [&Parameter; 2],
+    freedom: [Freedom; 2],
     shared: &[SharedLine],
 ) -> ComparedParameter {
     let part = |budget: &[(&str, f64)], line: &str| {
@@ -205,23 +210,41 @@ fn parameter(
         name,
         first: a.into(),
         second: b.into(),
-        difference: difference(name, a, b, &lines),
+        difference: difference(name, [a, b], freedom, &lines),
         lines,
     }
 }
 
+/// Returns the effective degrees of freedom of a difference by Welch–Satterthwaite; none if practically infinite. A line
+/// with the same error in both has those of the result with fewer.
+fn difference_freedom(lines: &[ComparedLine], [a, b]: [Freedom; 2]) -> Option<f64> {
+    let total: f64 = lines.iter().map(|line| line.difference_std.powi(2)).sum();
+    let parts = lines.iter().map(|line| {
+        let of = |freedom: Freedom| match line.line {
+            "counting" if freedom.counting > 0.0 => freedom.counting,
+            "model" if freedom.model > 0.0 => freedom.model,
+            _ => f64::INFINITY,
+        };
+        match line.shared {
+            true => line.difference_std.powi(4) / of(a).min(of(b)),
+            false => line.first_std.powi(4) / of(a) + line.second_std.powi(4) / of(b),
+        }
+    });
+    let freedom = total * total / parts.sum::<f64>();
+    freedom.is_finite().then_some(freedom)
+}
+
 fn difference(
     name: &str,
-    a: &Parameter,
-    b: &Parameter,
+    [a, b]: [&Parameter; 2],
+    freedom: [Freedom; 2],
     lines: &[ComparedLine],
 ) -> Option<Difference> {
     let (first, second) = (a.value?, b.value?);
     a.std.and(b.std)?;
     let squares = lines.iter().map(|line| line.difference_std.powi(2));
     let std = squares.sum::<f64>().sqrt();
-    let factor = |p: &Parameter| p.coverage_factor.unwrap_or(COVERAGE_FACTOR);
-    let coverage_factor = factor(a).max(factor(b));
+    let coverage_factor = coverage_factor(difference_freedom(lines, freedom));
     let value = match name {
         "azimuth_offset_deg" => (second - first + 180.0).rem_euclid(360.0) - 180.0,
         _ => second - first,
@@ -279,6 +302,7 @@ pub(crate) mod tests {
                 translucency: None,
                 crest_radius: None,
             },
+            freedom: Freedom::default(),
             circumstances: shared::tests::circumstances(),
         }
     }
@@ -309,6 +333,33 @@ pub(crate) mod tests {
         let (_, together) = angle(chosen("reference"));
         assert!((together.std - 0.053_852).abs() < 1e-6, "{together:?}");
         assert!((together.expanded - 2.0 * together.std).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_line_of_few_degrees_of_freedom_counts_unless_it_cancels() {
+        let budget = Budget {
+            counting: 0.01,
+            model: 0.1,
+            ..Budget::default()
+        };
+        let of = |scan| {
+            let freedom = Freedom {
+                counting: 100.0,
+                model: 2.0,
+            };
+            MeasuredResult {
+                freedom,
+                ..result(scan, 10.0, budget)
+            }
+        };
+        let factor = |choice| {
+            let compared = compare(&of(1), &of(2), &choice).parameters.remove(0);
+            compared.difference.unwrap().coverage_factor
+        };
+        let chosen = |lines: &str| SharedChoice::read(lines).unwrap();
+        // Two independent lines of two degrees of freedom each have four together: t = 2.87.
+        assert!((factor(chosen("none")) - 2.87).abs() < 0.03);
+        assert_eq!(factor(chosen("model")), 2.0);
     }
 
     #[test]

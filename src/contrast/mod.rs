@@ -81,7 +81,7 @@ pub fn measure(set: &ObservationSet) -> Result<(Table, ContrastReport), NoContra
     left_out.extend(angles_left_out(&known, brightest));
     if set.theta_l_std.is_none() {
         left_out.push(LeftOut::new(
-            "uncertainty of theta_l",
+            "uncertainty of the angle between lamp and camera",
             "an error of the angle between lamp and camera moves every half vector by half of it; set rig.theta_l_std_deg",
             None,
         ));

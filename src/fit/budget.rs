@@ -45,12 +45,12 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::{DMatrix, DVector};
 
 use super::covariance::{Covariance, Scaling, covariance};
+use super::coverage::COVERAGE_FACTOR;
 use super::drift::{Drift, drift};
 use super::estimate::Estimate;
 use super::known::{drift_std, reference_std};
 use super::problem::{Problem, Quantity, Values};
 use super::profile::profile;
-use super::report::COVERAGE_FACTOR;
 use super::solver::Minimum;
 use crate::geometry::turn_by_wedge;
 use crate::jackknife::{self, Labels};

@@ -111,6 +111,16 @@ pub fn known(name: &str, value: f64, std: f64) -> Result<Constraint, StatementEr
     Ok(stated)
 }
 
+/// Returns the name of the report, the value and the standard uncertainty of a statement, angles in degrees: what [`held`]
+/// and [`known`] take.
+#[must_use]
+pub fn stated(constraint: &Constraint) -> (&'static str, f64, f64) {
+    let found = NAMES.iter().find(|(_, q, ..)| *q == constraint.quantity);
+    let (name, _, is_degrees, _) = found.expect("every statement is made by name");
+    let unit = if *is_degrees { 1f64.to_radians() } else { 1.0 };
+    (name, constraint.value / unit, constraint.std / unit)
+}
+
 /// Checks that the statements do not contradict each other or the material of the sample.
 ///
 /// # Errors

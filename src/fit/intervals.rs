@@ -6,10 +6,11 @@ use serde::{Deserialize, Serialize};
 
 use super::FitOptions;
 use super::budget::Uncertainty;
+use super::coverage::{COVERAGE, COVERAGE_FACTOR};
 use super::estimate::Estimate;
 use super::problem::{Quantity, Values};
 use super::profile::{bootstrap, central, profile};
-use super::report::{COVERAGE, COVERAGE_FACTOR, FitReport, Parameter};
+use super::report::{FitReport, Parameter};
 use crate::units::Angle;
 
 /// Ends of an interval at the coverage of the report; null for an open end.

@@ -39,6 +39,7 @@ pub mod budget;
 mod candidates;
 pub mod constraints;
 pub mod covariance;
+pub mod coverage;
 mod crew;
 mod descent;
 pub mod drift;
@@ -86,7 +87,7 @@ mod extreme_tests;
 #[cfg(test)]
 mod options_tests;
 #[cfg(test)]
-mod painted;
+pub(crate) mod painted;
 
 pub use loss::Loss;
 pub use quantity::Quantity;

@@ -8,6 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 
 use super::budget::uncertainty;
+use super::coverage::coverage_factor;
 use super::estimate::{Estimate, estimate};
 use super::painted::{painted, painted_by};
 use super::problem::{Problem, Quantity, Values};
@@ -386,7 +387,10 @@ fn the_budget_agrees_with_propagated_distributions() {
             "{q:?}: {spread} drawn, {stated} stated"
         );
     }
-    assert!(report.parameters.theta_r_deg.coverage_factor == Some(2.0));
+    for (name, p) in report.parameters.named() {
+        let k = p.std.map(|_| coverage_factor(p.degrees_of_freedom));
+        assert_eq!(p.coverage_factor, k, "{name}");
+    }
 }
 
 #[test]

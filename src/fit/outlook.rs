@@ -10,11 +10,11 @@ use rayon::prelude::*;
 
 use super::candidates::{self, POOL, SCAN, Wanted};
 use super::covariance::{Scaling, covariance};
+use super::coverage::COVERAGE_FACTOR;
 use super::estimate::{Tier, few_directions};
 use super::opening::Opening;
 use super::problem::{Problem, Values};
 use super::profile::{bootstrap, profile};
-use super::report::COVERAGE_FACTOR;
 use super::search::{
     CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PROMISING_EVERY, REFINED, REFINED_IN_ROUND,
     REFINED_THOROUGHLY, RIVALS, ROUGH, descend, descended_in_round, many_minima, over_shapes,

@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::budget::Budget;
+use super::coverage::coverage_factor;
 use super::findings::Finding;
 use super::intervals::Interval;
 use super::traced::TracingEnd;
@@ -91,7 +92,8 @@ pub struct Parameter {
     pub std: Option<f64>,
     /// Expanded uncertainty, same unit.
     pub expanded: Option<f64>,
-    /// Expanded uncertainty divided by standard uncertainty.
+    /// k, the expanded uncertainty divided by the standard uncertainty: 2, or Student's t for 95.45 % where the degrees of
+    /// freedom are fewer than 50.
     pub coverage_factor: Option<f64>,
     /// Effective degrees of freedom (Welch–Satterthwaite); null if practically infinite.
     pub degrees_of_freedom: Option<f64>,
@@ -133,11 +135,12 @@ impl Parameter {
     #[must_use]
     pub fn known(value: f64, budget: Budget, degrees_of_freedom: Option<f64>) -> Self {
         let std = budget.combined();
+        let factor = coverage_factor(degrees_of_freedom);
         Parameter {
             value: Some(value),
             std: Some(std),
-            expanded: Some(COVERAGE_FACTOR * std),
-            coverage_factor: Some(COVERAGE_FACTOR),
+            expanded: Some(factor * std),
+            coverage_factor: Some(factor),
             degrees_of_freedom,
             identifiable: true,
             budget: Some(budget),
@@ -147,11 +150,6 @@ impl Parameter {
         }
     }
 }
-
-/// Expanded uncertainty divided by standard uncertainty.
-pub const COVERAGE_FACTOR: f64 = 2.0;
-/// Coverage probability of [`COVERAGE_FACTOR`] for a normal distribution.
-pub const COVERAGE: f64 = 0.9545;
 
 /// All parameters; angles in degrees.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -349,6 +347,34 @@ pub struct Freedom {
     pub model: f64,
 }
 
+/// Words of the note on poses that are too few to show the model error.
+pub(super) const FEW_POSES: &str = "hardly constrain the model error";
+
+impl FitReport {
+    /// Returns the note that the poses are too few to show the model error. It is a warning where the uncertainty is not
+    /// small enough: more azimuths or tilts reduce it.
+    #[must_use]
+    pub fn few_poses(&self) -> Option<&String> {
+        self.notes.iter().find(|note| note.contains(FEW_POSES))
+    }
+
+    /// Turns that note into a warning where the expanded uncertainty of θr exceeds `target_deg`.
+    pub fn hold_against(&mut self, target_deg: f64) {
+        let is_reached = self
+            .parameters
+            .theta_r_deg
+            .expanded
+            .is_some_and(|expanded| expanded <= target_deg);
+        if !is_reached {
+            let (few, rest) = std::mem::take(&mut self.notes)
+                .into_iter()
+                .partition(|note| note.contains(FEW_POSES));
+            self.notes = rest;
+            self.warnings.extend::<Vec<String>>(few);
+        }
+    }
+}
+
 /// The complete result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FitReport {
@@ -420,4 +446,7 @@ pub struct FitReport {
     pub timing_s: Timing,
     /// Program and version.
     pub program: String,
+    /// The same with the commit of the build; empty in fits of programs that did not state it.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub build: String,
 }

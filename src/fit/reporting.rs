@@ -14,8 +14,8 @@ use super::misfit::{self, LOUD, few, peak};
 use super::parameter_covariance::{self, per_solver_unit};
 use super::problem::{Quantity, Values};
 use super::report::{
-    FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters, SlopeDistribution,
-    Starts, Status, Timing, VariantName, VariantSummary,
+    FEW_POSES, FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters,
+    SlopeDistribution, Starts, Status, Timing, VariantName, VariantSummary,
 };
 use super::solver::Minimum;
 use super::wedge;
@@ -34,6 +34,12 @@ const HOPELESS_REAL: f64 = 0.5;
 /// The same for the diffuse reflectance.
 const HOPELESS_RHO_D: f64 = 0.5;
 
+/// Name and version of the program with its commit.
+pub(super) fn build() -> String {
+    concat!("ridged ", env!("RIDGED_VERSION")).to_owned()
+}
+
+/// Name and version of the program.
 pub(super) fn program() -> String {
     concat!("ridged ", env!("CARGO_PKG_VERSION")).to_owned()
 }
@@ -211,14 +217,14 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
     }
     let observations = e.loss_weights.len();
     let unknown = e.discrepancy > 0.0 && few(misfit::freedom(observations, e.fitted));
-    if unknown && variant == VariantName::Sawtooth {
-        warnings.push(format!(
-            "{} for {} free parameters hardly constrain the model error. The budget line `model` contains its usual \
-             size on ridges. Measure more azimuths or tilts to reduce it.",
+    let few_poses = (unknown && variant == VariantName::Sawtooth).then(|| {
+        format!(
+            "{} for {} free parameters {FEW_POSES}. The budget line `model` contains its usual size on ridges. Measure \
+             more azimuths or tilts to reduce it.",
             counted(observations, "observation"),
             e.fitted
-        ));
-    }
+        )
+    });
     let light = e.loss_weights.iter().filter(|w| **w < 0.1).count();
     if light > 0 {
         warnings.push(format!(
@@ -291,7 +297,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         chi2_reduced_without_model: Some(e.chi2_reduced_without_model),
         rejected_frames: set.rejected_frames.clone(),
         warnings,
-        notes: Vec::new(),
+        notes: few_poses.into_iter().collect(),
         findings: match variant {
             VariantName::Paper => Vec::new(),
             _ => findings::all(e, drift.as_ref(), across.as_ref()),
@@ -314,6 +320,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         freedom: freedom(u),
         timing_s: Timing::default(),
         program: program(),
+        build: build(),
     }
 }
 

@@ -1,12 +1,13 @@
 //! Prints the result of a fit as a table; call [`table`].
 
 use super::budget::Budget;
+use super::coverage::{COVERAGE_FACTOR, other_factor};
 use super::intervals::Interval;
 use super::joint::{EACH_ITS_OWN, JointReport};
-use super::report::{COVERAGE_FACTOR, FitReport, Parameter, ReferencePlane, Status};
+use super::report::{FitReport, Parameter, ReferencePlane, Status};
 use crate::wording::layout::{width, wrapped};
 use crate::wording::names::{self, QuantityName};
-use crate::wording::{counted, decimals, percent, significant};
+use crate::wording::{counted, decimals, fixed, percent, significant};
 
 /// Prose is hard to read in wider lines.
 const PROSE_COLUMNS: usize = 100;
@@ -53,6 +54,14 @@ pub fn table(report: &FitReport, form: &Form) -> String {
     out
 }
 
+/// Returns the ridge angle in one line, without colour.
+#[must_use]
+pub fn in_one_line(report: &FitReport) -> String {
+    let region = report.region.as_ref();
+    let region = region.map_or_else(String::new, |region| format!("region {region}, "));
+    format!("{region}{}", answer(report, &Form::PLAIN))
+}
+
 /// Returns the ridge angle in one line.
 fn answer(report: &FitReport, form: &Form) -> String {
     let angle = &report.parameters.theta_r_deg;
@@ -91,13 +100,13 @@ fn parameters(report: &FitReport, form: &Form) -> String {
         ),
     );
     line(&mut out, "");
-    line(
-        &mut out,
-        &format!(
-            "  {:<26}{:>10}   {:<12} {}",
-            "", "value", "± (k = 2)", "u (k = 1), largest parts"
-        ),
-    );
+    if form.columns >= ROW_COLUMNS {
+        let heading = format!("  {:<26}{:>10}   {:<12}", "", "value", "± U (k = 2)");
+        let parts = "u (k = 1), largest parts";
+        let has_room = width(&heading) + 1 + width(parts) <= form.columns;
+        let parts = if has_room { parts } else { "" };
+        line(&mut out, &format!("{heading} {parts}"));
+    }
     for (name, parameter) in report.parameters.named() {
         line(
             &mut out,
@@ -252,7 +261,7 @@ pub fn joint(report: &JointReport, form: &Form) -> String {
         &mut out,
         &format!(
             "  {:<28}{:>17}{:>17}{:>17}{:>10}",
-            "scan, ± (k = 2)", "own θr", "azimuth offset", "tilt offset", "residual"
+            "scan, ± U (k = 2)", "own θr", "azimuth offset", "tilt offset", "residual"
         ),
     );
     for scan in &report.scans {
@@ -273,6 +282,15 @@ pub fn joint(report: &JointReport, form: &Form) -> String {
                     .map_or_else(|| "–".to_owned(), percent)
             ),
         );
+        let offsets = [
+            ("azimuth offset", &own.azimuth_offset_deg),
+            ("tilt offset", &own.tilt_offset_deg),
+        ];
+        for (name, offset) in offsets {
+            if let Some(factor) = other_factor(offset.coverage_factor) {
+                line(&mut out, &format!("  {:<28}{name}: {factor}", ""));
+            }
+        }
     }
     out
 }
@@ -286,7 +304,7 @@ fn with_uncertainty(value: Option<f64>, expanded: Option<f64>) -> String {
     match (value, expanded.filter(|e| e.is_finite() && *e > 0.0)) {
         (Some(value), Some(expanded)) => {
             let decimals = decimals(expanded);
-            format!("{value:.decimals$} ± {expanded:.decimals$}°")
+            format!("{} ± {expanded:.decimals$}°", fixed(value, decimals))
         }
         (Some(value), None) => format!("{value:.3}°"),
         (None, _) => "–".to_owned(),
@@ -337,20 +355,48 @@ fn rejected(report: &FitReport) -> Vec<String> {
 
 fn row(name: QuantityName, p: &Parameter, columns: usize) -> String {
     let (label, unit) = (format!("{:<4}{}", name.symbol, name.name), name.unit);
+    if columns < ROW_COLUMNS {
+        return narrow_row(&label, unit, p);
+    }
     match (p.value, p.expanded, p.std, &p.budget) {
         (Some(value), Some(expanded), Some(std), Some(budget)) => {
             let decimals = decimals(expanded);
             let expanded = format!("{expanded:.decimals$}{unit}");
-            let row = format!("  {label:<26}{value:>10.decimals$} ± {expanded:<12} ");
+            let factor = other_factor(p.coverage_factor);
+            let factor = factor.map_or_else(String::new, |k| format!("{k}; "));
+            let value = fixed(value, decimals);
+            let row = format!("  {label:<26}{value:>10} ± {expanded:<12} {factor}");
             let room = columns.saturating_sub(width(&row));
             format!("{row}{}", parts(budget, std, room))
         }
         (Some(value), None, ..) => {
             let decimals = decimals(1e-2 * value.abs());
-            format!("  {label:<26}{value:>10.decimals$}{unit} held")
+            format!("  {label:<26}{:>10}{unit} held", fixed(value, decimals))
         }
         _ => format!("  {label:<26}{:>10}", "–"),
     }
+}
+
+/// Columns of a row without the parts of its uncertainty.
+const ROW_COLUMNS: usize = 56;
+
+/// Formats a row for a terminal that is narrower than the columns: the name, and the value below it.
+fn narrow_row(label: &str, unit: &str, p: &Parameter) -> String {
+    let value = match (p.value, p.expanded) {
+        (Some(value), Some(expanded)) => {
+            let decimals = decimals(expanded);
+            let factor = p.coverage_factor.unwrap_or(COVERAGE_FACTOR);
+            format!(
+                "{} ± {expanded:.decimals$}{unit} (k = {factor:.2})",
+                fixed(value, decimals)
+            )
+        }
+        (Some(value), None) => {
+            format!("{}{unit} held", fixed(value, decimals(1e-2 * value.abs())))
+        }
+        _ => "–".to_owned(),
+    };
+    format!("  {label}\n      {value}")
 }
 
 /// Lists the parts that make up nine tenths of the variance, largest first, as far as there is room.
@@ -439,6 +485,40 @@ mod tests {
         // In a narrow terminal the largest part is shown.
         let text = row(name, &angle, 60);
         assert!(text.ends_with("material 0.017"), "{text}");
+    }
+
+    #[test]
+    fn a_row_states_its_own_coverage_factor_where_it_is_not_two() {
+        let budget = Budget {
+            model: 0.02,
+            ..Budget::default()
+        };
+        let text = |freedom| {
+            let angle = Parameter::known(10.0, budget, freedom);
+            row(names::quantity("theta_r_deg"), &angle, 100)
+        };
+        assert!(text(Some(2.0)).contains("± 0.091°"), "{}", text(Some(2.0)));
+        assert!(
+            text(Some(2.0)).contains("k = 4.53; model 0.020"),
+            "{}",
+            text(Some(2.0))
+        );
+        assert!(!text(Some(60.0)).contains("k = "), "{}", text(Some(60.0)));
+    }
+
+    #[test]
+    fn a_row_in_a_narrow_terminal_is_two_lines_that_fit() {
+        let budget = Budget {
+            model: 0.02,
+            ..Budget::default()
+        };
+        let angle = Parameter::known(-0.0001, budget, Some(2.0));
+        let text = row(names::quantity("azimuth_offset_deg"), &angle, 40);
+        assert_eq!(
+            text,
+            "  Δφs azimuth offset\n      0.000 ± 0.091° (k = 4.53)"
+        );
+        assert!(text.lines().all(|line| width(line) <= 40), "{text}");
     }
 
     #[test]

@@ -14,7 +14,7 @@ use super::report::{
     FitReport, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing, TracerReport,
     VariantName,
 };
-use super::reporting::{program, report_with, status, summary};
+use super::reporting::{build, program, report_with, status, summary};
 use super::suspects::investigated;
 use super::traced::{Watch, estimate_traced};
 use super::trail::{Time, retrace};
@@ -379,5 +379,6 @@ fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitRepor
         freedom: Freedom::default(),
         timing_s: Timing::default(),
         program: program(),
+        build: build(),
     }
 }

@@ -11,8 +11,9 @@ use crate::contrast::{
     ContrastKind, ContrastScan, ContrastValue, RadianceSlope, RadianceSlopes, angles_left_out,
     missing_poses,
 };
+use crate::fit::coverage::coverage_factor;
 use crate::fit::problem::{Problem, Values};
-use crate::fit::report::{COVERAGE_FACTOR, FitReport, LeftOut, Status, VariantName};
+use crate::fit::report::{FitReport, LeftOut, Status, VariantName};
 use crate::geometry::Pose;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
@@ -66,7 +67,7 @@ pub fn contrasts(set: &ObservationSet, planned: &[Pose], report: &FitReport) -> 
         (None, None) => Ok(MeasuredValue {
             value: known.value,
             std: known.std,
-            coverage_factor: COVERAGE_FACTOR,
+            coverage_factor: coverage_factor(None),
             degrees_of_freedom: None,
             may_cost: known.may_cost,
         }),

@@ -1,6 +1,7 @@
 //! What can be judged: named quantities with their uncertainties.
 
-use crate::fit::report::{COVERAGE_FACTOR, FitReport, Status};
+use crate::fit::coverage::COVERAGE_FACTOR;
+use crate::fit::report::{FitReport, Status};
 
 /// Mean absolute contrast, in radiance for a lamp irradiance of 1.
 pub const CONTRAST_MEAN: &str = "contrast_mean";

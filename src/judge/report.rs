@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::contrast::contrasts;
+use super::decision::Verdict;
 use super::judgement::{Judgement, in_demanded_plane, judge};
 use super::quantity::{CONTRAST_MEAN, CONTRAST_MICHELSON_MEAN, parameters};
 use super::specification::Specification;
@@ -69,6 +70,9 @@ impl VerdictReport {
             contrasts.theta_c_deg
         });
         let mut judgement = judge(specification, &quantities);
+        if judgement.verdict == Verdict::CannotTell {
+            warnings.extend(report.few_poses().cloned());
+        }
         judgement.warnings.extend(warnings);
         let named = report.parameters.named();
         for item in &judgement.items {

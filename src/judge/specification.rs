@@ -13,6 +13,7 @@ use crate::wording::stated;
 #[serde(deny_unknown_fields)]
 pub struct Specification {
     /// What it specifies, for instance drawing and revision.
+    #[schema(max_length = 200)]
     pub name: String,
     /// Allowed risks.
     #[serde(default)]
@@ -31,9 +32,11 @@ pub struct Specification {
 pub struct ToleranceLimits {
     /// Conforming values are at least this.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = -1e300, maximum = 1e300)]
     pub lower: Option<f64>,
     /// Conforming values are at most this.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = -1e300, maximum = 1e300)]
     pub upper: Option<f64>,
 }
 
@@ -42,8 +45,10 @@ pub struct ToleranceLimits {
 #[serde(deny_unknown_fields, default)]
 pub struct DecisionRule {
     /// Largest allowed probability that an item which passes does not conform.
+    #[schema(exclusive_minimum = 0, exclusive_maximum = 0.5)]
     pub max_false_accept_risk: f64,
     /// Largest allowed probability that an item which fails conforms.
+    #[schema(exclusive_minimum = 0, exclusive_maximum = 0.5)]
     pub max_false_reject_risk: f64,
 }
 

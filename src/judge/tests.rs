@@ -3,7 +3,12 @@
 use super::decision::decide;
 use super::judgement::in_demanded_plane;
 use super::*;
+use crate::fit::painted::{TRUTH, painted};
 use crate::fit::report::ReferencePlane;
+use crate::fit::{FitOptions, FitReport, fit};
+use crate::geometry::Pose;
+use crate::material::Material;
+use crate::observation::ObservationSet;
 
 fn measured(value: f64, std: f64) -> MeasuredValue {
     MeasuredValue {
@@ -219,5 +224,71 @@ fn one_failure_fails_the_whole_and_an_unknown_leaves_it_open() {
         judge(&spec, &[theta(10.0)]).items[0]
             .reason
             .contains("not measured")
+    );
+}
+
+/// A noise-free plastic part of an index that is known to 0.05, on a grid of poses.
+fn measured_on(
+    tilts: i32,
+    tilt_step: f64,
+    azimuths: i32,
+    azimuth_step: f64,
+) -> (ObservationSet, FitReport) {
+    let poses = (-tilts..=tilts).flat_map(|i| {
+        (0..azimuths)
+            .map(move |j| Pose::from_deg(f64::from(i) * tilt_step, f64::from(j) * azimuth_step))
+    });
+    let mut set = painted(poses, &TRUTH, 1e-3, 7);
+    set.material = Material::Dielectric {
+        eta: 1.54,
+        eta_std: 0.05,
+    };
+    let never = std::sync::atomic::AtomicBool::new(false);
+    let report = fit(&set, &FitOptions::default(), &never);
+    (set, report)
+}
+
+fn limited(upper: f64, (set, report): &(ObservationSet, FitReport)) -> VerdictReport {
+    let text = format!("name = \"s\"\n[limits]\nalpha_u = {{ upper = {upper} }}\n");
+    VerdictReport::new(&specification(&text), report, set, &[])
+}
+
+#[test]
+fn a_grid_that_cannot_decide_does_not_exclude_that_a_larger_one_does() {
+    let quick = measured_on(2, 10.0, 3, 90.0);
+    let full = measured_on(4, 5.0, 12, 30.0);
+    let of_full = &full.1.parameters.alpha_u;
+    // Just inside the acceptance limit of the full grid.
+    let upper = of_full.value.unwrap() + 2.2 * of_full.std.unwrap();
+    assert_eq!(limited(upper, &full).judgement.verdict, Verdict::Pass);
+    let quick = limited(upper, &quick).judgement;
+    assert_eq!(quick.verdict, Verdict::CannotTell);
+    let message = &quick.would_decide["alpha_u"].message;
+    assert!(!message.contains("No number"), "{message}");
+    let is_open = message.contains("One of these suffices")
+        || message.contains("a grid of more azimuths and tilts may")
+        || message.contains("No single change of this grid");
+    assert!(is_open, "{message}");
+}
+
+#[test]
+fn too_few_poses_are_a_warning_only_where_the_uncertainty_is_too_large() {
+    let mut quick = measured_on(2, 10.0, 3, 90.0);
+    let note = "15 observations for 8 free parameters hardly constrain the model error.";
+    quick.1.notes = vec![note.to_owned()];
+    quick.1.warnings.clear();
+    let value = quick.1.parameters.alpha_u.value.unwrap();
+    let warnings = |upper| limited(upper, &quick).judgement.warnings;
+    assert_eq!(warnings(1.0), [""; 0]);
+    assert_eq!(warnings(value), [note]);
+
+    let expanded = quick.1.parameters.theta_r_deg.expanded.unwrap();
+    let mut report = quick.1.clone();
+    report.hold_against(2.0 * expanded);
+    assert_eq!((report.warnings.len(), report.notes.len()), (0, 1));
+    report.hold_against(0.5 * expanded);
+    assert_eq!(
+        (&report.warnings[..], report.notes.len()),
+        (&[note.to_owned()][..], 0)
     );
 }

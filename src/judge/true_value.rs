@@ -3,6 +3,7 @@
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use super::quantity::MeasuredValue;
+use crate::fit::coverage::student;
 
 /// Halvings after which an interval of doubles cannot shrink any more.
 const BISECTIONS: usize = 60;
@@ -21,11 +22,7 @@ impl TrueValue {
         TrueValue {
             value: measured.value,
             std: measured.std,
-            // From 10⁴ degrees of freedom on, t equals the normal distribution in all printed digits.
-            student: measured
-                .degrees_of_freedom
-                .filter(|f| f.is_finite() && *f >= 1.0 && *f < 1e4)
-                .and_then(|f| StudentsT::new(0.0, 1.0, f).ok()),
+            student: student(measured.degrees_of_freedom),
         }
     }
 

@@ -9,14 +9,19 @@
 //! - any other line: it has to fall to √(uᵢ² − Δ).
 //!
 //! A way that does not suffice by itself is not listed. The value is assumed to stay: a new measurement may move it.
+//!
+//! The lines of angles and material stay as they are with more poses of the same azimuths and tilts. Other azimuths and
+//! tilts constrain the zeros of the stages and the index better, by how much depends on the grid. No sentence excludes that.
 
 use serde::{Deserialize, Serialize};
 
 use super::decision::{JudgedItem, Verdict, decide_by_uncertainty};
 use super::quantity::MeasuredValue;
 use super::specification::{DecisionRule, ToleranceLimits};
+use crate::fit::coverage::COVERAGE_FACTOR;
 use crate::fit::report::Parameter;
 use crate::observation::WhiteReference;
+use crate::wording::names::budget_line;
 use crate::wording::percent;
 
 /// Halvings of the interval that contains the needed uncertainty.
@@ -98,7 +103,7 @@ pub(super) fn would_decide(
         let measured = MeasuredValue {
             value,
             std,
-            coverage_factor: item.coverage_factor.unwrap_or(2.0),
+            coverage_factor: item.coverage_factor.unwrap_or(COVERAGE_FACTOR),
             degrees_of_freedom: basis.parameter.and_then(|p| p.degrees_of_freedom),
             may_cost: 0.0,
         };
@@ -207,11 +212,11 @@ fn stuck(lines: &[(&'static str, f64)], enough: f64, quantity: &str) -> String {
         .map(|(_, std)| std * std)
         .sum();
     let poses = match rest.sqrt() > enough {
-        true => "No number of poses or repeats reaches it",
-        false => "No single change reaches it",
+        true => "More poses of this grid do not reach it; a grid of more azimuths and tilts may.",
+        false => "No single change of this grid reaches it.",
     };
     format!(
-        "{poses}; the largest lines of the budget have to shrink together: {}.",
+        "{poses} The largest lines of the budget have to shrink together: {}.",
         largest.join(", ")
     )
 }
@@ -238,9 +243,13 @@ impl std::fmt::Display for Way {
                 percent(*reflectance_rel_std)
             ),
             Way::Line { line, share_max } => {
+                let source = match budget_line(line) {
+                    "" => line,
+                    source => source,
+                };
                 write!(
                     f,
-                    "the line `{line}` at {} of its size",
+                    "the part “{source}” of the uncertainty at {} of its size",
                     percent(*share_max)
                 )
             }
@@ -361,7 +370,8 @@ mod tests {
         );
         let both = both.unwrap();
         assert!(both.ways.is_empty(), "{both:?}");
-        let says = "No number of poses or repeats reaches it";
+        let says =
+            "More poses of this grid do not reach it; a grid of more azimuths and tilts may.";
         assert!(both.message.contains(says), "{}", both.message);
         let largest = "angles 0.0300°, wedge 0.0300°";
         assert!(both.message.contains(largest), "{}", both.message);

@@ -5,6 +5,8 @@ use std::time::SystemTime;
 use serde_json::{Value, json};
 
 use super::{Lab, LabError};
+use crate::accuracy::{AccuracyReport, Measurements};
+use crate::model::LeftOut;
 use crate::store::{StoreError, utc_text};
 
 /// Folder of the results, below the data folder.
@@ -13,10 +15,11 @@ pub const ACCURACY_FOLDER: &str = "accuracy";
 pub const ACCURACY_FILE: &str = "accuracy.json";
 
 impl Lab {
-    /// Returns the last result of `ridged accuracy`, with its time as `written_at`.
+    /// Returns the last result of `ridged accuracy`, with its time as `written_at`; an empty one, which states how to
+    /// measure, if there is none.
     ///
     /// # Errors
-    /// [`LabError::NothingMeasured`] if there is no result; [`LabError::Store`] if it cannot be read.
+    /// [`LabError::Store`] if it cannot be read.
     pub async fn accuracy(&self) -> Result<Value, LabError> {
         let path = self
             .store()
@@ -26,7 +29,7 @@ impl Lab {
         let text = match tokio::fs::read_to_string(&path).await {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-                return Err(LabError::NothingMeasured);
+                return Ok(json!(nothing_measured()));
             }
             Err(e) => return Err(StoreError::file("the measurement", &path, e).into()),
         };
@@ -38,5 +41,19 @@ impl Lab {
             .ok();
         found["written_at"] = json!(written.map(|at| utc_text(at.into())));
         Ok(found)
+    }
+}
+
+fn nothing_measured() -> AccuracyReport {
+    AccuracyReport {
+        machine: String::new(),
+        seconds: 0.0,
+        left_out: vec![LeftOut::new(
+            "all scenes",
+            "no measurement yet: run `ridged accuracy --data FOLDER` with this daemon's data folder",
+            None,
+        )],
+        found: Measurements::default(),
+        written_at: None,
     }
 }

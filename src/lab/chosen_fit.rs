@@ -74,7 +74,7 @@ pub(super) async fn chosen(
 /// States why a scan has no fit to report, and the way to one.
 fn why_none(scan: &Scan, jobs: &[Job], choice: &ReportChoice) -> String {
     let fit_it = format!(
-        "fit it on its page, or with POST /api/v1/fits {{\"scan_id\": {}}}",
+        "fit it with `ridged fit --scan {} --store`, on its page, or with POST /api/v1/fits",
         scan.id
     );
     if let Some(running) = jobs.iter().find(|job| job.state == JobState::Running) {

@@ -131,6 +131,7 @@ async fn measured(
         }
     };
     Ok(MeasuredResult {
+        freedom: report.freedom,
         circumstances: Circumstances {
             sample_id: scan.sample_id,
             variant: report.variant,

@@ -21,9 +21,11 @@ use crate::store::Store;
 #[serde(deny_unknown_fields)]
 pub struct ContrastRequest {
     /// Scan to read.
+    #[schema(minimum = 1, maximum = 9_007_199_254_740_991_i64)]
     pub scan_id: i64,
     /// Region of a part that has several.
     #[serde(default)]
+    #[schema(max_length = 200)]
     pub region: Option<String>,
 }
 

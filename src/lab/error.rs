@@ -228,11 +228,6 @@ pub enum LabError {
     /// The store.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// There is no measurement of accuracy.
-    #[error(
-        "no accuracy measurement yet: run `ridged accuracy --data FOLDER` with this daemon's data folder"
-    )]
-    NothingMeasured,
     /// A scan has no fit to report.
     #[error("scan {scan_id} has nothing to report: {why}")]
     NoReport {
@@ -306,7 +301,6 @@ impl LabError {
             LabError::Lamp(_) => "lamp-failed",
             LabError::Camera(_) => "camera-failed",
             LabError::Store(error) => store_code(error),
-            LabError::NothingMeasured => "not-found",
             LabError::NoReport { .. } => "no-fit",
             LabError::Series(_) | LabError::Archive(_) => "series-invalid",
             LabError::Frame { .. } => "frame-unreadable",
@@ -328,7 +322,7 @@ pub(super) fn store_code(error: &StoreError) -> &'static str {
         StoreError::NotFound { .. } => "not-found",
         StoreError::StateConflict { .. } => "state-conflict",
         StoreError::NoVersion { .. } => "not-found",
-        StoreError::NameTaken { .. } => "name-taken",
+        StoreError::NameTaken { .. } | StoreError::PartNameTaken { .. } => "name-taken",
         StoreError::VersionConflict { .. } => "version-conflict",
         StoreError::ExternalIdTaken { .. } => "external-id-taken",
         StoreError::OrderConflict { .. } => "state-conflict",

@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
+use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use super::publish;
@@ -35,6 +36,8 @@ pub(super) struct EventSink {
     pub unrecorded: UnrecordedScans,
     /// The daemon ends: nothing waits for a locked database any more.
     pub ending: CancellationToken,
+    /// The live fits of scans, also those that end.
+    pub live_fits: LiveFits,
     reports: mpsc::Sender<Report>,
 }
 
@@ -44,6 +47,34 @@ enum Report {
     Event(Box<Event>, Option<Arc<str>>),
     /// Answered once everything before it is recorded.
     Flush(oneshot::Sender<()>),
+}
+
+/// Tasks that write sums into the store, so the store stays open for them.
+#[derive(Clone, Default)]
+pub(super) struct LiveFits {
+    tasks: Arc<Mutex<Vec<JoinHandle<()>>>>,
+}
+
+impl LiveFits {
+    /// Adds a task, and forgets those that have ended.
+    pub(super) fn add(&self, task: JoinHandle<()>) {
+        let mut tasks = self.all();
+        tasks.retain(|task| !task.is_finished());
+        tasks.push(task);
+    }
+
+    /// Waits until all have ended. Their scans have ended before.
+    pub(super) async fn ended(&self) {
+        let tasks = std::mem::take(&mut *self.all());
+        for task in tasks {
+            // A panic is in the log.
+            task.await.ok();
+        }
+    }
+
+    fn all(&self) -> MutexGuard<'_, Vec<JoinHandle<()>>> {
+        self.tasks.lock().expect("no holder of this lock panics")
+    }
 }
 
 /// Scans that have ended but whose end could not be written, each with the reason it ended.
@@ -102,6 +133,7 @@ impl EventSink {
             ends,
             unrecorded: UnrecordedScans::default(),
             ending: CancellationToken::new(),
+            live_fits: LiveFits::default(),
             reports,
         }
     }

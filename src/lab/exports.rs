@@ -13,10 +13,11 @@ use crate::frame::tiff_stack::TiffStack;
 use crate::observation::ObservationSet;
 use crate::reduction::FrameSource;
 use crate::series::FrameRow;
+use crate::store::Store;
 use crate::store::scans::Scan;
-use crate::store::{PROGRAM, Store};
 use crate::tables::bird_out::{self, BirdFacts};
 use crate::tables::rgl_out;
+use crate::version::BUILD;
 
 /// The frames of a scan as one TIFF, page by page.
 #[derive(Debug, Clone)]
@@ -93,7 +94,7 @@ pub fn bird_file(
         sample: scan.sample_name.clone(),
         wavelength_nm: series.manifest().rig.wavelength_nm,
         operator_name: scan.operator_name.clone(),
-        program: PROGRAM.to_owned(),
+        program: BUILD.to_owned(),
     };
     bird_out::file(set, &facts).map_err(|error| not_for_this(scan.id, &error.to_string()))
 }
@@ -149,13 +150,16 @@ fn described(scan: &Scan, fit_id: i64, report: &FitReport, wavelength_nm: Option
         None => format!("wavelength not stated, {WAVELENGTH_NM} nm in the file"),
     };
     format!(
-        "{}{region}: scan {}, fit {fit_id} ({}) by {PROGRAM}; theta_r {} deg, U {} deg (k = 2), alpha_u {}, alpha_v {}, rho_d {}; \
+        "{}{region}: scan {}, fit {fit_id} ({}) by {BUILD}; theta_r {} deg, U {} deg (k = {}), alpha_u {}, alpha_v {}, rho_d {}; \
          {wavelength}; x along the ridges, y the direction in which the facets lean",
         scan.sample_name,
         scan.id,
         report.variant,
         value(p.theta_r_deg.value),
         value(p.theta_r_deg.expanded),
+        p.theta_r_deg
+            .coverage_factor
+            .map_or_else(String::new, |k| format!("{k:.2}")),
         value(p.alpha_u.value),
         value(p.alpha_v.value),
         value(p.rho_d.value),

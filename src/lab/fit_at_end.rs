@@ -80,6 +80,13 @@ impl Lab {
         by_setting || scan.recipe.is_some() || scan.specification.is_some()
     }
 
+    /// Starts what follows a completed scan by the setting `scan.fit_at_end`, also in a process without a daemon.
+    pub async fn fit_at_end(&self, scan_id: i64) {
+        if let Some(lab) = Lab::of_daemon(&Arc::downgrade(&self.inner)) {
+            lab.fit_completed(scan_id).await;
+        }
+    }
+
     /// Starts a fit of each region of a scan, or an alarm that says why it cannot.
     pub(super) async fn fit_completed(&self, scan_id: i64) {
         if let Err(error) = self.start_fits(scan_id).await {

@@ -30,6 +30,7 @@ use crate::material::Material;
 use crate::observation::ObservationSet;
 use crate::reduction::{self, FrameSource};
 use crate::scan::event::ShortValue;
+use crate::store::definitions::{DefinitionKind, Wanted};
 use crate::store::{Store, StoreError};
 
 /// A request for a fit.
@@ -37,12 +38,14 @@ use crate::store::{Store, StoreError};
 #[serde(deny_unknown_fields)]
 pub struct FitRequest {
     /// Number of the scan to fit.
+    #[schema(minimum = 1, maximum = 9_007_199_254_740_991_i64)]
     pub scan_id: i64,
     /// Variant of the model; auto if omitted.
     #[serde(default)]
     pub variant: VariantChoice,
     /// Region of a part with several regions.
     #[serde(default)]
+    #[schema(max_length = 200)]
     pub region: Option<String>,
     /// Takes the difference to the variant traced as the model error of the budget (see [`FitOptions::judge`]).
     #[serde(default)]
@@ -52,12 +55,15 @@ pub struct FitRequest {
     pub iterations: bool,
     /// Ends search, ray tracer and bootstrap after this time, s.
     #[serde(default)]
+    #[schema(exclusive_minimum = 0, maximum = 1e9)]
     pub max_seconds: Option<f64>,
     /// Ends the ray tracer once its standard error, as a share of the largest radiance, is below this.
     #[serde(default)]
+    #[schema(exclusive_minimum = 0, maximum = 1e9)]
     pub target_error: Option<f64>,
     /// Share of the peak that the model may omit (see [`FitOptions::tolerance`]).
     #[serde(default)]
+    #[schema(exclusive_minimum = 0, exclusive_maximum = 1)]
     pub tolerance: Option<f64>,
     /// Measured shape of the part for the ray tracer; the ideal sawtooth if omitted.
     #[serde(default)]
@@ -89,8 +95,10 @@ pub struct FitRequest {
 #[serde(deny_unknown_fields)]
 pub struct Prior {
     /// Value.
+    #[schema(minimum = -1e30, maximum = 1e30)]
     pub value: f64,
     /// Standard uncertainty.
+    #[schema(exclusive_minimum = 0, maximum = 1e300)]
     pub std: f64,
 }
 
@@ -196,10 +204,23 @@ impl FitRequest {
         };
         Ok(FitWork {
             options: self.options(&series.manifest().material(), shape)?,
+            target_deg: target_of(store, self.scan_id).await?,
             request: self.clone(),
             series,
         })
     }
+}
+
+/// Returns the expanded uncertainty of θr that the recipe of a scan asks for, degrees.
+async fn target_of(store: &Store, scan_id: i64) -> Result<Option<f64>, LabError> {
+    let Some(used) = store.scan(scan_id).await?.recipe else {
+        return Ok(None);
+    };
+    let version = Wanted::Version(used.version);
+    let recipe = store
+        .definition(DefinitionKind::Recipe, used.id, version)
+        .await?;
+    Ok(recipe.content["target_expanded_deg"].as_f64())
 }
 
 /// The options of a fit as they are stored.
@@ -216,6 +237,8 @@ pub(super) struct FitWork {
     request: FitRequest,
     series: StoredSeries,
     options: AnalysisOptions,
+    /// Expanded uncertainty of θr that is asked for, degrees.
+    target_deg: Option<f64>,
 }
 
 impl Work for FitWork {
@@ -238,7 +261,10 @@ impl Work for FitWork {
         cancel: &AtomicBool,
     ) -> Result<Finished, Failure> {
         let report = |p| report_analysis(progress, p);
-        let analysed = analysis::analyse(&self.series, &self.options, &report, cancel)?;
+        let mut analysed = analysis::analyse(&self.series, &self.options, &report, cancel)?;
+        if let Some(target_deg) = self.target_deg {
+            analysed.report.hold_against(target_deg);
+        }
         Ok(Finished::new(&analysed.report)?.with_fit(FinishedFit {
             scan_id: self.request.scan_id,
             last_frame_id: self.series.last_frame_id,

@@ -11,10 +11,10 @@ use crate::material::Material;
 use crate::reduction::FrameReadError;
 use crate::series::archive::{ArchiveError, unpack};
 use crate::series::{FrameRow, Series, SeriesError};
-use crate::store::StoreError;
 use crate::store::frames::ImportedFrame;
-use crate::store::samples::NewSample;
+use crate::store::samples::{AmbiguousPart, NewSample};
 use crate::store::scans::NewScan;
+use crate::store::{PageRequest, StoreError};
 
 /// What has no room, in errors.
 pub(super) const SERIES: &str = "the series";
@@ -280,12 +280,32 @@ impl Lab {
         })
     }
 
-    /// Returns the newest sample of this name and material, or adds one.
+    /// Returns the sample of this name and material, or adds one. A series states the material of its part, so a part of the
+    /// same name and another material is another part.
     async fn sample_named(&self, name: &str, material: Material) -> Result<i64, LabError> {
-        let store = self.store();
-        let same = store.newest_sample(Some(name), |s| s.material == material);
-        if let Some(sample) = same.await? {
-            return Ok(sample.id);
+        let named = self.store().samples(Some(name), PageRequest::default());
+        let same = named.await?.items.into_iter();
+        let mut same: Vec<i64> = same
+            .filter(|sample| sample.material == material)
+            .map(|sample| sample.id)
+            .collect();
+        same.sort_unstable();
+        match same[..] {
+            [] => {}
+            [one] => return Ok(one),
+            _ => {
+                let several = AmbiguousPart {
+                    name: name.to_owned(),
+                    ids: same,
+                };
+                return Err(LabError::Invalid {
+                    field: "name".into(),
+                    problem: format!(
+                        "{several}, all of the material of this series; rename all but one of them (`ridged sample rename`), or \
+                         give the series another name in its manifest"
+                    ),
+                });
+            }
         }
         let new = NewSample {
             name: name.into(),

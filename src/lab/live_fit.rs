@@ -66,7 +66,8 @@ pub(super) fn start(sink: &EventSink, scan_id: i64) -> LiveFit {
                 cancel: Arc::clone(&live_fit.cancel),
                 pool: Arc::new(pool),
             };
-            tokio::spawn(follower.run(poses, live_fit.ending.clone()));
+            let task = tokio::spawn(follower.run(poses, live_fit.ending.clone()));
+            sink.live_fits.add(task);
         }
         Err(error) => {
             tracing::warn!(scan_id, %error, "scan {scan_id} runs without a live fit: {error}");
@@ -185,7 +186,12 @@ fn certainty(report: &FitReport, elapsed_s: f64) -> Certainty {
         .filter_map(|(name, p)| {
             let (value, std) = (p.value?, p.std?);
             // A fixed parameter has no uncertainty that could fall.
-            (std > 0.0).then(|| (name.to_owned(), UncertainValue { value, std }))
+            let known = UncertainValue {
+                value,
+                std,
+                coverage_factor: p.coverage_factor?,
+            };
+            (std > 0.0).then(|| (name.to_owned(), known))
         });
     Certainty {
         elapsed_s,

@@ -21,12 +21,15 @@ use crate::store::Store;
 #[serde(deny_unknown_fields)]
 pub struct MapRequest {
     /// Scan to map.
+    #[schema(minimum = 1, maximum = 9_007_199_254_740_991_i64)]
     pub scan_id: i64,
     /// Start no further pixels after this time, s; pixels that were not reached have no value.
     #[serde(default)]
+    #[schema(exclusive_minimum = 0, maximum = 1e9)]
     pub max_seconds: Option<f64>,
     /// Largest share of the brightest radiance that a pixel's model may neglect.
     #[serde(default)]
+    #[schema(exclusive_minimum = 0, exclusive_maximum = 1)]
     pub target_error: Option<f64>,
 }
 

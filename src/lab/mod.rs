@@ -645,8 +645,11 @@ impl Lab {
         self.inner.jobs.interrupt_all().await;
         if let Some(side) = &self.inner.rig {
             // A locked database must not hold the daemon.
-            let flush = side.sink.flush();
-            tokio::time::timeout(Duration::from_secs(5), flush)
+            let written = async {
+                side.sink.live_fits.ended().await;
+                side.sink.flush().await;
+            };
+            tokio::time::timeout(Duration::from_secs(5), written)
                 .await
                 .ok();
         }

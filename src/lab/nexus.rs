@@ -27,8 +27,9 @@ use crate::frame::FrameKind;
 use crate::observation::{Observation, ObservationSet};
 use crate::reduction::{self, FrameSource};
 use crate::series::FrameRow;
+use crate::store::Store;
 use crate::store::scans::Scan;
-use crate::store::{PROGRAM, Store};
+use crate::version::BUILD;
 
 /// Compression level of the frames; higher ones gain little on the noise of a camera.
 const DEFLATE: u32 = 4;
@@ -173,7 +174,7 @@ impl NexusFile {
         created().map_err(Hdf5Error::from)?;
         let root = Group::root(&file);
         root.attribute("NX_class", "NXroot")?;
-        root.attribute("creator", PROGRAM)?;
+        root.attribute("creator", BUILD)?;
         root.attribute("default", "entry")?;
         let entry = root.group("entry", "NXentry")?;
         self.write_facts(&entry)?;
@@ -209,7 +210,7 @@ impl NexusFile {
         if let Some(ended_at) = scan.ended_at() {
             entry.text("end_time", ended_at)?;
         }
-        entry.text("program_name", PROGRAM)?;
+        entry.text("program_name", BUILD)?;
         let user = entry.group("user", "NXuser")?;
         user.text("name", scan.operator_name.as_ref().unwrap_or(&scan.who))?;
         let sample = entry.group("sample", "NXsample")?;

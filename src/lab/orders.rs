@@ -24,9 +24,10 @@ const WAITING_MAX: usize = 10_000;
 pub struct OrderRequest {
     /// Number of the part.
     #[serde(default)]
+    #[schema(minimum = 1, maximum = 9_007_199_254_740_991_i64)]
     pub sample_id: Option<i64>,
-    /// Name of the part in place of its number. The newest part of this name is taken; a new name adds a part with the
-    /// material of the recipe.
+    /// Name of the part in place of its number. A name of several parts is refused; a new name adds a part with the material
+    /// of the recipe.
     #[serde(default)]
     #[schema(max_length = 200)]
     pub part: Option<String>,
@@ -156,9 +157,13 @@ impl Lab {
         };
         let part = match (order.sample_id, &order.part) {
             (Some(id), None) => Part::Known(store.sample(id).await?.id),
-            (None, Some(name)) => match store.newest_sample(Some(name), |_| true).await? {
-                Some(sample) => Part::Known(sample.id),
-                None => Part::New(new_part(name, &Recipe::of_content(&recipe.content)?)?),
+            (None, Some(name)) => match store.sample_named(name).await? {
+                Err(several) => {
+                    let problem = format!("{several}; give sample_id (`--part-id`) instead");
+                    return Err(invalid("part", problem));
+                }
+                Ok(Some(sample)) => Part::Known(sample.id),
+                Ok(None) => Part::New(new_part(name, &Recipe::of_content(&recipe.content)?)?),
             },
             (None, None) => return Err(invalid("part", "is missing: give its name, or sample_id")),
             (Some(_), Some(_)) => {

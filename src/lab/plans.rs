@@ -36,6 +36,7 @@ const AHEAD: Duration = Duration::from_secs(60);
 #[serde(deny_unknown_fields)]
 pub struct ScanRequest {
     /// Number of the part to scan.
+    #[schema(minimum = 1, maximum = 9_007_199_254_740_991_i64)]
     pub sample_id: i64,
     /// Poses, exposures and repeats of the scan. Required without a recipe.
     #[serde(default)]

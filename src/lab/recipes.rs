@@ -28,7 +28,7 @@ pub struct Recipe {
     pub note: Option<String>,
     /// Expanded uncertainty (k = 2) of θr to reach, degrees.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(exclusive_minimum = 0)]
+    #[schema(exclusive_minimum = 0, maximum = 1e9)]
     pub target_expanded_deg: Option<f64>,
     /// Poses, exposures, dark frames and white reference.
     pub plan: PlanRequest,
@@ -52,18 +52,22 @@ pub struct RecipeFit {
     pub variant: VariantChoice,
     /// The only region to fit; all regions of the layout if omitted.
     #[serde(skip_serializing_if = "is_default")]
+    #[schema(max_length = 200)]
     pub region: Option<String>,
     /// Takes the difference to the variant traced as the model error of the budget.
     #[serde(skip_serializing_if = "is_default")]
     pub judge: bool,
     /// Ends search, ray tracer and bootstrap after this time, s.
     #[serde(skip_serializing_if = "is_default")]
+    #[schema(exclusive_minimum = 0, maximum = 1e9)]
     pub max_seconds: Option<f64>,
     /// Ends the ray tracer once its standard error, as a share of the largest radiance, is below this.
     #[serde(skip_serializing_if = "is_default")]
+    #[schema(exclusive_minimum = 0, maximum = 1e9)]
     pub target_error: Option<f64>,
     /// Share of the peak that the model may omit.
     #[serde(skip_serializing_if = "is_default")]
+    #[schema(exclusive_minimum = 0, exclusive_maximum = 1)]
     pub tolerance: Option<f64>,
     /// Loss function of the residuals; linear if omitted.
     #[serde(skip_serializing_if = "is_default")]
@@ -92,15 +96,19 @@ pub struct RecipeFit {
 #[serde(deny_unknown_fields)]
 pub struct RecipeMaterial {
     /// Real part n of the index.
+    #[schema(minimum = 0.01, maximum = 100)]
     pub eta: f64,
     /// Imaginary part k of the index; a metal if it is given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 50)]
     pub k: Option<f64>,
     /// Standard uncertainty of n; 0.01 if omitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 50)]
     pub eta_std: Option<f64>,
     /// Standard uncertainty of k; 0.01 if omitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 50)]
     pub k_std: Option<f64>,
 }
 
@@ -109,19 +117,25 @@ pub struct RecipeMaterial {
 #[serde(deny_unknown_fields)]
 pub struct RecipeLayout {
     /// Patches along the sample's x.
+    #[schema(minimum = 1, maximum = 65_535)]
     pub patches_x: u32,
     /// Patches along the sample's y.
+    #[schema(minimum = 1, maximum = 65_535)]
     pub patches_y: u32,
     /// Side of a patch, mm.
+    #[schema(exclusive_minimum = 0, maximum = 1e9)]
     pub patch_size_mm: f64,
     /// Centre of the board from the rotation axis, mm.
     #[serde(default)]
+    #[schema(min_items = 2, max_items = 2)]
     pub centre_mm: [f64; 2],
     /// Lean direction of patches with i + j even, in words (`v at phi_s`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(max_length = 1000)]
     pub even_patches: Option<String>,
     /// Lean direction of patches with i + j odd, in words (`v at phi_s + 90 deg`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(max_length = 1000)]
     pub odd_patches: Option<String>,
 }
 

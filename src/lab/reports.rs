@@ -276,7 +276,9 @@ async fn calibrations(store: &Store, scan: &Scan) -> Result<Vec<UsedCalibration>
     let mut used = Vec::new();
     for id in store.calibrations_of_scan(scan.id).await? {
         let kept = store.calibration(id).await?;
-        let hours = |from: OffsetDateTime| Some((started? - from).as_seconds_f64() / 3600.0);
+        // Those that the scan itself took are younger than its start.
+        let hours =
+            |from: OffsetDateTime| Some(((started? - from).as_seconds_f64() / 3600.0).max(0.0));
         used.push(UsedCalibration {
             id,
             kind: kept.kind,

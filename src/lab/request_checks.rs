@@ -3,11 +3,14 @@
 use super::{Lab, LabError, StoredSeries};
 use crate::reduction::FrameSource;
 
-/// Refuses limits that are not greater than 0, by name.
+/// Largest limit of a time or an error.
+const LIMIT_MAX: f64 = 1e9;
+
+/// Refuses limits that are not greater than 0 or above [`LIMIT_MAX`], by name.
 pub(super) fn positive<const N: usize>(limits: [(&str, Option<f64>); N]) -> Result<(), LabError> {
-    let wrong = |x: &f64| !(*x > 0.0 && x.is_finite());
+    let wrong = |x: &f64| !(*x > 0.0 && *x <= LIMIT_MAX);
     match limits.iter().find(|(_, x)| x.as_ref().is_some_and(wrong)) {
-        Some((field, _)) => Err(invalid(*field, "must be greater than 0")),
+        Some((field, _)) => Err(invalid(*field, "must be greater than 0, and at most 1e9")),
         None => Ok(()),
     }
 }

@@ -18,7 +18,7 @@ use super::job_work::{Finished, Work};
 use super::request_checks::{invalid, positive};
 use super::tasks::blocking;
 use super::trace_result::{self, Bins, Comparison, Light, TraceResult};
-use super::uploads::Content;
+use super::uploads::{Content, DescribedContent};
 use crate::accuracy::trace_forecast::{Patience, TraceExtent, of_runs};
 use crate::clock::elapsed_s;
 use crate::forecast::Forecast;
@@ -47,22 +47,26 @@ pub struct TraceRequest {
     pub scene: serde_json::Value,
     /// Files that the scene names, by `path`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    #[schema(value_type = BTreeMap<String, String>)]
+    #[schema(value_type = BTreeMap<String, DescribedContent>)]
     pub files: BTreeMap<String, Content>,
     /// Number of photons instead of the scene's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 1, maximum = 9_007_199_254_740_991_i64)]
     pub photons: Option<u64>,
     /// Stop after this time, s; the result has what is finished until then.
     #[serde(default)]
+    #[schema(exclusive_minimum = 0, maximum = 1e9)]
     pub max_seconds: Option<f64>,
     /// Stop once the relative error of the reflected bins (root mean square) is below this.
     #[serde(default)]
+    #[schema(exclusive_minimum = 0, maximum = 1e9)]
     pub target_error: Option<f64>,
     /// Trace every path with and without polarisation, and report where the latter is wrong.
     #[serde(default)]
     pub compare: bool,
     /// Trace this number of surfaces with the same statistics, and report how much they differ.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 2, maximum = 1000)]
     pub surfaces: Option<u32>,
 }
 

@@ -19,10 +19,27 @@ const HEIGHTS_MAX: usize = 1 << 22;
 pub struct Content(pub(super) Vec<u8>);
 
 /// Size and hash of a file.
-#[derive(Debug, Serialize)]
-struct Fingerprint {
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = FileFingerprint)]
+pub(super) struct Fingerprint {
+    /// Number of its bytes.
+    #[schema(minimum = 0, maximum = 8_388_608)]
     bytes: usize,
+    /// SHA-256 of its bytes, hexadecimal.
+    #[schema(max_length = 64)]
     sha256: String,
+}
+
+/// The content of a file as it is described: base64 in a request, and what is kept of it in the request of a job.
+#[derive(utoipa::ToSchema)]
+#[serde(untagged)]
+#[schema(as = FileContent)]
+#[expect(dead_code, reason = "it describes the field of a request")]
+pub(super) enum DescribedContent {
+    /// Base64.
+    Sent(String),
+    /// Its size and hash.
+    Kept(Fingerprint),
 }
 
 impl TryFrom<String> for Content {
@@ -67,15 +84,17 @@ pub enum Pitch {
 #[serde(deny_unknown_fields)]
 pub struct ShapeFile {
     /// Name; the extension states the format (csv, png, tif, x3p, sdf).
+    #[schema(max_length = 200)]
     pub name: String,
     /// Content, base64.
-    #[schema(value_type = String)]
+    #[schema(value_type = DescribedContent)]
     pub content: Content,
     /// Spacing of samples, µm, if the file does not state it.
     #[serde(default)]
     pub pitch_um: Option<Pitch>,
     /// Micrometres per unit of height, if the file does not state it.
     #[serde(default)]
+    #[schema(exclusive_minimum = 0, maximum = 1e9)]
     pub height_unit_um: Option<f64>,
 }
 

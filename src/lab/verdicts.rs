@@ -24,32 +24,49 @@ use crate::reduction::FrameSource;
 use crate::store::definitions::DefinitionKind;
 use crate::store::{Store, StoreError};
 
+/// A specification, or the name or number of a stored one. For the description: a refusal names the wrong key of a content.
+#[derive(utoipa::ToSchema)]
+#[serde(untagged)]
+#[expect(dead_code, reason = "it describes the field of a request")]
+enum StatedSpecification {
+    /// Name, limits by quantity, accepted risks.
+    Content(Specification),
+    /// Name or number of a stored one.
+    Stored(NameOrId),
+}
+
 /// A request for a verdict.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VerdictRequest {
     /// Scan to judge.
+    #[schema(minimum = 1, maximum = 9_007_199_254_740_991_i64)]
     pub scan_id: i64,
     /// The specification: name, limits by quantity, accepted risks; or the name or number of a stored one.
-    #[schema(value_type = Object)]
+    #[schema(value_type = StatedSpecification)]
     pub specification: serde_json::Value,
     /// Completed fit of the scan that the verdict rests on, instead of a new one. It states variant, region and options.
     #[serde(default)]
+    #[schema(minimum = 1, maximum = 9_007_199_254_740_991_i64)]
     pub fit_id: Option<i64>,
     /// Variant that the verdict rests on; by default the better one.
     #[serde(default)]
     pub variant: VariantChoice,
     /// Region of a part that has several.
     #[serde(default)]
+    #[schema(max_length = 200)]
     pub region: Option<String>,
     /// Time limit of the fit, s (see [`FitRequest`]).
     #[serde(default)]
+    #[schema(exclusive_minimum = 0, maximum = 1e9)]
     pub max_seconds: Option<f64>,
     /// Stop the ray tracer once its standard error, as a share of the largest radiance, is below this.
     #[serde(default)]
+    #[schema(exclusive_minimum = 0, maximum = 1e9)]
     pub target_error: Option<f64>,
     /// Largest share of the peak that the model may neglect.
     #[serde(default)]
+    #[schema(exclusive_minimum = 0, exclusive_maximum = 1)]
     pub tolerance: Option<f64>,
 }
 

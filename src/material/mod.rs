@@ -5,7 +5,7 @@ pub mod tables;
 use serde::{Deserialize, Serialize};
 
 /// Complex refractive index N = n + ik (convention exp(−iωt)) with standard uncertainties.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 pub enum Material {
     /// Transparent below the surface; light that enters may return diffusely.

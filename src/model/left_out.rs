@@ -141,7 +141,7 @@ pub fn wedge() -> LeftOut {
 #[must_use]
 pub fn lamp_angle() -> LeftOut {
     LeftOut::new(
-        "uncertainty of theta_l",
+        "uncertainty of the angle between lamp and camera",
         "an error of the angle between lamp and camera moves every half vector by half of it and appears as tilt offset, \
          and as ridge angle or azimuth if the lamp is beside the tilt plane; state rig.theta_l_std_deg",
         None,

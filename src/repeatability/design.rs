@@ -136,7 +136,7 @@ pub(super) fn design(
     Ok(match (part_has_one, group_has_one) {
         (true, true) => {
             notes.push(format!(
-                "Each part has a {word} of its own: differences between parts contain those between {word}s."
+                "Each part has its own {word}: differences between parts contain those between {word}s."
             ));
             (GaugeDesign::PartsOnly, vec![of_parts()])
         }

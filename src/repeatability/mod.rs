@@ -11,7 +11,8 @@ use serde::Serialize;
 
 use crate::comparison::shared::{Circumstances, SharedChoice, SharedLine, decided};
 use crate::comparison::{MeasuredResult, ResultOf, scattering_std};
-use crate::fit::report::{COVERAGE_FACTOR, Parameter};
+use crate::fit::coverage::COVERAGE_FACTOR;
+use crate::fit::report::Parameter;
 use gauge::{Gauge, GroupedBy, gauge};
 use scatter::{Repeated, Scatter, scatter};
 

@@ -4,10 +4,11 @@ use serde_json::Value;
 
 use super::markup::{Markup, in_digits_of};
 use super::{MeasurementReport, plots, repeats, sections};
-use crate::fit::report::{COVERAGE, FitReport, Parameter, ReferencePlane, Status};
+use crate::fit::coverage::COVERAGE;
+use crate::fit::report::{FitReport, Parameter, ReferencePlane, Status};
 use crate::judge::{JudgedItem, Verdict};
 use crate::wording::names;
-use crate::wording::{counted, percent, significant};
+use crate::wording::{counted, percent, significant, utc_words};
 
 const STYLE: &str = concat!("<style>", include_str!("report.css"), "</style>\n");
 
@@ -55,7 +56,7 @@ fn head(page: &mut Markup, report: &MeasurementReport, printed_at: &str) {
         page.text(&format!(", fit {fit}"));
     }
     page.text(". Printed ")
-        .text(&sections::time(printed_at))
+        .text(&utc_words(printed_at))
         .tags(".</p>\n</header>\n");
     if report.rig.simulated {
         page.tags("<p class=\"simulated\">Simulated rig: these frames were computed, no part was measured.</p>\n");
@@ -172,10 +173,7 @@ fn verdict(page: &mut Markup, report: &MeasurementReport) {
     page.tags("<p>").text(&format!("{}: ", judgement.verdict));
     page.text("specification ")
         .foreign(&judgement.specification);
-    page.text(&format!(
-        ", judged {} by ",
-        sections::time(&verdict.created_at)
-    ));
+    page.text(&format!(", judged {} by ", utc_words(&verdict.created_at)));
     page.foreign(&verdict.who).tags(".</p>\n<p>Decision rule: ");
     page.text(&judgement.decision_rule).text(".");
     if let Some(probability) = judgement.conformance_probability_min {
@@ -255,8 +253,9 @@ fn judged(page: &mut Markup, item: &JudgedItem) {
 fn share(page: &mut Markup, probability: f64) -> &mut Markup {
     let percent = 100.0 * probability;
     let shown = match percent {
-        p if p > 99.99 && p < 100.0 => "> 99.99".to_owned(),
-        p if p < 0.01 && p > 0.0 => "< 0.01".to_owned(),
+        // Certainty is never shown: the digits of the uncertainty do not give it.
+        p if p > 99.99 => "> 99.99".to_owned(),
+        p if p < 0.01 => "< 0.01".to_owned(),
         p => format!("{p:.2}"),
     };
     page.number(probability, &format!("{shown} %"))
@@ -407,7 +406,7 @@ fn others(page: &mut Markup, fit: &FitReport) {
         page.tags("<th scope=\"col\" class=\"n\">")
             .text(name.symbol);
         if !name.unit.is_empty() {
-            page.text(&format!(" / {}", name.unit));
+            page.text(&format!(" / {}", name.unit.trim_start()));
         }
         page.tags("</th>");
     }

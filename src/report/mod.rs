@@ -47,7 +47,6 @@ pub struct MeasurementReport {
     /// Lamp, camera and stages.
     pub rig: MeasuringRig,
     /// The white reference.
-    #[schema(value_type = Option<Object>)]
     pub white_reference: Option<FlatFacts>,
     /// Dark and white-reference frames of the store that the scan used; empty for a series, which has its own.
     pub calibrations: Vec<UsedCalibration>,
@@ -80,7 +79,6 @@ pub struct MeasuredPart {
     /// Its note.
     pub note: Option<String>,
     /// Nominal material with standard uncertainties.
-    #[schema(value_type = Object)]
     pub material: Material,
     /// Names that it had, oldest first.
     pub earlier_names: Vec<Earlier>,
@@ -152,10 +150,8 @@ pub struct MeasuringRig {
     /// Whether it was simulated.
     pub simulated: bool,
     /// Where lamp and camera are, with the stated uncertainties.
-    #[schema(value_type = Object)]
     pub geometry: RigFacts,
     /// How the camera makes counts.
-    #[schema(value_type = Object)]
     pub camera: CameraFacts,
     /// Controllers of the stages during the scan, the last ones first.
     pub stages: Vec<StageController>,
@@ -251,7 +247,6 @@ pub struct ReportedVerdict {
     pub ended_at: Option<String>,
     /// The result, as `ridged judge --json` prints it.
     #[serde(flatten)]
-    #[schema(value_type = Object)]
     pub result: VerdictReport,
 }
 

@@ -2,9 +2,9 @@
 
 use super::MeasurementReport;
 use super::markup::Markup;
-use super::sections::time;
 use crate::repeatability::Repeatability;
 use crate::repeatability::scatter::Scatter;
+use crate::wording::utc_words as time;
 
 /// Writes the section, if the part was measured often enough.
 pub(super) fn section(page: &mut Markup, report: &MeasurementReport) {

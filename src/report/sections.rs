@@ -10,21 +10,12 @@ use crate::frame::FrameKind;
 use crate::material::Material;
 use crate::scan::IncidentKind;
 use crate::series::FlatFacts;
-use crate::wording::{counted, percent};
+use crate::wording::{counted, names, percent, utc_words as time};
 
 /// Numbers of a list that are shown one by one.
 const LIST_MAX: usize = 24;
 /// Rows of incidents that are shown; the JSON has all.
 const INCIDENTS_MAX: usize = 40;
-
-/// Returns a time in UTC as people read it: `2026-11-25 14:13:05 UTC`. Another text stays as it is.
-pub(super) fn time(rfc3339: &str) -> String {
-    let parts = rfc3339.split_once('T').and_then(|(date, rest)| {
-        let clock = rest.strip_suffix('Z')?;
-        Some(format!("{date} {} UTC", clock.get(..8)?))
-    });
-    parts.unwrap_or_else(|| rfc3339.to_owned())
-}
 
 /// Part, scan and plan.
 pub(super) fn measurement(page: &mut Markup, report: &MeasurementReport) {
@@ -321,6 +312,7 @@ pub(super) fn left_out(page: &mut Markup, fit: &FitReport) {
                 .cell(|p| p.foreign(&omission.what))
                 .cell(|p| p.foreign(&omission.why))
                 .figures(|p| match omission.cost {
+                    Some(0.0) => p.text("none"),
                     Some(cost) => p.number(cost, &percent(cost)),
                     None => p.text("unknown"),
                 })
@@ -434,21 +426,55 @@ pub(super) fn record(page: &mut Markup, report: &MeasurementReport, sha256: &str
         );
 }
 
-/// Writes the fields of a request that differ from null, and not those that the report states elsewhere.
+/// Writes the fields of a request that differ from the defaults, and not those that the report states elsewhere.
 fn options<'p>(page: &'p mut Markup, request: &Value) -> &'p mut Markup {
     let fields = request.as_object().into_iter().flatten();
     let stated: Vec<String> = fields
         .filter(|(key, value)| {
-            let empty = value.as_array().is_some_and(Vec::is_empty);
-            key.as_str() != "scan_id" && !value.is_null() && !empty && **value != Value::Bool(false)
+            let default = match key.as_str() {
+                "loss" => *value == "linear",
+                "variant" => *value == "auto",
+                _ => false,
+            };
+            let is_empty = value.as_array().is_some_and(Vec::is_empty)
+                || value.as_object().is_some_and(serde_json::Map::is_empty);
+            let is_off = value.is_null() || **value == Value::Bool(false);
+            key.as_str() != "scan_id" && !default && !is_empty && !is_off
         })
-        .map(|(key, value)| match value.as_str() {
-            Some(text) => format!("{key} = {text}"),
-            None => format!("{key} = {value}"),
-        })
+        .map(|(key, value)| option(key, value))
         .collect();
     match stated.is_empty() {
         true => page.text("defaults"),
         false => page.foreign(&stated.join(", ")),
+    }
+}
+
+/// An option of a fit in words.
+fn option(key: &str, value: &Value) -> String {
+    let named = |key: &str| names::known(key).map_or_else(|| key.to_owned(), |name| name.full());
+    let of_each = |words: &dyn Fn(&Value) -> String| {
+        let each = value.as_object().into_iter().flatten();
+        let each: Vec<String> = each
+            .map(|(name, value)| format!("{} = {}", named(name), words(value)))
+            .collect();
+        each.join(", ")
+    };
+    let plain = |value: &Value| match value.as_str() {
+        Some(text) => text.to_owned(),
+        None => value.to_string(),
+    };
+    match key {
+        "fix" => format!("fixed: {}", of_each(&plain)),
+        "priors" => {
+            let prior = |p: &Value| format!("{} (u = {})", p["value"], p["std"]);
+            format!("priors: {}", of_each(&prior))
+        }
+        "judge" => "model error by the ray tracer".to_owned(),
+        "profile" => "profile-likelihood intervals".to_owned(),
+        "iterations" => "with the steps of a descent".to_owned(),
+        "bootstrap" => format!("bootstrap of {} series", plain(value)),
+        "max_seconds" => format!("at most {} s", plain(value)),
+        "shape" => format!("measured shape {}", plain(&value["name"])),
+        _ => format!("{} {}", key.replace('_', " "), plain(value)),
     }
 }

@@ -182,6 +182,14 @@ pub struct UncertainValue {
     pub value: f64,
     /// Standard uncertainty with everything known in it.
     pub std: f64,
+    /// k: its expanded uncertainty divided by the standard uncertainty.
+    #[serde(default = "two")]
+    pub coverage_factor: f64,
+}
+
+/// k of events that were stored before it was part of them.
+fn two() -> f64 {
+    2.0
 }
 
 /// How sure a fit of the frames so far is, against the rig's time.

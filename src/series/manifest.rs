@@ -55,7 +55,7 @@ fn default_frames() -> String {
 }
 
 /// `[rig]`: where lamp and camera stand.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct RigFacts {
     /// Angle θl between lamp and camera.
     pub theta_l_deg: f64,
@@ -121,11 +121,12 @@ pub struct RigFacts {
     pub lamp_drift_std: Option<f64>,
     /// Further keys.
     #[serde(flatten)]
+    #[schema(ignore)]
     pub notes: Notes,
 }
 
 /// `[camera]`: how counts are made.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct CameraFacts {
     /// `orthographic` (telecentric) or `perspective`.
     #[serde(default = "default_projection")]
@@ -168,6 +169,7 @@ pub struct CameraFacts {
     pub exposure_rel_std: Option<f64>,
     /// Further keys.
     #[serde(flatten)]
+    #[schema(ignore)]
     pub notes: Notes,
 }
 
@@ -176,7 +178,7 @@ fn default_projection() -> String {
 }
 
 /// `[flat]`: the white reference.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FlatFacts {
     /// Diffuse reflectance from the certificate; without one the flats give no absolute scale.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -186,6 +188,7 @@ pub struct FlatFacts {
     pub reflectance_std: Option<f64>,
     /// Further keys.
     #[serde(flatten)]
+    #[schema(ignore)]
     pub notes: Notes,
 }
 

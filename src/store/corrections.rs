@@ -8,10 +8,21 @@ impl Store {
     /// Gives a sample another name. The same name again is no correction.
     ///
     /// # Errors
-    /// [`StoreError::NotFound`], or a database error.
+    /// [`StoreError::NotFound`], [`StoreError::PartNameTaken`] where another sample has the name, or a database error.
     pub async fn rename_sample(&self, id: i64, name: &str) -> Result<Sample, StoreError> {
         if self.sample(id).await?.name != name {
             let mut transaction = self.writing().await?;
+            let other: Option<i64> =
+                sqlx::query_scalar("SELECT max(sample_id) FROM sample_now WHERE name = ?")
+                    .bind(name)
+                    .fetch_one(&mut *transaction)
+                    .await?;
+            if let Some(other) = other {
+                return Err(StoreError::PartNameTaken {
+                    name: name.to_owned(),
+                    id: other,
+                });
+            }
             sqlx::query("INSERT INTO sample_names (sample_id, name, at) VALUES (?, ?, ?)")
                 .bind(id)
                 .bind(name)
@@ -79,6 +90,16 @@ mod tests {
             found.unwrap().items.len()
         };
         assert_eq!((named("B-18").await, named("polymer").await), (1, 0));
+        // A second part cannot take its name; in an old store two parts may have it, and one of them can be renamed.
+        let other = polymer(&store).await;
+        let taken = store.rename_sample(other.id, "B-18").await.unwrap_err();
+        assert!(
+            matches!(&taken, StoreError::PartNameTaken { id, .. } if *id == sample.id),
+            "{taken}"
+        );
+        let double = polymer(&store).await;
+        store.rename_sample(double.id, "B-19").await.unwrap();
+        assert_eq!(named("polymer").await, 1);
         let missing = store.rename_sample(99, "x").await;
         assert!(matches!(missing, Err(StoreError::NotFound { .. })));
     }

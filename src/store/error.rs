@@ -164,6 +164,16 @@ pub enum StoreError {
         /// Whether it is archived.
         archived: bool,
     },
+    /// Another part has this name.
+    #[error(
+        "part {id} has the name `{name}`; rename that part first, or take another name: scans and orders find a part by its name"
+    )]
+    PartNameTaken {
+        /// The name.
+        name: String,
+        /// Number of the part that has it.
+        id: i64,
+    },
     /// A change of a version that is no longer the newest one.
     #[error(
         "{noun} `{name}` has version {newest} by {who}, and the change replaces version {replaces}; read the newest version and \

@@ -10,7 +10,7 @@ use crate::material::Material;
 use crate::wording::stated;
 
 /// The surface that a simulated rig renders for a sample; a real rig ignores it.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(tag = "surface", rename_all = "lowercase", deny_unknown_fields)]
 pub enum SimulatedSurface {
     /// The path-traced polymer with ridges of 10°.
@@ -18,12 +18,16 @@ pub enum SimulatedSurface {
     /// The closed form at these parameters.
     Model {
         /// Ridge angle.
+        #[schema(minimum = 0, maximum = 40)]
         theta_r_deg: f64,
         /// Roughness along the ridges.
+        #[schema(minimum = 0.01, maximum = 0.6)]
         alpha_u: f64,
         /// Roughness across the ridges.
+        #[schema(minimum = 0.01, maximum = 0.6)]
         alpha_v: f64,
         /// Diffuse reflectance seen outside.
+        #[schema(minimum = 0, maximum = 1)]
         rho_d: f64,
     },
 }
@@ -117,6 +121,24 @@ pub struct Sample {
     pub created_at: String,
     /// Names that it had, oldest first.
     pub earlier_names: Vec<EarlierName>,
+}
+
+/// Several parts have one name.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{} parts have the name `{name}`: {}", ids.len(), in_words(ids))]
+pub struct AmbiguousPart {
+    /// The name.
+    pub name: String,
+    /// Their numbers, ascending.
+    pub ids: Vec<i64>,
+}
+
+/// Numbers of parts for a message, the first ten at most.
+fn in_words(ids: &[i64]) -> String {
+    const LISTED: usize = 10;
+    let shown: Vec<String> = ids.iter().take(LISTED).map(i64::to_string).collect();
+    let more = if ids.len() > LISTED { ", …" } else { "" };
+    format!("{}{more}", shown.join(", "))
 }
 
 #[derive(FromRow)]
@@ -222,6 +244,28 @@ impl Store {
         Ok(Page::read(rows, page.limit, |row: &Row| row.id))
     }
 
+    /// Returns the sample of a name; none if no sample has it. Old stores, parts of other material and clients may have
+    /// several of one name.
+    ///
+    /// # Errors
+    /// [`AmbiguousPart`] where several samples have the name, or a database error.
+    pub async fn sample_named(
+        &self,
+        name: &str,
+    ) -> Result<Result<Option<Sample>, AmbiguousPart>, StoreError> {
+        let found = self.samples(Some(name), PageRequest::default()).await?;
+        let mut ids: Vec<i64> = found.items.iter().map(|sample| sample.id).collect();
+        ids.extend(found.damaged.iter().map(|damaged| damaged.id));
+        ids.sort_unstable();
+        Ok(match ids.len() {
+            0 | 1 => Ok(found.items.into_iter().next()),
+            _ => Err(AmbiguousPart {
+                name: name.to_owned(),
+                ids,
+            }),
+        })
+    }
+
     /// Returns the newest sample for which `like` is true; with `name`, only of this name.
     ///
     /// # Errors
@@ -290,6 +334,19 @@ pub(crate) mod tests {
         };
         let first = store.samples(None, first).await.unwrap();
         assert_eq!((first.items.len(), first.next_cursor), (1, Some(2)));
+    }
+
+    #[tokio::test]
+    async fn a_name_of_several_samples_is_ambiguous_and_lists_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let named = async || store.sample_named("polymer").await.unwrap();
+        assert_eq!(named().await, Ok(None));
+        let first = polymer(&store).await;
+        assert_eq!(named().await, Ok(Some(first)));
+        polymer(&store).await;
+        let message = named().await.unwrap_err().to_string();
+        assert_eq!(message, "2 parts have the name `polymer`: 1, 2");
     }
 
     #[tokio::test]

@@ -116,12 +116,20 @@ struct Readings {
     u_brdf: Vec<f64>,
 }
 
+/// Angles are written to this part of a degree: a zero reads 0.
+const ANGLE_DIGITS: f64 = 1e9;
+
+fn rounded_deg(angle_deg: f64) -> f64 {
+    // Adding 0 turns −0 into 0.
+    (angle_deg * ANGLE_DIGITS).round() / ANGLE_DIGITS + 0.0
+}
+
 fn zenith_deg(cos: f64) -> f64 {
-    cos.min(1.0).acos().to_degrees()
+    rounded_deg(cos.min(1.0).acos().to_degrees())
 }
 
 fn azimuth_deg(x: f64, y: f64) -> f64 {
-    let azimuth = y.atan2(x).to_degrees().rem_euclid(360.0);
+    let azimuth = rounded_deg(y.atan2(x).to_degrees().rem_euclid(360.0));
     // The remainder of a tiny negative angle rounds to 360.
     if azimuth < 360.0 { azimuth } else { 0.0 }
 }

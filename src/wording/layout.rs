@@ -105,8 +105,11 @@ fn laid_out(table: &[Vec<&str>], columns: usize) -> String {
         if let Some((head, cell)) = named.next() {
             out.push_str(&format!("{head}: {cell}\n"));
         }
-        for (head, cell) in named {
-            out.push_str(&format!("  {head}: {cell}\n"));
+        for (head, cell) in named.filter(|(_, cell)| !cell.is_empty()) {
+            match head.is_empty() {
+                true => out.push_str(&format!("  {cell}\n")),
+                false => out.push_str(&format!("  {head}: {cell}\n")),
+            }
         }
     }
     out
@@ -165,6 +168,15 @@ mod tests {
         assert_eq!(
             tables(text, 10),
             "before\nwear: none\n  at 5°: 0.1\nwear: round\n  at 5°: –\nafter\n"
+        );
+    }
+
+    #[test]
+    fn a_cell_without_a_heading_has_no_colon_in_a_list() {
+        let text = "| name | E_n | |\n|---|---|---|\n| ridge angle | 0.12 | agree |\n| roughness | 0.1 | |\n";
+        assert_eq!(
+            tables(text, 20),
+            "name: ridge angle\n  E_n: 0.12\n  agree\nname: roughness\n  E_n: 0.1\n"
         );
     }
 

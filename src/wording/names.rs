@@ -7,7 +7,7 @@ pub struct QuantityName {
     pub symbol: &'static str,
     /// What it is.
     pub name: &'static str,
-    /// Unit; empty for a number without one.
+    /// Unit as it follows a number, with its blank; empty for a number without one.
     pub unit: &'static str,
 }
 
@@ -35,7 +35,7 @@ const QUANTITIES: [(&str, &str, &str, &str); 12] = [
     ("tilt_offset_deg", "Δθc", "tilt offset", "°"),
     ("translucency", "τ", "translucency", ""),
     ("crest_radius", "R/p", "crest radius", ""),
-    ("contrast_mean", "", "mean contrast", "sr⁻¹"),
+    ("contrast_mean", "", "mean contrast", " sr⁻¹"),
     ("contrast_michelson_mean", "", "mean Michelson contrast", ""),
 ];
 

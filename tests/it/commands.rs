@@ -333,10 +333,7 @@ fn levels_of_the_log_that_are_not_valid_are_named_and_the_usual_ones_apply() {
     assert_eq!(said("warn,ridged=debug"), "");
     let message = said("ridged=loud");
     assert!(message.contains("RIDGED_LOG=\"ridged=loud\""), "{message}");
-    assert!(
-        message.contains("The log uses warn,ridged=info"),
-        "{message}"
-    );
+    assert!(message.contains("The log uses warn\n"), "{message}");
 }
 
 #[test]

@@ -40,6 +40,7 @@ mod stage_care;
 mod stop;
 mod stop_in_time;
 mod store_trouble;
+mod stored_fits;
 mod style;
 mod synthetic;
 mod tables;

@@ -56,9 +56,13 @@ pub fn check_disk(folder: &Path, reserve_bytes: u64, frame_bytes: u64, findings:
     }
     match write_trial(folder, frame_bytes) {
         Ok(longest_s) => {
-            let mb = frame_bytes.min(TRIAL_BYTES_MAX) as f64 / 1e6;
+            let bytes = frame_bytes.min(TRIAL_BYTES_MAX) as f64;
+            let size = match bytes < 1e5 {
+                true => format!("{:.1} kB", bytes / 1e3),
+                false => format!("{:.1} MB", bytes / 1e6),
+            };
             let found = format!(
-                "a frame of {mb:.1} MB is durable after {:.0} ms at most",
+                "a frame of {size} is durable after {:.0} ms at most",
                 1e3 * longest_s
             );
             match longest_s > SLOW_S {

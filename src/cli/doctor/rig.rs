@@ -100,7 +100,7 @@ pub fn ask_daemon(client: &Client, findings: &mut Findings) {
         Ok(rig) => rig,
         Err(error) => return findings.error("stages", &words(&error)),
     };
-    let (port, activity) = (text(&rig["port"]), text(&rig["activity"]));
+    let (port, activity) = (text(&rig["description"]), text(&rig["activity"]));
     if rig["connected"] != true {
         let why = rig["problem"]["detail"].as_str();
         let found = format!(

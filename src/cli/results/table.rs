@@ -37,6 +37,9 @@ pub(super) fn of(
         fit(&mut columns, width, asked.is_none());
     }
     let widths: Vec<usize> = columns.iter().map(Printed::width).collect();
+    if width.is_some_and(|width| total(&columns) > width) {
+        return listed(&columns, rows.len());
+    }
     let mut text = line(
         columns.iter().map(|c| c.heading.as_str()),
         &columns,
@@ -178,12 +181,30 @@ fn angle(rows: &[ResultRow]) -> Printed {
     }
 }
 
+/// Characters of a line.
+fn total(columns: &[Printed]) -> usize {
+    let widths: usize = columns.iter().map(Printed::width).sum();
+    widths + GAP.len() * columns.len().saturating_sub(1)
+}
+
+/// The rows of a table that is wider than the terminal: a field per line, without empty ones.
+fn listed(columns: &[Printed], rows: usize) -> String {
+    let mut text = String::new();
+    for row in 0..rows {
+        let mut indent = "";
+        for column in columns {
+            let cell = &column.cells[row];
+            if !cell.is_empty() {
+                text += &format!("{indent}{}: {cell}\n", column.heading);
+                indent = GAP;
+            }
+        }
+    }
+    text
+}
+
 /// Leaves out columns and shortens texts until the table fits.
 fn fit(columns: &mut Vec<Printed>, width: usize, may_leave_out: bool) {
-    let total = |columns: &[Printed]| {
-        let widths: usize = columns.iter().map(Printed::width).sum();
-        widths + GAP.len() * columns.len().saturating_sub(1)
-    };
     loop {
         let over = total(columns).saturating_sub(width);
         if over == 0 {

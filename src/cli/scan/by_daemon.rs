@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use serde_json::{Value, json};
 
-use super::{Args, material, no_sample, request, suits_the_sample, sure_words};
+use super::{Args, ambiguous, material, no_sample, request, suits_the_sample, sure_words};
 use crate::cli::client::Client;
 use crate::cli::operator_prompt::OperatorPrompt;
 use crate::cli::progress::Bar;
@@ -16,6 +16,7 @@ use crate::lab::{FIT_NOT_STARTED, NOT_JUDGED};
 use crate::material::Material;
 use crate::scan::{OperatorAction, PlanRequest, ScanState};
 use crate::sim::operator::TRACED_SAMPLE;
+use crate::store::samples::AmbiguousPart;
 
 /// Interval between requests for the scan's state, and so the longest time that a prompt outlives its step.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -29,8 +30,8 @@ fn newest_words(client: &Client, id: i64) -> Option<String> {
         .ok()?;
     let row = rows["items"].as_array()?.last()?.clone();
     let theta_r = &row["parameters"]["theta_r_deg"];
-    let (value, std) = (theta_r["value"].as_f64()?, theta_r["std"].as_f64()?);
-    Some(sure_words(value, std, row["elapsed_s"].as_f64()?))
+    let known = serde_json::from_value(theta_r.clone()).ok()?;
+    Some(sure_words(known, row["elapsed_s"].as_f64()?))
 }
 
 /// Runs the scan on the daemon's rig, from plan to end.
@@ -302,6 +303,10 @@ fn paused(client: &Client, id: i64) -> Result<(), CliError> {
 
 /// Returns the sample that is on the rig: the one of `--sample`, or that of the last scan, else of a simulated rig its own.
 fn daemons_sample(client: &Client, args: &Args, simulated: bool) -> Result<i64, CliError> {
+    if let Some(id) = args.sample_id {
+        client.get(&format!("/samples/{id}"))?;
+        return Ok(i64::from(id));
+    }
     let mut wanted = args.sample.as_deref();
     if wanted.is_none() {
         let scans = client.get("/scans?limit=1000")?;
@@ -315,7 +320,7 @@ fn daemons_sample(client: &Client, args: &Args, simulated: bool) -> Result<i64, 
         wanted = simulated.then_some(TRACED_SAMPLE);
     }
     let found = match wanted {
-        Some(name) => client.search("/samples", &[("name", name)])?["items"][0].clone(),
+        Some(name) => one_named(name, &client.search("/samples", &[("name", name)])?)?,
         None => Value::Null,
     };
     if let Some(id) = found["id"].as_i64() {
@@ -330,4 +335,21 @@ fn daemons_sample(client: &Client, args: &Args, simulated: bool) -> Result<i64, 
     let body = json!({ "name": wanted.unwrap_or("sample"), "material": material });
     let added = client.post("/samples", Some(&body))?;
     Ok(added["id"].as_i64().unwrap_or_default())
+}
+/// Returns the part that has a name; null if no part has it.
+///
+/// # Errors
+/// Bad input where several parts have the name.
+fn one_named(name: &str, found: &Value) -> Result<Value, CliError> {
+    match found["items"].as_array().map_or(&[][..], Vec::as_slice) {
+        [] => Ok(Value::Null),
+        [one] => Ok(one.clone()),
+        several => {
+            let ids = several.iter().filter_map(|part| part["id"].as_i64());
+            let mut ids: Vec<i64> = ids.collect();
+            ids.sort_unstable();
+            let name = name.to_owned();
+            Err(ambiguous(&AmbiguousPart { name, ids }))
+        }
+    }
 }

@@ -5,11 +5,15 @@ use std::sync::Arc;
 use anyhow::anyhow;
 use serde_json::{Value, json};
 
-use super::{Args, material, no_sample, request, suits_the_sample, sure_words, with_times};
+use super::{
+    Args, ambiguous, material, no_sample, print, request, suits_the_sample, sure_words, with_times,
+};
 use crate::cli::operator_prompt::OperatorPrompt;
 use crate::cli::progress::Bar;
 use crate::cli::{CliError, runtime, say};
 use crate::daemon;
+use crate::fit::FitReport;
+use crate::fit::text::in_one_line;
 use crate::lab::assembly::real_rig;
 use crate::lab::{Hooks, Lab, LabError};
 use crate::scan::runner::ScanCommand;
@@ -20,11 +24,12 @@ use crate::store::StoreError;
 use crate::store::disk::RealDisk;
 use crate::store::samples::NewSample;
 
-/// Runs the scan on the rig of the arguments, from plan to end.
+/// Runs the scan on the rig of the arguments, from plan to end, prints it, and fits it if the settings say so. The fit follows
+/// what is printed: a script does not wait for it.
 ///
 /// # Errors
 /// Bad input for a missing rig or sample; no result where the scan does not complete; interrupted on Ctrl-C.
-pub(super) async fn scan(args: &Args, plan: Option<PlanRequest>) -> Result<Value, CliError> {
+pub(super) async fn scan(args: &Args, plan: Option<PlanRequest>) -> Result<(), CliError> {
     let config = runtime::read_config(args.config.as_deref())?;
     let is_calibration = plan.as_ref().is_some_and(|plan| plan.repeats == Some(0));
     let (simulator, mut parts, clock) = if args.simulated_rig {
@@ -46,8 +51,8 @@ pub(super) async fn scan(args: &Args, plan: Option<PlanRequest>) -> Result<Value
         })?;
         (None, parts, clock)
     };
-    // This process ends with the scan. What a recipe or a specification needs, it waits for.
-    parts.settings.fit_at_end = false;
+    // Started below, once the scan is complete: this process takes no part in the fits of earlier scans.
+    let is_fitted = std::mem::take(&mut parts.settings.fit_at_end);
     let (lab, earlier) = daemon::open_lab(&args.data, Arc::new(RealDisk), clock, Some(parts))
         .await
         .map_err(CliError::no_result)?;
@@ -94,7 +99,15 @@ pub(super) async fn scan(args: &Args, plan: Option<PlanRequest>) -> Result<Value
             let verdicts: Result<Vec<Value>, _> = results.map(serde_json::from_str).collect();
             answer["verdicts"] = json!(verdicts.map_err(CliError::no_result)?);
         }
-        Ok((state, with_times(answer, lab.run_end(scan.id))))
+        let answer = with_times(answer, lab.run_end(scan.id));
+        if state == ScanState::Completed {
+            print(args, &answer)?;
+            let follows = scan.recipe.is_some() || scan.specification.is_some();
+            if is_fitted && !is_calibration && !follows {
+                fit(&lab, scan.id).await?;
+            }
+        }
+        Ok(state)
     };
     let outcome = tokio::select! {
         outcome = done => outcome,
@@ -127,23 +140,45 @@ pub(super) async fn scan(args: &Args, plan: Option<PlanRequest>) -> Result<Value
             (Err(error), _) => say(&error),
         }
     }
-    let (state, answer) = outcome?;
+    let state = outcome?;
+    let scan_id = begun.get().unwrap_or_default();
     match state {
         ScanState::Completed => {
-            if !is_calibration && args.recipe.is_none() && args.specification.is_none() {
+            let follows = is_fitted || args.recipe.is_some() || args.specification.is_some();
+            if !is_calibration && !follows {
                 say(&format_args!(
-                    "to fit it: ridged fit --scan {} --data {}",
-                    answer["id"],
+                    "to fit it: ridged fit --scan {scan_id} --store --data {}",
                     args.data.display()
                 ));
             }
-            Ok(answer)
+            Ok(())
         }
         other => Err(CliError::no_result(anyhow!(
-            "scan {} is {other}; committed frames are kept",
-            answer["id"]
+            "scan {scan_id} is {other}; committed frames are kept"
         ))),
     }
+}
+
+/// Fits a completed scan, stores the fits of all regions, and reports the ridge angles on stderr.
+async fn fit(lab: &Lab, scan_id: i64) -> Result<(), CliError> {
+    say("fitting the scan");
+    lab.fit_at_end(scan_id).await;
+    let outcome = lab.until_judged(scan_id).await;
+    for fit in outcome.map_err(runtime::lab_error)?.fits.iter().rev() {
+        let report = fit.result.as_deref().map(serde_json::from_str::<FitReport>);
+        match report.transpose().map_err(CliError::no_result)? {
+            Some(report) => say(&format_args!(
+                "fit {}: {}",
+                fit.number,
+                in_one_line(&report)
+            )),
+            None => {
+                let why = fit.error_detail.as_deref().unwrap_or("it has no result");
+                say(&format_args!("fit {}: {why}", fit.number));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Describes the state of an interrupted scan, and how to resume it.
@@ -174,6 +209,10 @@ async fn how_left(lab: &Lab, scan_id: i64, args: &Args) -> String {
 /// Returns the sample of the arguments; adds it if it does not exist.
 async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
     let store_error = |e: StoreError| runtime::lab_error(e.into());
+    if let Some(id) = args.sample_id {
+        let sample = lab.store().sample(i64::from(id)).await;
+        return Ok(sample.map_err(store_error)?.id);
+    }
     let wanted = match (&args.sample, args.simulated_rig) {
         (Some(name), _) => Some(name.as_str()),
         (None, true) => Some(TRACED_SAMPLE),
@@ -182,8 +221,11 @@ async fn sample_for(lab: &Lab, args: &Args) -> Result<i64, CliError> {
             return last.map_err(store_error)?.ok_or_else(|| no_sample(None));
         }
     };
-    let found = lab.store().newest_sample(wanted, |_| true).await;
-    if let Some(sample) = found.map_err(store_error)? {
+    let found = match wanted {
+        Some(name) => lab.store().sample_named(name).await.map_err(store_error)?,
+        None => Ok(None),
+    };
+    if let Some(sample) = found.map_err(|several| ambiguous(&several))? {
         suits_the_sample(args, &sample.material)?;
         return Ok(sample.id);
     }
@@ -257,7 +299,7 @@ pub async fn follow(
                         sure = certainty
                             .parameters
                             .get("theta_r_deg")
-                            .map(|p| sure_words(p.value, p.std, certainty.elapsed_s))
+                            .map(|p| sure_words(*p, certainty.elapsed_s))
                             .or(sure.take());
                         false
                     }

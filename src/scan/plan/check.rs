@@ -4,7 +4,9 @@ use std::collections::HashMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::{EXPOSURE_S_MAX, EXPOSURE_S_MIN, FRAMES_MAX, LIST_LENGTH_MAX, Plan, PlanPose};
+use super::{
+    ANGLE_DEG_MAX, EXPOSURE_S_MAX, EXPOSURE_S_MIN, FRAMES_MAX, LIST_LENGTH_MAX, Plan, PlanPose,
+};
 use crate::units::Angle;
 use crate::wording::stated;
 
@@ -304,7 +306,9 @@ fn check_azimuth(
     limits: &TravelLimits,
     problems: &mut Vec<PlanProblem>,
 ) {
-    if deg.is_finite() && limits.reachable_phi_s(Angle::from_deg(deg)).is_none() {
+    let is_reached =
+        deg.abs() <= ANGLE_DEG_MAX && limits.reachable_phi_s(Angle::from_deg(deg)).is_some();
+    if deg.is_finite() && !is_reached {
         let (lower, upper) = limits.phi_s;
         let problem = format!(
             "{}° is outside the travel of phi_s, {lower:.3} to {upper:.3}, on every turn",

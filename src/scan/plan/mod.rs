@@ -36,15 +36,21 @@ pub enum Values {
     Grid(Grid),
 }
 
+/// Largest angle of a plan, degrees: series record azimuths up to it.
+pub const ANGLE_DEG_MAX: f64 = 1e6;
+
 /// Evenly spaced values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Grid {
     /// First value.
+    #[schema(minimum = -1e6, maximum = 1e6)]
     pub from: f64,
     /// Last value, reached if the step meets it.
+    #[schema(minimum = -1e6, maximum = 1e6)]
     pub to: f64,
     /// Distance between values; positive.
+    #[schema(exclusive_minimum = 0, maximum = 1e6)]
     pub step: f64,
 }
 
@@ -55,14 +61,12 @@ impl Values {
         match self {
             Values::List(list) => list.clone(),
             Values::Grid(Grid { from, to, step }) => {
-                if !(from.is_finite() && to.is_finite() && step.is_finite())
-                    || *step <= 0.0
-                    || to < from
-                {
+                let is_within = from.abs().max(to.abs()) <= ANGLE_DEG_MAX;
+                if !(is_within && *step > 0.0 && *step <= ANGLE_DEG_MAX && from <= to) {
                     problems.push(PlanProblem::new(
                         field,
                         format!(
-                            "a grid needs finite from ≤ to and a positive step, not {from}, {to}, {step}"
+                            "a grid needs from ≤ to and a positive step, all within ±{ANGLE_DEG_MAX}, not {from}, {to}, {step}"
                         ),
                     ));
                     return Vec::new();
@@ -117,8 +121,10 @@ impl Preset {
 #[serde(deny_unknown_fields)]
 pub struct PlanPose {
     /// Camera tilt θc, degrees.
+    #[schema(minimum = -1e6, maximum = 1e6)]
     pub theta_c_deg: f64,
     /// Sample azimuth φs, degrees.
+    #[schema(minimum = -1e6, maximum = 1e6)]
     pub phi_s_deg: f64,
 }
 
@@ -127,6 +133,7 @@ pub struct PlanPose {
 #[serde(deny_unknown_fields)]
 pub struct DarkRequest {
     /// Frames per exposure; 0 leaves the dark frames out.
+    #[schema(minimum = 0, maximum = 1_000_000)]
     pub repeats: Option<u32>,
 }
 
@@ -137,8 +144,10 @@ pub struct FlatRequest {
     /// Tilts; those of the sample if not given.
     pub theta_c_deg: Option<Values>,
     /// Exposures; the rig's for the white reference if not given.
+    #[schema(max_items = 10_000)]
     pub exposures_s: Option<Vec<f64>>,
     /// Frames per tilt and exposure; 0 leaves the white reference out.
+    #[schema(minimum = 0, maximum = 1_000_000)]
     pub repeats: Option<u32>,
 }
 
@@ -157,8 +166,10 @@ pub struct PlanRequest {
     #[schema(min_items = 1, max_items = 10_000)]
     pub poses: Option<Vec<PlanPose>>,
     /// Exposure times of the sample, s; the rig's if omitted.
+    #[schema(max_items = 10_000)]
     pub exposures_s: Option<Vec<f64>>,
     /// Frames per pose and exposure; 1 if omitted. 0 takes new dark and white-reference frames only, for later scans.
+    #[schema(minimum = 0, maximum = 1_000_000)]
     pub repeats: Option<u32>,
     /// Dark frames.
     #[serde(default)]
@@ -169,6 +180,7 @@ pub struct PlanRequest {
     /// Whether valid calibration frames replace their operator steps; true if omitted and the plan has a sample.
     pub reuse_calibrations: Option<bool>,
     /// Points of the sample between two checks of a reference pose; 0 for none. Default: the rig's settings.
+    #[schema(minimum = 0, maximum = 4_294_967_295_i64)]
     pub reference_every: Option<u32>,
 }
 

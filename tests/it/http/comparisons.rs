@@ -98,8 +98,10 @@ async fn scans_are_compared_and_their_scatter_is_put_beside_the_stated_uncertain
         .sum();
     close(&row["difference"]["value"], 0.05);
     close(&row["difference"]["std"], rest.sqrt());
-    close(&row["difference"]["expanded"], 2.0 * rest.sqrt());
-    close(&row["difference"]["normalised"], 0.05 / (2.0 * rest.sqrt()));
+    let k = row["difference"]["coverage_factor"].as_f64().unwrap();
+    assert!((2.0..4.0).contains(&k), "{k}");
+    close(&row["difference"]["expanded"], k * rest.sqrt());
+    close(&row["difference"]["normalised"], 0.05 / (k * rest.sqrt()));
     let apart = get(&router, &format!("{path}&shared=none")).await.body;
     let apart = &apart["parameters"][0]["difference"];
     close(&apart["std"], std * 2f64.sqrt());

@@ -148,3 +148,184 @@ fn requests_have_no_other_fields_than_the_described_ones() {
         serde_json::json!(["paper", "full"])
     );
 }
+
+/// Calls `look` with each schema within a schema, and with its path.
+fn each_schema<'d>(
+    document: &'d Value,
+    schema: &'d Value,
+    path: &str,
+    seen: &mut Vec<&'d str>,
+    look: &mut impl FnMut(&'d Value, &str),
+) {
+    if let Some(reference) = schema["$ref"].as_str() {
+        let name = reference.rsplit('/').next().unwrap();
+        if !seen.contains(&name) {
+            seen.push(name);
+            let named = &document["components"]["schemas"][name];
+            each_schema(document, named, name, seen, look);
+        }
+        return;
+    }
+    look(schema, path);
+    for kind in ["oneOf", "anyOf", "allOf"] {
+        for part in schema[kind].as_array().into_iter().flatten() {
+            each_schema(document, part, path, seen, look);
+        }
+    }
+    for (name, field) in schema["properties"].as_object().into_iter().flatten() {
+        each_schema(document, field, &format!("{path}.{name}"), seen, look);
+    }
+    for inner in ["items", "additionalProperties"] {
+        if schema[inner].is_object() {
+            let path = format!("{path}[]");
+            each_schema(document, &schema[inner], &path, seen, look);
+        }
+    }
+}
+
+/// Bodies and successful answers that are JSON: method and path, the content, and whether it is a body.
+fn contents(document: &Value) -> Vec<(String, &Value, bool)> {
+    let mut found = Vec::new();
+    for (path, item) in document["paths"].as_object().unwrap() {
+        for (method, operation) in item.as_object().unwrap() {
+            let route = format!("{method} {path}");
+            let body = &operation["requestBody"]["content"]["application/json"];
+            if body.is_object() {
+                found.push((route.clone(), body, true));
+            }
+            for (status, response) in operation["responses"].as_object().into_iter().flatten() {
+                let answer = &response["content"]["application/json"];
+                if status.starts_with('2') && answer.is_object() {
+                    found.push((route.clone(), answer, false));
+                }
+            }
+        }
+    }
+    found
+}
+
+/// Whether a schema is of this type, or of this type or null.
+fn is_of(schema: &Value, kind: &str) -> bool {
+    let kinds = &schema["type"];
+    kinds == kind
+        || kinds
+            .as_array()
+            .is_some_and(|all| all.contains(&kind.into()))
+}
+
+#[test]
+fn no_body_and_no_answer_is_a_bare_object() {
+    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let mut bare = Vec::new();
+    let mut seen = Vec::new();
+    for (route, content, _) in contents(&document) {
+        each_schema(
+            &document,
+            &content["schema"],
+            &route,
+            &mut seen,
+            &mut |schema, path| {
+                let says = [
+                    "properties",
+                    "additionalProperties",
+                    "oneOf",
+                    "anyOf",
+                    "allOf",
+                ];
+                if is_of(schema, "object") && says.iter().all(|key| schema[*key].is_null()) {
+                    bare.push(path.to_owned());
+                }
+            },
+        );
+    }
+    assert!(seen.len() > 100, "{}", seen.len());
+    assert!(bare.is_empty(), "describe these objects: {bare:?}");
+}
+
+#[test]
+fn the_fields_of_bodies_have_bounds() {
+    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let mut open = Vec::new();
+    let mut seen = Vec::new();
+    for (route, content, _) in contents(&document).into_iter().filter(|c| c.2) {
+        each_schema(
+            &document,
+            &content["schema"],
+            &route,
+            &mut seen,
+            &mut |schema, path| {
+                let has = |keys: &[&str]| keys.iter().any(|key| !schema[*key].is_null());
+                let is_bounded = match schema {
+                    // Elements of lists and maps: the list has the bound, and the names of parameters their ranges.
+                    _ if !path.contains('.') || path.ends_with("[]") => true,
+                    _ if is_of(schema, "number") || is_of(schema, "integer") => {
+                        has(&["minimum", "exclusiveMinimum"])
+                            && has(&["maximum", "exclusiveMaximum"])
+                    }
+                    _ if is_of(schema, "string") => has(&["enum", "maxLength", "format", "const"]),
+                    _ if is_of(schema, "array") => has(&["maxItems"]),
+                    _ => true,
+                };
+                if !is_bounded {
+                    open.push(path.to_owned());
+                }
+            },
+        );
+    }
+    assert!(
+        open.is_empty(),
+        "state the bounds of these fields: {open:?}"
+    );
+}
+
+#[test]
+fn every_body_and_every_answer_has_an_example_with_the_fields_of_its_schema() {
+    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let mut lacking = Vec::new();
+    for (route, content, is_body) in contents(&document) {
+        let example = &content["example"];
+        if example.is_null() {
+            lacking.push(route);
+            continue;
+        }
+        let Some(name) = content["schema"]["$ref"].as_str() else {
+            continue;
+        };
+        let schema = &document["components"]["schemas"][name.rsplit('/').next().unwrap()];
+        for needed in schema["required"].as_array().into_iter().flatten() {
+            let needed = needed.as_str().unwrap();
+            assert!(
+                !example[needed].is_null() || example.get(needed).is_some(),
+                "{route}: {needed}"
+            );
+        }
+        if is_body && schema["additionalProperties"] == false {
+            for field in example.as_object().into_iter().flatten() {
+                assert!(
+                    !schema["properties"][field.0].is_null(),
+                    "{route}: {}",
+                    field.0
+                );
+            }
+        }
+    }
+    assert!(
+        lacking.is_empty(),
+        "add examples of these to src/api/examples.json: {lacking:?}"
+    );
+}
+
+#[test]
+fn a_problem_lists_its_codes() {
+    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let codes = &document["components"]["schemas"]["Problem"]["properties"]["code"]["enum"];
+    let codes = codes.as_array().unwrap();
+    for code in [
+        "not-found",
+        "name-taken",
+        "wrong-content-encoding",
+        "invalid-value",
+    ] {
+        assert!(codes.contains(&code.into()), "{code}");
+    }
+}

@@ -6,6 +6,7 @@ pub(crate) mod document;
 mod jobs;
 mod motions;
 mod old_folder;
+mod packed;
 mod previews;
 mod queue;
 pub(crate) mod recipes;

@@ -11,7 +11,7 @@ async fn both_axes_move_in_one_order_that_a_caller_waits_for() {
     let order =
         async |body: serde_json::Value| post(&router, "/api/v1/rig/move", &body.to_string()).await;
     let ended = async |id: &serde_json::Value| {
-        let path = format!("/api/v1/rig/motions/{id}?wait_s=60");
+        let path = format!("/api/v1/rig/moves/{id}?wait_s=60");
         get(&router, &path).await.body
     };
 
@@ -46,7 +46,7 @@ async fn both_axes_move_in_one_order_that_a_caller_waits_for() {
         "outside-limits",
     );
     let long = order(json!({ "theta_c_deg": 30.0, "phi_s_deg": 360.0 })).await;
-    let path = format!("/api/v1/rig/motions/{}", long.body["id"]);
+    let path = format!("/api/v1/rig/moves/{}", long.body["id"]);
     assert_eq!(get(&router, &path).await.body["state"], "moving");
     lab.stop().await.unwrap();
     let motion = ended(&long.body["id"]).await;
@@ -54,11 +54,7 @@ async fn both_axes_move_in_one_order_that_a_caller_waits_for() {
         (&motion["state"], &motion["problem"]["code"]),
         (&json!("stopped"), &json!("stopped"))
     );
-    is_problem(
-        &get(&router, "/api/v1/rig/motions/1").await,
-        404,
-        "not-found",
-    );
+    is_problem(&get(&router, "/api/v1/rig/moves/1").await, 404, "not-found");
     let path = format!("{path}?wait_s=61");
     is_problem(&get(&router, &path).await, 422, "invalid-value");
     lab.shut_down().await;

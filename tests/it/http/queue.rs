@@ -110,6 +110,28 @@ fn is_stopped(now: &Value) -> bool {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_name_of_two_parts_is_refused_with_their_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let (bench, router) = bench(folder.path(), OnFailure::default()).await;
+    added(&router, "recipes", &recipe("PX")).await;
+    let mut ids = Vec::new();
+    for eta in [1.5, 1.6] {
+        let body = json!({"name": "B-1", "material": {"kind": "dielectric", "eta": eta}});
+        let sample = post(&router, "/api/v1/samples", &body.to_string()).await;
+        ids.push(sample.body["id"].as_i64().unwrap());
+    }
+    let refused = add(&router, json!([{"part": "B-1", "recipe": "PX"}])).await;
+    is_problem(&refused, 422, "invalid-value");
+    let listed = format!("{}, {}", ids[0], ids[1]);
+    assert!(refused.detail().contains(&listed), "{}", refused.detail());
+    let order = json!([{"sample_id": ids[0], "recipe": "PX"}]);
+    let accepted = add(&router, order).await;
+    assert_eq!(accepted.status, 201, "{}", accepted.body);
+    assert_eq!(accepted.body["items"][0]["sample_id"], json!(ids[0]));
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn three_parts_are_measured_one_after_the_other_and_judged() {
     let folder = tempfile::tempdir().unwrap();
     let (bench, router) = bench(folder.path(), OnFailure::Stop).await;

@@ -69,6 +69,10 @@ async fn a_sample_is_renamed_and_its_earlier_name_stays() {
     );
     let read = get(&router, "/api/v1/samples/2").await;
     assert_eq!(read.body, renamed.body);
+    // A name leads to one part.
+    let taken = patch(&router, "/api/v1/samples/1", r#"{"name": "B-17"}"#).await;
+    is_problem(&taken, 409, "name-taken");
+    assert!(taken.detail().contains("part 2"), "{}", taken.detail());
     let nameless = patch(&router, "/api/v1/samples/2", r#"{"name": " "}"#).await;
     is_problem(&nameless, 422, "invalid-value");
     let missing = patch(&router, "/api/v1/samples/99", r#"{"name": "x"}"#).await;
