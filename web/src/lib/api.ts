@@ -9,13 +9,10 @@ import type {
   AxisName,
   Calibration,
   Certainty,
-  CurvePoint,
-  Curves,
   Estimate,
   Fit,
   FrameRow,
   Incident,
-  Job,
   JobKind,
   Jog,
   LeaseState,
@@ -26,7 +23,6 @@ import type {
   Preview,
   Queue,
   QueueOrder,
-  RecordChange,
   RefusedStages,
   ResultRow,
   Rig,
@@ -194,7 +190,6 @@ export const api = {
   assignScan: (id: number, sample_id: number): Promise<Scan> => post(`/scans/${id}`, { sample_id }, 'PATCH'),
   /** Changes tags, note or archived flag of a scan. */
   changeRecord: (id: number, to: Partial<Pick<Scan, 'tags' | 'note' | 'archived'>>): Promise<Scan> => post(`/scans/${id}`, to, 'PATCH'),
-  recordChanges: (id: number, signal?: AbortSignal): Promise<RecordChange[]> => getAll(`/scans/${id}/changes`, signal),
   startScan: (request: ScanRequest): Promise<{ id: number }> => post('/scans', request),
   /** Takes dark and white-reference frames only. Returns the scan that takes them. */
   takeCalibrations: (request: Pick<ScanRequest, 'sample_id' | 'plan'>): Promise<{ id: number }> => post('/calibrations', request),
@@ -202,46 +197,22 @@ export const api = {
   command: (id: number, verb: 'pause' | 'resume' | 'abort'): Promise<unknown> => post(`/scans/${id}/${verb}`),
   /** Confirms one step by its name, since another page or terminal may have confirmed it already. */
   proceed: (id: number, action: OperatorStep['action']): Promise<unknown> => post(`/scans/${id}/continue`, { action }),
-  calibrationsOf: async (scanId: number, signal?: AbortSignal): Promise<readonly Calibration[]> => (await get<Page<Calibration>>(`/calibrations?scan_id=${scanId}`, signal)).items,
-  /** The newest calibrations, newest first. */
-  calibrations: async (limit: number, signal?: AbortSignal): Promise<readonly Calibration[]> => (await get<Page<Calibration>>(`/calibrations?limit=${limit}`, signal)).items,
   calibration: (id: number, signal?: AbortSignal): Promise<Calibration> => get(`/calibrations/${id}`, signal),
   frames: (id: number, signal?: AbortSignal): Promise<FrameRow[]> => getAll(`/scans/${id}/frames`, signal),
-  observations: (id: number, region: string | null, signal?: AbortSignal): Promise<Omit<CurvePoint, 'predicted' | 'residual'>[]> =>
-    getAll(`/scans/${id}/observations${region === null ? '' : `?region=${encodeURIComponent(region)}`}`, signal),
   certainties: (id: number, signal?: AbortSignal): Promise<Certainty[]> => getAll(`/scans/${id}/uncertainty`, signal),
   incidents: (id: number, signal?: AbortSignal): Promise<Incident[]> => getAll(`/scans/${id}/incidents`, signal),
-  observationsCsvUrl: (id: number, region: string | null): string => `${PREFIX}/scans/${id}/observations?format=csv${region === null ? '' : `&region=${encodeURIComponent(region)}`}`,
-
-  /** A page of results; `query` has filters, order and fields. */
-  results: (query: string, { limit, cursor = null }: { readonly limit: number; readonly cursor?: string | null }, signal?: AbortSignal): Promise<Page<ResultRow> & { readonly count?: number }> => {
-    const params = new URLSearchParams(query);
-    params.set('limit', String(limit));
-    if (cursor === null) params.set('count', 'true');
-    else params.set('cursor', cursor);
-    return get(`/results?${params.toString()}`, signal);
-  },
-  /** All results that the filters select, as CSV. */
-  resultsCsvUrl: (query: string): string => `${PREFIX}/results?format=csv${query === '' ? '' : `&${query}`}`,
 
   reportUrl: (scan: number, fit: number, format: 'html' | 'json'): string => `${PREFIX}/scans/${scan}/report?fit_id=${fit}&format=${format}`,
-
-  /** Frames, poses, observations and fit as one file. */
-  nexusUrl: (scan: number): string => `${PREFIX}/scans/${scan}/scan.nxs`,
 
   /** A page of fits of one scan, or of all scans; newest first. */
   fits: (of: { readonly scan_id?: number; readonly cursor?: string } = {}, signal?: AbortSignal): Promise<Page<Fit>> =>
     get(`/fits?limit=${FITS_PER_PAGE}${of.scan_id === undefined ? '' : `&scan_id=${of.scan_id}`}${of.cursor === undefined ? '' : `&cursor=${encodeURIComponent(of.cursor)}`}`, signal),
   fit: (id: number): Promise<Fit> => get(`/fits/${id}`),
   startFit: (request: FitRequest): Promise<{ id: number }> => post('/fits', request),
-  curves: (id: number, signal?: AbortSignal): Promise<Curves> => get(`/fits/${id}/curve?step_deg=2`, signal),
 
   /** Jobs of a kind of one scan, newest first. */
   jobsOf: (kind: JobKind, scan_id: number, signal?: AbortSignal): Promise<ScanJob[]> => getAll(`/${kind}?scan_id=${scan_id}`, signal),
-  startJob: (kind: JobKind, request: Record<string, unknown>): Promise<{ id: number }> => post(`/${kind}`, request),
   cancelJob: (kind: JobKind, id: number): Promise<unknown> => post(`/${kind}/${id}/cancel`),
-  jobUrl: (kind: JobKind, id: number): string => `${PREFIX}/${kind}/${id}`,
-  job: <T extends Job>(kind: JobKind, id: number, signal?: AbortSignal): Promise<T> => get(`/${kind}/${id}`, signal),
 
   /** A small 8-bit picture of a frame, and the counts of its black and white. */
   async framePreview(id: number, width: number, signal?: AbortSignal): Promise<FramePicture> {

@@ -1,8 +1,8 @@
 // Rows of `GET /results`, page by page. They are read again, as many as are shown, when the daemon reports a change.
 
-import { api } from './api';
 import { live } from './live.svelte';
 import { spoken } from './problems';
+import { studyApi } from './studyapi';
 import type { ResultRow } from './types';
 
 export const ROWS_PER_PAGE = 100;
@@ -43,7 +43,7 @@ export class ResultList {
       let cursor = from;
       let total = this.total;
       do {
-        const page = await api.results(this.#query, { limit: Math.min(ROWS_MAX, wanted - rows.length), cursor }, signal);
+        const page = await studyApi.results(this.#query, { limit: Math.min(ROWS_MAX, wanted - rows.length), cursor }, signal);
         rows = [...rows, ...page.items];
         cursor = page.next_cursor;
         total = page.count ?? total;

@@ -1,7 +1,25 @@
-// Requests of the later views: definitions, traces, maps, accuracy, comparisons, imports, and files. They are apart so that the first view stays small.
+// Requests of the later views: curves, records, jobs, definitions, traces, maps, accuracy, comparisons, imports, and files. They are apart so that the first view stays small.
 
 import { ask, get, getAll, post, PREFIX } from './api';
-import type { Accuracy, Comparison, FrameRow, GaugeBy, Imported, Page, Repeatability, StoredDefinition, Trace, TracePlane } from './types';
+import type {
+  Accuracy,
+  Calibration,
+  Comparison,
+  CurvePoint,
+  Curves,
+  FrameRow,
+  GaugeBy,
+  Imported,
+  Job,
+  JobKind,
+  Page,
+  RecordChange,
+  Repeatability,
+  ResultRow,
+  StoredDefinition,
+  Trace,
+  TracePlane,
+} from './types';
 
 /** Kinds of definitions, as they appear in paths. */
 export type DefinitionKind = 'recipes' | 'specifications';
@@ -26,6 +44,29 @@ function studied(scans: readonly number[], shared: readonly string[] | null): st
 }
 
 export const studyApi = {
+  recordChanges: (id: number, signal?: AbortSignal): Promise<RecordChange[]> => getAll(`/scans/${id}/changes`, signal),
+  calibrationsOf: async (scanId: number, signal?: AbortSignal): Promise<readonly Calibration[]> => (await get<Page<Calibration>>(`/calibrations?scan_id=${scanId}`, signal)).items,
+  /** The newest calibrations, newest first. */
+  calibrations: async (limit: number, signal?: AbortSignal): Promise<readonly Calibration[]> => (await get<Page<Calibration>>(`/calibrations?limit=${limit}`, signal)).items,
+  observations: (id: number, region: string | null, signal?: AbortSignal): Promise<Omit<CurvePoint, 'predicted' | 'residual'>[]> =>
+    getAll(`/scans/${id}/observations${region === null ? '' : `?region=${encodeURIComponent(region)}`}`, signal),
+  observationsCsvUrl: (id: number, region: string | null): string => `${PREFIX}/scans/${id}/observations?format=csv${region === null ? '' : `&region=${encodeURIComponent(region)}`}`,
+  /** A page of results; `query` has filters, order and fields. */
+  results: (query: string, { limit, cursor = null }: { readonly limit: number; readonly cursor?: string | null }, signal?: AbortSignal): Promise<Page<ResultRow> & { readonly count?: number }> => {
+    const params = new URLSearchParams(query);
+    params.set('limit', String(limit));
+    if (cursor === null) params.set('count', 'true');
+    else params.set('cursor', cursor);
+    return get(`/results?${params.toString()}`, signal);
+  },
+  /** All results that the filters select, as CSV. */
+  resultsCsvUrl: (query: string): string => `${PREFIX}/results?format=csv${query === '' ? '' : `&${query}`}`,
+  /** Frames, poses, observations and fit as one file. */
+  nexusUrl: (scan: number): string => `${PREFIX}/scans/${scan}/scan.nxs`,
+  curves: (id: number, signal?: AbortSignal): Promise<Curves> => get(`/fits/${id}/curve?step_deg=2`, signal),
+  startJob: (kind: JobKind, request: Record<string, unknown>): Promise<{ id: number }> => post(`/${kind}`, request),
+  jobUrl: (kind: JobKind, id: number): string => `${PREFIX}/${kind}/${id}`,
+  job: <T extends Job>(kind: JobKind, id: number, signal?: AbortSignal): Promise<T> => get(`/${kind}/${id}`, signal),
   archived: (kind: DefinitionKind): Promise<StoredDefinition[]> => getAll(`/${kind}?archived=true`),
   /** All versions, newest first. */
   versions: (kind: DefinitionKind, id: number, signal?: AbortSignal): Promise<StoredDefinition[]> => getAll(`/${kind}/${id}/versions`, signal),

@@ -164,7 +164,7 @@ describe('the virtual ellipsometer', () => {
       await disc.hover({ position: { x: share * (box?.width ?? 0), y: 0.5 * (box?.height ?? 0) + 2 } });
     };
     await point(0.75);
-    expect(await reading.innerText()).toMatch(/^θ 45\.0°, φ 345\.0° 0\.2000 ± 0\.0020.sr⁻¹$/);
+    expect(await reading.innerText()).toMatch(/^θ 45\.0°, φ 345\.0° 0\.2000 ± 0\.0020\u00a0sr⁻¹$/);
     await card.locator('[data-component=s1]').click();
     await point(0.75);
     expect(await reading.innerText()).toContain('−0.1000 ± 0.0020');

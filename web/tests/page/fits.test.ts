@@ -38,6 +38,8 @@ describe('a fit', () => {
     expect(shown).toContain('Translucent body');
     expect(shown).toContain('of χ², moves θr by 0.457°');
     expect(shown).toContain('State sample.translucency');
+    // The words of the command line.
+    expect(await text('[data-testid=left-out]')).toContain('cone average, effect ≤ 0.0010 % of the peak');
     await page.goto(`${url}/#/result/1/fit/1/record`);
     await expect.poll(() => page.getByTestId('findings').count()).toBe(0);
   });
