@@ -2,8 +2,13 @@
 
 import type { Certainty } from './types';
 
-/** Coverage factor of the live fit, whose rows have standard uncertainties. */
-export const COVERAGE = 2;
+type Known = Certainty['parameters'][string];
+
+/** The coverage factor of a value during the scan. Rows of older data folders lack it. */
+export const coverageOf = (value: Known): number => value.coverage_factor ?? 2;
+
+/** Its expanded uncertainty. */
+export const expandedOf = (value: Known): number => coverageOf(value) * value.std;
 
 /** Rows of both lists by the rig's time, without duplicates. */
 export function merged(kept: readonly Certainty[], fresh: readonly Certainty[]): Certainty[] {
@@ -16,8 +21,8 @@ const isKnown = (row: Certainty): boolean => row.parameters['theta_r_deg'] !== u
 
 /** Expanded uncertainty of the ridge angle, degrees; null while the frames did not determine it. */
 export function expandedAngle(row: Certainty): number | null {
-  const std = row.parameters['theta_r_deg']?.std;
-  return std === undefined ? null : COVERAGE * std;
+  const angle = row.parameters['theta_r_deg'];
+  return angle === undefined ? null : expandedOf(angle);
 }
 
 /** The newest row that determines the ridge angle. */

@@ -52,7 +52,12 @@ export interface Fit extends Job, Omit<openapi.Fit, keyof Job | 'parameters' | '
   readonly findings?: readonly Finding[];
 }
 /** A row of the live fit of a scan. */
-export type Certainty = Omit<Sent<openapi.CertaintyBody>, 'at' | 'variant' | 'status'> & { readonly variant: string; readonly status: string };
+export type Certainty = Omit<Sent<openapi.CertaintyBody>, 'at' | 'variant' | 'status' | 'parameters'> & {
+  readonly variant: string;
+  readonly status: string;
+  /** Rows of older data folders lack the coverage factor. */
+  readonly parameters: Readonly<Record<string, Omit<openapi.UncertainBody, 'coverage_factor'> & { readonly coverage_factor?: number | null }>>;
+};
 /** An alarm of a scan, or the end of a fault. */
 export type Incident = openapi.IncidentBody;
 /** An observation; without a prediction before there is a fit. */

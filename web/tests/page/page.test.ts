@@ -433,6 +433,15 @@ describe('the answer', () => {
     expect(await page.getByTestId('so-far').count()).toBe(0);
   });
 
+  it('has the coverage factor of the newest row', async () => {
+    const early = row(1, 0.1);
+    daemon.certainties.push({ ...early, parameters: { theta_r_deg: { ...early.parameters.theta_r_deg, coverage_factor: 4.527 }, rho_d: { value: 0.337, std: 0.002, coverage_factor: 2.13 } } });
+    daemon.addScan(1, 'paper');
+    await page.goto(url);
+    await expect.poll(() => text('[data-so-far=theta_r_deg]')).toBe('10.03 ± 0.45° k = 4.53');
+    await page.getByText('± is the expanded uncertainty, k = 2.13 … 4.53 · fitted during the scan').waitFor();
+  });
+
   it('offers the report of the fit, to print and as JSON', async () => {
     const fit = daemon.addFit(daemon.addScan(1, 'paper'));
     await page.goto(`${url}/#/result/1`);

@@ -18,6 +18,8 @@ describe('the live fit', () => {
   it('draws the expanded uncertainty, with gaps where the angle was not determined, on a scale that contains it', () => {
     const rows = [row(1, 10, {}), row(2, 20, angle(0.15)), row(3, 30, angle(0.05))];
     expect(rows.map(expandedAngle)).toEqual([null, 0.3, 0.1]);
+    // Few degrees of freedom: the row has a factor of its own.
+    expect(expandedAngle(row(5, 50, { theta_r_deg: { value: 10, std: 0.1, coverage_factor: 4.5 } }))).toBeCloseTo(0.45, 12);
     expect(newestKnown([...rows, row(4, 40, {})])?.id).toBe(3);
     expect(newestKnown([row(1, 10, {})])).toBeNull();
     expect(logarithmic(rows.map(expandedAngle))).toEqual({ low: 0.05, high: 0.5, marks: [0.05, 0.1, 0.2, 0.5] });
