@@ -1,16 +1,32 @@
-//! Rebuilds what is embedded when it changes: the migrations and the page. States the commit of a build.
+//! Rebuilds what is embedded when it changes: the migrations, the page, the OpenAPI document. States the commit of a build.
 
+use std::io::Write as _;
 use std::path::Path;
 use std::process::Command;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
 
 fn main() {
     println!("cargo::rerun-if-changed=migrations");
     println!("cargo::rerun-if-changed=web/dist");
     println!("cargo::rerun-if-changed=src");
     println!("cargo::rerun-if-changed=build.rs");
+    pack_the_document();
     let origin = commit().unwrap_or_else(|| "built outside git".to_owned());
     let version = std::env::var("CARGO_PKG_VERSION").unwrap_or_default();
     println!("cargo::rustc-env=RIDGED_VERSION={version} ({origin})");
+}
+
+/// Packs the OpenAPI document for the program: to a tenth of its 800 kB.
+fn pack_the_document() {
+    let document = std::fs::read("src/api/openapi.json").expect("the document is there");
+    let mut packed = GzEncoder::new(Vec::new(), Compression::best());
+    packed.write_all(&document).expect("memory takes all bytes");
+    let packed = packed.finish().expect("memory takes all bytes");
+    let folder = std::env::var("OUT_DIR").expect("cargo sets it");
+    let file = Path::new(&folder).join("openapi.json.gz");
+    std::fs::write(file, packed).expect("cargo made this folder");
 }
 
 /// Returns the commit of this folder, and whether the sources differ from it; none where the folder is not a checkout of

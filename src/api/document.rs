@@ -4,8 +4,11 @@
 //! share: keys, ids, parameters and bodies.
 
 use std::collections::HashMap;
+use std::io::Read as _;
+use std::sync::LazyLock;
 
 use axum::http::Method;
+use flate2::read::GzDecoder;
 use serde::{Deserialize, Serialize};
 use serde_json::ser::PrettyFormatter;
 use serde_json::{Serializer, Value};
@@ -27,10 +30,21 @@ use super::routes::Document;
 use super::status::PROBLEM_JSON;
 use super::table::{self, Need};
 
-/// The document as it is served: pretty-printed JSON.
-pub const OPENAPI: &str = include_str!("openapi.json");
+/// Returns the document as it is served: pretty-printed JSON.
+#[must_use]
+pub fn openapi() -> &'static str {
+    static UNPACKED: LazyLock<String> = LazyLock::new(|| {
+        let packed = include_bytes!(concat!(env!("OUT_DIR"), "/openapi.json.gz"));
+        let mut text = String::new();
+        GzDecoder::new(&packed[..])
+            .read_to_string(&mut text)
+            .expect("the build packed this text");
+        text
+    });
+    &UNPACKED
+}
 
-/// Returns the document made from the handlers, pretty-printed. [`OPENAPI`] is this text.
+/// Returns the document made from the handlers, pretty-printed. [`openapi`] is this text.
 #[must_use]
 pub fn openapi_of_handlers() -> String {
     let mut document = Document::openapi();

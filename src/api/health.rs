@@ -7,7 +7,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::App;
-use super::document::OPENAPI;
+use super::document;
 use super::status;
 use crate::logging;
 use crate::store::ROOM_TO_OPEN_KB;
@@ -142,5 +142,8 @@ pub(super) async fn metrics(State(app): State<App>) -> impl IntoResponse {
 
 /// This document.
 pub(super) async fn openapi() -> impl IntoResponse {
-    ([(header::CONTENT_TYPE, "application/json")], OPENAPI)
+    (
+        [(header::CONTENT_TYPE, "application/json")],
+        document::openapi(),
+    )
 }

@@ -78,7 +78,7 @@ use crate::lab::{Lab, LabError};
 use crate::store::{DamagedRow, Page, StoreError};
 
 pub use access::Access;
-pub use document::{OPENAPI, openapi_of_handlers};
+pub use document::{openapi, openapi_of_handlers};
 pub use status::{ApiError, FieldProblem, OutOfRange, Problem};
 
 /// Renders the metrics as text.

@@ -39,7 +39,7 @@ fn ways() -> Vec<Way> {
 
 /// All operations of the OpenAPI document below `/api/v1`, as `GET /rig`.
 fn operations() -> BTreeSet<String> {
-    let document: Value = serde_json::from_str(ridged::api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(ridged::api::openapi()).unwrap();
     let mut found = BTreeSet::new();
     for (path, item) in document["paths"].as_object().unwrap() {
         if let Some(path) = path.strip_prefix("/api/v1") {

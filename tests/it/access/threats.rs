@@ -14,7 +14,7 @@ const STOP: &str = "/api/v1/rig/stop";
 
 /// All routes of the document: method, and path with numbers and words for its parameters.
 fn routes() -> Vec<(String, String)> {
-    let document: Value = serde_json::from_str(ridged::api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(ridged::api::openapi()).unwrap();
     let mut routes = vec![("get".to_owned(), "/openapi.json".to_owned())];
     for (path, item) in document["paths"].as_object().unwrap() {
         for (method, _) in item.as_object().unwrap() {
@@ -32,7 +32,7 @@ fn routes() -> Vec<(String, String)> {
 
 /// The least role that the document states for a route.
 fn stated_role(method: &str, path: &str) -> Option<&'static str> {
-    let document: Value = serde_json::from_str(ridged::api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(ridged::api::openapi()).unwrap();
     let words = document["paths"][path][method]["description"]
         .as_str()
         .unwrap_or_default()
@@ -248,7 +248,7 @@ async fn each_role_may_do_what_the_table_says_and_no_more() {
         ("operator", operator),
         ("admin", admin),
     ];
-    let document: Value = serde_json::from_str(ridged::api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(ridged::api::openapi()).unwrap();
     for (path, item) in document["paths"].as_object().unwrap() {
         for (method, _) in item.as_object().unwrap() {
             let Some(needed) = stated_role(method, path) else {

@@ -14,7 +14,7 @@ fn the_document_is_the_one_in_the_repository() {
         return;
     }
     assert!(
-        api::OPENAPI == now,
+        api::openapi() == now,
         "the interface has changed; look at the change, then renew src/api/openapi.json with \
          `RIDGED_RENEW=1 cargo test --test it the_document`"
     );
@@ -22,7 +22,7 @@ fn the_document_is_the_one_in_the_repository() {
 
 #[test]
 fn every_response_of_the_document_says_what_it_is() {
-    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(api::openapi()).unwrap();
     let mut responses = 0;
     for (path, item) in document["paths"].as_object().unwrap() {
         for (method, operation) in item.as_object().unwrap() {
@@ -46,7 +46,7 @@ fn operation<'a>(document: &'a Value, method: &str, path: &str) -> &'a Value {
 
 #[test]
 fn answers_that_every_route_of_a_kind_gives_are_described() {
-    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(api::openapi()).unwrap();
     for (method, path, status) in [
         ("get", "/scans", "422"),
         ("get", "/scans", "400"),
@@ -71,7 +71,7 @@ fn answers_that_every_route_of_a_kind_gives_are_described() {
 
 #[test]
 fn answers_are_announced_as_what_they_are_sent_as() {
-    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(api::openapi()).unwrap();
     let mut problems = 0;
     for (path, item) in document["paths"].as_object().unwrap() {
         for (method, operation) in item.as_object().unwrap() {
@@ -107,7 +107,7 @@ fn answers_are_announced_as_what_they_are_sent_as() {
 
 /// Names of the fields of a schema.
 pub(crate) fn described(name: &str) -> Vec<String> {
-    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(api::openapi()).unwrap();
     let properties = &document["components"]["schemas"][name]["properties"];
     let mut names: Vec<String> = properties.as_object().unwrap().keys().cloned().collect();
     names.sort();
@@ -116,7 +116,7 @@ pub(crate) fn described(name: &str) -> Vec<String> {
 
 #[test]
 fn requests_have_no_other_fields_than_the_described_ones() {
-    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(api::openapi()).unwrap();
     let schema = |name: &str| &document["components"]["schemas"][name];
     for (path, name) in [
         ("/scans", "ScanRequest"),
@@ -215,7 +215,7 @@ fn is_of(schema: &Value, kind: &str) -> bool {
 
 #[test]
 fn no_body_and_no_answer_is_a_bare_object() {
-    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(api::openapi()).unwrap();
     let mut bare = Vec::new();
     let mut seen = Vec::new();
     for (route, content, _) in contents(&document) {
@@ -244,7 +244,7 @@ fn no_body_and_no_answer_is_a_bare_object() {
 
 #[test]
 fn the_fields_of_bodies_have_bounds() {
-    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(api::openapi()).unwrap();
     let mut open = Vec::new();
     let mut seen = Vec::new();
     for (route, content, _) in contents(&document).into_iter().filter(|c| c.2) {
@@ -280,7 +280,7 @@ fn the_fields_of_bodies_have_bounds() {
 
 #[test]
 fn every_body_and_every_answer_has_an_example_with_the_fields_of_its_schema() {
-    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(api::openapi()).unwrap();
     let mut lacking = Vec::new();
     for (route, content, is_body) in contents(&document) {
         let example = &content["example"];
@@ -317,7 +317,7 @@ fn every_body_and_every_answer_has_an_example_with_the_fields_of_its_schema() {
 
 #[test]
 fn a_problem_lists_its_codes() {
-    let document: Value = serde_json::from_str(api::OPENAPI).unwrap();
+    let document: Value = serde_json::from_str(api::openapi()).unwrap();
     let codes = &document["components"]["schemas"]["Problem"]["properties"]["code"]["enum"];
     let codes = codes.as_array().unwrap();
     for code in [
