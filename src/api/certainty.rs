@@ -23,6 +23,7 @@ pub struct UncertainBody {
     /// Standard uncertainty with all known components, in the same unit.
     std: f64,
     /// k: the expanded uncertainty is k times `std`.
+    #[schema(required = false)]
     coverage_factor: f64,
 }
 

@@ -73,6 +73,9 @@ ScanState = Literal["planned", "waiting-for-operator", "running", "pausing", "pa
 ScatterVerdict = Literal["consistent", "too-large", "small"]
 """Whether the scatter is as large as stated."""
 
+SimulatedSurface = dict[str, Any]
+"""The surface that a simulated rig renders for a sample; a real rig ignores it."""
+
 TaskState = Literal["running", "completed", "failed", "cancelled", "interrupted"]
 """The state of a job."""
 
@@ -304,9 +307,17 @@ class FieldProblem(TypedDict):
     out_of_range: NotRequired[OutOfRange]
 
 
+class FileFingerprint(TypedDict):
+    """Size and hash of a file."""
+
+    bytes: int
+    sha256: str
+
+
 class Fit(TypedDict):
     """A fit: its request and its state; from `status` on its report, once it has completed"""
 
+    build: NotRequired[str]
     chi2_reduced: NotRequired[float | None]
     chi2_reduced_without_model: NotRequired[float | None]
     covariance: NotRequired[FitCovariance | None]
@@ -889,7 +900,7 @@ class Prior(TypedDict):
 class Problem(TypedDict):
     """A problem by RFC 9457 (`application/problem+json`)."""
 
-    code: str
+    code: Literal["analysis-failed", "bad-json", "bad-request", "body-too-large", "body-too-slow", "broken-off", "busy", "camera-failed", "camera-replaced", "camera-temperature", "data-folder-gone", "disk-full", "export-failed", "external-condition", "external-id-taken", "fit-not-started", "forbidden-host", "forbidden-origin", "forbidden-region", "frame-damaged", "frame-stale", "frame-unreadable", "frames-rejected", "homing-blocked", "host-suspended", "idempotency-mismatch", "internal", "invalid-value", "jog-ended", "lamp-failed", "lease-held", "lease-lost", "map-not-written", "method-not-allowed", "name-taken", "no-contrast", "no-fit", "no-lamp-switch", "no-map", "no-observations", "no-rig", "no-token", "no-trace", "not-by-proxy", "not-found", "not-judged", "other-stages", "other-step", "outside-limits", "plan-invalid", "point-skipped", "port-failed", "port-forbidden", "port-in-use", "port-missing", "port-not-serial", "port-unreachable", "queue-empty", "queue-waits", "reference-changed", "region-needed", "region-unknown", "role-too-low", "scan-interrupted", "scan-paused", "scan-unrecorded", "series-invalid", "stage-address-conflict", "stage-disagrees", "stage-disconnected", "stage-fault", "stage-foreign-traffic", "stage-homing-failed", "stage-interrupted", "stage-lost-steps", "stage-missed", "stage-no-scale", "stage-no-such-axis", "stage-not-carried-out", "stage-not-referenced", "stage-other-device", "stage-port-changed", "stage-power-cycled", "stage-protocol", "stage-refused", "stage-setting-wrong", "stage-settings-restored", "stage-silent", "stage-slipped", "stage-stalled", "stage-supply", "stage-timed-out", "stage-wrong-device", "stages-accepted", "stages-changed", "stages-pinned", "state-conflict", "stop-unconfirmed", "stopped", "stopping", "store-damaged", "store-failed", "store-in-use", "store-locked", "store-missing", "too-many-bodies", "too-many-connections", "too-many-guesses", "too-many-streams", "trace-not-written", "unknown-field", "version-conflict", "wrong-content-encoding", "wrong-content-type", "wrong-token"]
     detail: str
     errors: NotRequired[list[FieldProblem]]
     holder: NotRequired[HolderBody]
@@ -1118,7 +1129,7 @@ class SampleBody(TypedDict):
     material: MaterialBody
     name: str
     note: NotRequired[str | None]
-    simulated: NotRequired[dict[str, Any] | None]
+    simulated: NotRequired[SimulatedSurface | None]
 
 
 class ScanBody(TypedDict):
@@ -1193,7 +1204,7 @@ class SessionBody(TypedDict):
 class ShapeFile(TypedDict):
     """The part's own shape, measured: a profile or a height map (see `docs/reference/height-maps.md`)."""
 
-    content: str
+    content: FileContent
     height_unit_um: NotRequired[float | None]
     name: str
     pitch_um: NotRequired[Pitch | None]
@@ -1264,6 +1275,7 @@ class ToleranceLimits(TypedDict):
 class UncertainBody(TypedDict):
     """A parameter with its standard uncertainty."""
 
+    coverage_factor: NotRequired[float]
     std: float
     value: float
 
@@ -1293,6 +1305,10 @@ class WorkProgress(TypedDict):
     queued_position: NotRequired[int | None]
     stage: str
     time_left_s: NotRequired[float | None]
+
+
+FileContent = str | FileFingerprint
+"""The content of a file as it is described: base64 in a request, and what is kept of it in the request of a job."""
 
 
 StudiedResult = ResultOf | dict[str, Any]

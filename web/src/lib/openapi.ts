@@ -135,6 +135,28 @@ export interface components {
         };
         /** Format: binary */
         readonly Binary: string;
+        /** @description A column of a BiRD file. */
+        readonly BirdColumn: {
+            /** @description What the values are. */
+            readonly comments?: string | null;
+            /** @description Notation of the words. */
+            readonly notation?: string | null;
+            /** @description Unit of the values, where they have one. */
+            readonly unit?: string | null;
+            /** @description The values: numbers, or words of a notation. */
+            readonly values: readonly unknown[];
+        };
+        /** @description A file of the BiRD project's universal BRDF format, version 1.0. `metadata.schema` names the schema of the format. */
+        readonly BirdFile: {
+            /** @description Columns of equal length: directions in degrees, BRDF and its standard uncertainty in 1/sr. */
+            readonly data: {
+                readonly [key: string]: components["schemas"]["BirdColumn"];
+            };
+            /** @description What was measured, by whom and with what. */
+            readonly metadata: {
+                readonly [key: string]: unknown;
+            };
+        };
         /** @description A set of calibration frames. */
         readonly CalibrationBody: {
             /** @description When the frames were taken, RFC 3339 in UTC. */
@@ -189,6 +211,70 @@ export interface components {
             /**
              * Format: int32
              * @description Columns of a frame, px.
+             */
+            readonly width_px: number;
+        };
+        /** @description `[camera]`: how counts are made. */
+        readonly CameraFacts: {
+            /**
+             * Format: int32
+             * @description Bits of the converter.
+             */
+            readonly bit_depth?: number | null;
+            /**
+             * Format: double
+             * @description Count without light and without dark current; dark frames replace it.
+             */
+            readonly black_level_dn?: number | null;
+            /**
+             * Format: double
+             * @description From the centre of tilt to the camera's pupil, where it is finite and `[rig]` does not say.
+             */
+            readonly camera_distance_mm?: number | null;
+            /**
+             * Format: double
+             * @description Relative standard uncertainty of an exposure time, independent between exposure times.
+             */
+            readonly exposure_rel_std?: number | null;
+            /** @description Exposure times that the series has. */
+            readonly exposures_s?: readonly number[];
+            /**
+             * Format: double
+             * @description Height of the field.
+             */
+            readonly field_height_mm?: number | null;
+            /**
+             * Format: double
+             * @description Width of the field in the plane through the centre of tilt, across the view.
+             */
+            readonly field_width_mm?: number | null;
+            /**
+             * Format: double
+             * @description Counts per electron.
+             */
+            readonly gain_dn_per_electron: number;
+            /**
+             * Format: int32
+             * @description Rows of a frame.
+             */
+            readonly height_px: number;
+            /** @description Column and row of the foot of a near camera's optical axis. That of the centre of tilt by default. */
+            readonly principal_point_px?: readonly number[] | null;
+            /** @description `orthographic` (telecentric) or `perspective`. */
+            readonly projection?: string;
+            /**
+             * Format: double
+             * @description Read noise.
+             */
+            readonly read_noise_electrons_rms?: number | null;
+            /**
+             * Format: double
+             * @description Count at which a pixel is full; by default what `bit_depth` allows, else 65535.
+             */
+            readonly saturation_dn?: number | null;
+            /**
+             * Format: int32
+             * @description Columns of a frame.
              */
             readonly width_px: number;
         };
@@ -324,8 +410,7 @@ export interface components {
             readonly progress?: components["schemas"]["WorkProgress"] | null;
             /** @description Region of the frames; null for the whole frame. */
             readonly region?: string | null;
-            /** @description The request, as it was accepted. */
-            readonly request: Record<string, never>;
+            readonly request: components["schemas"]["ContrastRequest"];
             /**
              * Format: int64
              * @description Number of the part of that scan.
@@ -514,7 +599,8 @@ export interface components {
             readonly agrees: boolean;
             /**
              * Format: double
-             * @description Expanded divided by standard uncertainty: the larger one of the two results.
+             * @description Expanded divided by standard uncertainty: 2, or Student's t for 95.45 % where the degrees of freedom are fewer than
+             *     50. The lines that cancel have no part in them.
              */
             readonly coverage_factor: number;
             /**
@@ -626,8 +712,19 @@ export interface components {
             /** @description The value and its range, where it is out of one. */
             readonly out_of_range?: components["schemas"]["OutOfRange"];
         };
+        /** @description The content of a file as it is described: base64 in a request, and what is kept of it in the request of a job. */
+        readonly FileContent: string | components["schemas"]["FileFingerprint"];
+        /** @description Size and hash of a file. */
+        readonly FileFingerprint: {
+            /** @description Number of its bytes. */
+            readonly bytes: number;
+            /** @description SHA-256 of its bytes, hexadecimal. */
+            readonly sha256: string;
+        };
         /** @description A fit: its request and its state; from `status` on its report, once it has completed */
         readonly Fit: {
+            /** @description The same with the commit of the build; empty in fits of programs that did not state it. */
+            readonly build?: string;
             /**
              * Format: double
              * @description χ² per degree of freedom with the model error among the uncertainties.
@@ -876,7 +973,8 @@ export interface components {
             } | null;
             /**
              * Format: double
-             * @description Expanded uncertainty divided by standard uncertainty.
+             * @description k, the expanded uncertainty divided by the standard uncertainty: 2, or Student's t for 95.45 % where the degrees of
+             *     freedom are fewer than 50.
              */
             readonly coverage_factor?: number | null;
             /**
@@ -933,6 +1031,8 @@ export interface components {
         readonly FitReferencePlane: "turntable" | "sample";
         /** @description The complete result. */
         readonly FitReport: {
+            /** @description The same with the commit of the build; empty in fits of programs that did not state it. */
+            readonly build?: string;
             /**
              * Format: double
              * @description χ² per degree of freedom with the model error among the uncertainties.
@@ -1217,6 +1317,19 @@ export interface components {
              * @description Camera tilt as recorded.
              */
             readonly theta_c_deg: number;
+        };
+        /** @description `[flat]`: the white reference. */
+        readonly FlatFacts: {
+            /**
+             * Format: double
+             * @description Diffuse reflectance from the certificate; without one the flats give no absolute scale.
+             */
+            readonly reflectance?: number | null;
+            /**
+             * Format: double
+             * @description Its standard uncertainty.
+             */
+            readonly reflectance_std?: number | null;
         };
         /** @description White-reference frames of a plan. */
         readonly FlatPlan: {
@@ -1909,8 +2022,7 @@ export interface components {
                 readonly progress?: components["schemas"]["WorkProgress"] | null;
                 /** @description Region of the frames; null for the whole frame. */
                 readonly region?: string | null;
-                /** @description The request, as it was accepted. */
-                readonly request: Record<string, never>;
+                readonly request: components["schemas"]["ContrastRequest"];
                 /**
                  * Format: int64
                  * @description Number of the part of that scan.
@@ -1946,6 +2058,8 @@ export interface components {
             readonly damaged?: readonly components["schemas"]["DamagedBody"][];
             /** @description The rows of this page. */
             readonly items: readonly {
+                /** @description The same with the commit of the build; empty in fits of programs that did not state it. */
+                readonly build?: string;
                 /**
                  * Format: double
                  * @description χ² per degree of freedom with the model error among the uncertainties.
@@ -2236,8 +2350,7 @@ export interface components {
                 readonly progress?: components["schemas"]["WorkProgress"] | null;
                 /** @description Frames that were rejected. */
                 readonly rejected_frames?: readonly components["schemas"]["FrameRejected"][];
-                /** @description The request, as it was accepted. */
-                readonly request: Record<string, never>;
+                readonly request: components["schemas"]["MapRequest"];
                 /**
                  * Format: int64
                  * @description Number of the part of that scan.
@@ -2392,8 +2505,7 @@ export interface components {
                 readonly name: string;
                 /** @description Free text. */
                 readonly note?: string | null;
-                /** @description How a simulated rig renders it; null on a real rig. */
-                readonly simulated?: Record<string, never> | null;
+                readonly simulated?: components["schemas"]["SimulatedSurface"] | null;
             }[];
             /** @description `cursor` of the next page; null at the end. */
             readonly next_cursor?: string | null;
@@ -2554,8 +2666,7 @@ export interface components {
                  * @description Relative error of the reflected bins, root mean square ([`Totals::relative_error`]).
                  */
                 readonly relative_error?: number | null;
-                /** @description The request, as it was accepted. */
-                readonly request: Record<string, never>;
+                readonly request: components["schemas"]["TraceRequest"];
                 /** @description Effective ridge angles of the interfaces that have one. */
                 readonly ridge_angles?: readonly components["schemas"]["RidgeAngle"][];
                 /**
@@ -2640,8 +2751,7 @@ export interface components {
                 readonly reference_plane?: components["schemas"]["FitReferencePlane"];
                 /** @description Region of the part. */
                 readonly region?: string | null;
-                /** @description The request, as it was accepted. */
-                readonly request: Record<string, never>;
+                readonly request: components["schemas"]["VerdictRequest"];
                 /**
                  * Format: int64
                  * @description Number of the part of that scan.
@@ -2749,8 +2859,7 @@ export interface components {
             readonly progress?: components["schemas"]["WorkProgress"] | null;
             /** @description Frames that were rejected. */
             readonly rejected_frames?: readonly components["schemas"]["FrameRejected"][];
-            /** @description The request, as it was accepted. */
-            readonly request: Record<string, never>;
+            readonly request: components["schemas"]["MapRequest"];
             /**
              * Format: int64
              * @description Number of the part of that scan.
@@ -2864,6 +2973,62 @@ export interface components {
              */
             readonly target_error?: number | null;
         };
+        /** @description The object of `map --json`. */
+        readonly MapResult: {
+            /**
+             * Format: double
+             * @description Usual χ² per degree of freedom; pixels' uncertainties are scaled by its square root.
+             */
+            readonly chi2_reduced_usual: number;
+            /** @description Connected areas that differ from the rest, the largest first. */
+            readonly defects: readonly components["schemas"]["MapDefect"][];
+            /**
+             * Format: double
+             * @description Evaluations of all observations per fitted pixel.
+             */
+            readonly evaluations_per_pixel: number;
+            /** @description Files written, relative to the output folder. */
+            readonly files: readonly string[];
+            /** @description The bit of each flag in `flags.tif`; a pixel's value is the sum of its flags' bits. */
+            readonly flag_bits: {
+                readonly [key: string]: number;
+            };
+            /** @description Pixels per flag. */
+            readonly flags: {
+                readonly [key: string]: number;
+            };
+            /** @description Lean directions that many pixels share. */
+            readonly lean_directions: readonly components["schemas"]["MapLean"][];
+            /** @description What the model omits, why, and at which cost. */
+            readonly left_out: readonly components["schemas"]["WorkLeftOut"][];
+            /** @description Poses, which are the observations per pixel without masks. */
+            readonly observations_per_pixel: number;
+            /** @description By layer name; a lean direction has no median where several are common (`lean_directions`). */
+            readonly parameters: {
+                readonly [key: string]: components["schemas"]["MapSpread"];
+            };
+            /** @description Pixels that were fitted. */
+            readonly pixels: number;
+            /** @description Pixels that were not reached within the time limit. */
+            readonly pixels_left_out: number;
+            /**
+             * Format: double
+             * @description `pixels` over the seconds of the fit, on all cores.
+             */
+            readonly pixels_per_s: number;
+            /** @description Pixels that have values. */
+            readonly pixels_with_value: number;
+            /** @description Name and version of the program. */
+            readonly program: string;
+            /** @description Frames that were rejected. */
+            readonly rejected_frames: readonly components["schemas"]["FrameRejected"][];
+            /** @description What all pixels share. */
+            readonly shared: components["schemas"]["MapShared"];
+            /** @description Seconds per step. */
+            readonly timing_s: components["schemas"]["MapTiming"];
+            /** @description Warnings for the user. */
+            readonly warnings: readonly string[];
+        };
         /** @description Shared quantities in a summary; see [`super::Globals`]. */
         readonly MapShared: {
             /**
@@ -2953,6 +3118,44 @@ export interface components {
              */
             readonly write: number;
         };
+        /** @description Complex refractive index N = n + ik (convention exp(−iωt)) with standard uncertainties. */
+        readonly Material: {
+            /**
+             * Format: double
+             * @description Index of refraction n.
+             */
+            readonly eta: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty of n.
+             */
+            readonly eta_std: number;
+            /** @enum {string} */
+            readonly kind: "dielectric";
+        } | {
+            /**
+             * Format: double
+             * @description Real part n.
+             */
+            readonly eta: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty of n.
+             */
+            readonly eta_std: number;
+            /**
+             * Format: double
+             * @description Imaginary part k ≥ 0.
+             */
+            readonly k: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty of k.
+             */
+            readonly k_std: number;
+            /** @enum {string} */
+            readonly kind: "conductor";
+        };
         /** @description Nominal material: complex index N = n + ik with standard uncertainties. */
         readonly MaterialBody: {
             /**
@@ -3022,7 +3225,7 @@ export interface components {
             /** @description Names that it had, oldest first. */
             readonly earlier_names: readonly components["schemas"]["Earlier"][];
             /** @description Nominal material with standard uncertainties. */
-            readonly material: Record<string, never>;
+            readonly material: components["schemas"]["Material"];
             /** @description Its name. */
             readonly name: string;
             /** @description Its note. */
@@ -3104,8 +3307,7 @@ export interface components {
             readonly rig: components["schemas"]["MeasuringRig"];
             readonly scan?: components["schemas"]["MeasuredScan"] | null;
             readonly verdict?: components["schemas"]["ReportedVerdict"] | null;
-            /** @description The white reference. */
-            readonly white_reference?: Record<string, never> | null;
+            readonly white_reference?: components["schemas"]["FlatFacts"] | null;
         };
         /** @description All measurements. */
         readonly Measurements: {
@@ -3121,11 +3323,11 @@ export interface components {
         /** @description The rig as the scan used it. */
         readonly MeasuringRig: {
             /** @description How the camera makes counts. */
-            readonly camera: Record<string, never>;
+            readonly camera: components["schemas"]["CameraFacts"];
             /** @description Serial number of the camera, where its program states one. */
             readonly camera_serial?: string | null;
             /** @description Where lamp and camera are, with the stated uncertainties. */
-            readonly geometry: Record<string, never>;
+            readonly geometry: components["schemas"]["RigFacts"];
             /** @description Lowest and highest temperature of the sensor, °C, where the camera's program states it. */
             readonly sensor_temperature_c?: readonly number[] | null;
             /** @description Whether it was simulated. */
@@ -3372,8 +3574,8 @@ export interface components {
             /** @description The person at the rig, at most 200 characters. */
             readonly operator_name?: string | null;
             /**
-             * @description Name of the part in place of its number. The newest part of this name is taken; a new name adds a part with the
-             *     material of the recipe.
+             * @description Name of the part in place of its number. A name of several parts is refused; a new name adds a part with the material
+             *     of the recipe.
              */
             readonly part?: string | null;
             /** @description The recipe, by name or number. Its newest version at the start of the scan counts. */
@@ -3748,8 +3950,11 @@ export interface components {
         };
         /** @description A problem by RFC 9457 (`application/problem+json`). */
         readonly Problem: {
-            /** @description Stable word for programs. */
-            readonly code: string;
+            /**
+             * @description Stable word for programs.
+             * @enum {string}
+             */
+            readonly code: "analysis-failed" | "bad-json" | "bad-request" | "body-too-large" | "body-too-slow" | "broken-off" | "busy" | "camera-failed" | "camera-replaced" | "camera-temperature" | "data-folder-gone" | "disk-full" | "export-failed" | "external-condition" | "external-id-taken" | "fit-not-started" | "forbidden-host" | "forbidden-origin" | "forbidden-region" | "frame-damaged" | "frame-stale" | "frame-unreadable" | "frames-rejected" | "homing-blocked" | "host-suspended" | "idempotency-mismatch" | "internal" | "invalid-value" | "jog-ended" | "lamp-failed" | "lease-held" | "lease-lost" | "map-not-written" | "method-not-allowed" | "name-taken" | "no-contrast" | "no-fit" | "no-lamp-switch" | "no-map" | "no-observations" | "no-rig" | "no-token" | "no-trace" | "not-by-proxy" | "not-found" | "not-judged" | "other-stages" | "other-step" | "outside-limits" | "plan-invalid" | "point-skipped" | "port-failed" | "port-forbidden" | "port-in-use" | "port-missing" | "port-not-serial" | "port-unreachable" | "queue-empty" | "queue-waits" | "reference-changed" | "region-needed" | "region-unknown" | "role-too-low" | "scan-interrupted" | "scan-paused" | "scan-unrecorded" | "series-invalid" | "stage-address-conflict" | "stage-disagrees" | "stage-disconnected" | "stage-fault" | "stage-foreign-traffic" | "stage-homing-failed" | "stage-interrupted" | "stage-lost-steps" | "stage-missed" | "stage-no-scale" | "stage-no-such-axis" | "stage-not-carried-out" | "stage-not-referenced" | "stage-other-device" | "stage-port-changed" | "stage-power-cycled" | "stage-protocol" | "stage-refused" | "stage-setting-wrong" | "stage-settings-restored" | "stage-silent" | "stage-slipped" | "stage-stalled" | "stage-supply" | "stage-timed-out" | "stage-wrong-device" | "stages-accepted" | "stages-changed" | "stages-pinned" | "state-conflict" | "stop-unconfirmed" | "stopped" | "stopping" | "store-damaged" | "store-failed" | "store-in-use" | "store-locked" | "store-missing" | "too-many-bodies" | "too-many-connections" | "too-many-guesses" | "too-many-streams" | "trace-not-written" | "unknown-field" | "version-conflict" | "wrong-content-encoding" | "wrong-content-type" | "wrong-token";
             /** @description What is wrong, and what to do. */
             readonly detail: string;
             /** @description Each wrong value, where the problem is about values. */
@@ -4110,8 +4315,7 @@ export interface components {
              * @description Number of the fit in the store.
              */
             readonly id?: number | null;
-            /** @description The request, as it was accepted. */
-            readonly request: Record<string, never>;
+            readonly request: components["schemas"]["FitRequest"];
             /** @description Who started it. */
             readonly who?: string | null;
         };
@@ -4181,7 +4385,7 @@ export interface components {
             readonly program: string;
         };
         /** @description The verdict. */
-        readonly ReportedVerdict: Record<string, never> & {
+        readonly ReportedVerdict: components["schemas"]["VerdictResult"] & {
             /** @description When it was requested, RFC 3339 in UTC. */
             readonly created_at: string;
             /** @description When it ended. */
@@ -4191,8 +4395,7 @@ export interface components {
              * @description Number of the verdict in the store.
              */
             readonly id: number;
-            /** @description The request with the whole specification. */
-            readonly request: Record<string, never>;
+            readonly request: components["schemas"]["VerdictRequest"];
             /** @description Who asked for it. */
             readonly who: string;
         };
@@ -4767,6 +4970,102 @@ export interface components {
              */
             readonly time_scale: number;
         };
+        /** @description `[rig]`: where lamp and camera stand. */
+        readonly RigFacts: {
+            /**
+             * Format: double
+             * @description Added to the recorded φs it gives the azimuth of v.
+             */
+            readonly azimuth_zero_deg?: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty of where v stands at a recorded φs: of `azimuth_zero_deg`, and of how a sample is laid down.
+             */
+            readonly azimuth_zero_std_deg?: number | null;
+            /** @description `infinity` or `finite`. */
+            readonly camera_distance?: string | null;
+            /**
+             * Format: double
+             * @description From the centre of tilt to the camera's pupil, where it is finite.
+             */
+            readonly camera_distance_mm?: number | null;
+            /**
+             * Format: double
+             * @description Relative standard uncertainty that the lamp's drift between white reference and sample gives the signals.
+             */
+            readonly lamp_drift_std?: number | null;
+            /**
+             * Format: double
+             * @description Half angle of the lens's pupil seen from the sample; its sine is the numerical aperture there. A point
+             *     where neither this nor `lens_radius_mm` is stated.
+             */
+            readonly lens_angular_radius_deg?: number | null;
+            /**
+             * Format: double
+             * @description Radius of the lens's pupil, where its distance is finite.
+             */
+            readonly lens_radius_mm?: number | null;
+            /**
+             * Format: double
+             * @description Half angle of the lamp seen from the sample.
+             */
+            readonly light_angular_radius_deg?: number | null;
+            /**
+             * Format: double
+             * @description Azimuth φl of the lamp about the camera's axis; 0 in the tilt plane.
+             */
+            readonly light_azimuth_deg?: number;
+            /** @description `infinity` or `finite`. */
+            readonly light_distance?: string | null;
+            /**
+             * Format: double
+             * @description From the centre of tilt to the lamp, where it is finite.
+             */
+            readonly light_distance_mm?: number | null;
+            /**
+             * Format: double
+             * @description Radius of the lamp, where its distance is finite.
+             */
+            readonly light_radius_mm?: number | null;
+            /**
+             * Format: double
+             * @description The same of the recorded φs: of the stage's zero, and of its error once round.
+             */
+            readonly phi_s_std_deg?: number | null;
+            /** @description Column and row at which the rotation axis meets the sample at θc = 0. That of the centre of tilt by default. */
+            readonly rotation_axis_px?: readonly number[] | null;
+            /**
+             * Format: double
+             * @description Standard uncertainty of how a sample's mean plane is inclined to the turntable, along any direction.
+             */
+            readonly sample_wedge_std_deg?: number | null;
+            /**
+             * Format: double
+             * @description Standard uncertainty of the recorded θc that is left once a fit knows the tilt's offset: of the stage's zero, and of
+             *     its error at the ends of the range of tilts.
+             */
+            readonly theta_c_std_deg?: number | null;
+            /**
+             * Format: double
+             * @description Angle θl between lamp and camera.
+             */
+            readonly theta_l_deg: number;
+            /**
+             * Format: double
+             * @description Standard uncertainty of `theta_l_deg`.
+             */
+            readonly theta_l_std_deg?: number | null;
+            /**
+             * @description Column and row of the point about which camera and lamp tilt; (0, 0) is the outer corner of the first pixel. The
+             *     frame's centre by default.
+             */
+            readonly tilt_centre_px?: readonly number[] | null;
+            /**
+             * Format: double
+             * @description Wavelength of the lamp.
+             */
+            readonly wavelength_nm?: number | null;
+        };
         /** @description What is wrong with the stages. */
         readonly RigProblem: {
             /** @description Stable word. */
@@ -4796,8 +5095,7 @@ export interface components {
             readonly name: string;
             /** @description Free text. */
             readonly note?: string | null;
-            /** @description How a simulated rig renders it; null on a real rig. */
-            readonly simulated?: Record<string, never> | null;
+            readonly simulated?: components["schemas"]["SimulatedSurface"] | null;
         };
         /** @description A part to add. */
         readonly SampleRequest: {
@@ -4807,11 +5105,7 @@ export interface components {
             readonly name: string;
             /** @description Free text. */
             readonly note?: string | null;
-            /**
-             * @description How a simulated rig renders it: `{"surface": "traced"}` or
-             *     `{"surface": "model", "theta_r_deg", "alpha_u", "alpha_v", "rho_d"}`.
-             */
-            readonly simulated?: Record<string, never> | null;
+            readonly simulated?: components["schemas"]["SimulatedSurface"] | null;
         };
         /** @description A scan. */
         readonly ScanBody: {
@@ -5028,7 +5322,7 @@ export interface components {
         /** @description The part's own shape, measured: a profile or a height map (see `docs/reference/height-maps.md`). */
         readonly ShapeFile: {
             /** @description Content, base64. */
-            readonly content: string;
+            readonly content: components["schemas"]["FileContent"];
             /**
              * Format: double
              * @description Micrometres per unit of height, if the file does not state it.
@@ -5059,6 +5353,34 @@ export interface components {
              * @description Estimate.
              */
             readonly value: number;
+        };
+        /** @description The surface that a simulated rig renders for a sample; a real rig ignores it. */
+        readonly SimulatedSurface: {
+            /** @enum {string} */
+            readonly surface: "traced";
+        } | {
+            /**
+             * Format: double
+             * @description Roughness along the ridges.
+             */
+            readonly alpha_u: number;
+            /**
+             * Format: double
+             * @description Roughness across the ridges.
+             */
+            readonly alpha_v: number;
+            /**
+             * Format: double
+             * @description Diffuse reflectance seen outside.
+             */
+            readonly rho_d: number;
+            /** @enum {string} */
+            readonly surface: "model";
+            /**
+             * Format: double
+             * @description Ridge angle.
+             */
+            readonly theta_r_deg: number;
         };
         /** @description Limits and decision rule of one kind of part. */
         readonly Specification: {
@@ -5134,6 +5456,8 @@ export interface components {
             /** @description The controller of the camera tilt. */
             readonly theta_c: components["schemas"]["ControllerBody"];
         };
+        /** @description A specification, or the name or number of a stored one. For the description: a refusal names the wrong key of a content. */
+        readonly StatedSpecification: components["schemas"]["Specification"] | components["schemas"]["NameOrId"];
         /** @description Stray light as radiance where the scale is absolute, otherwise in the unit of the signals. */
         readonly StrayLight: {
             /**
@@ -5278,8 +5602,7 @@ export interface components {
              * @description Relative error of the reflected bins, root mean square ([`Totals::relative_error`]).
              */
             readonly relative_error?: number | null;
-            /** @description The request, as it was accepted. */
-            readonly request: Record<string, never>;
+            readonly request: components["schemas"]["TraceRequest"];
             /** @description Effective ridge angles of the interfaces that have one. */
             readonly ridge_angles?: readonly components["schemas"]["RidgeAngle"][];
             /**
@@ -5359,13 +5682,32 @@ export interface components {
             /** @description Given up. */
             readonly truncated: components["schemas"]["MonteCarloEstimate"];
         };
+        /** @description The file `plane.json` of a trace: light in the plane of incidence. */
+        readonly TracePlane: {
+            /** @description Reflected light by direction, where there is some. */
+            readonly lobe?: readonly {
+                readonly [key: string]: unknown;
+            }[] | null;
+            /** @description Readings of the virtual ellipsometer by direction, where there are some. */
+            readonly points?: readonly {
+                readonly [key: string]: unknown;
+            }[] | null;
+            /** @description Settings of the polarisers before the camera. */
+            readonly settings: readonly {
+                readonly [key: string]: unknown;
+            }[];
+            /** @description States of the lamp, the scene's first. */
+            readonly states: readonly {
+                readonly [key: string]: unknown;
+            }[];
+        };
         /** @description A request for a trace. */
         readonly TraceRequest: {
             /** @description Trace every path with and without polarisation, and report where the latter is wrong. */
             readonly compare?: boolean;
             /** @description Files that the scene names, by `path`. */
             readonly files?: {
-                readonly [key: string]: string;
+                readonly [key: string]: components["schemas"]["FileContent"];
             };
             /**
              * Format: double
@@ -5405,6 +5747,11 @@ export interface components {
         readonly UncertainBody: {
             /**
              * Format: double
+             * @description k: the expanded uncertainty is k times `std`.
+             */
+            readonly coverage_factor?: number;
+            /**
+             * Format: double
              * @description Standard uncertainty with all known components, in the same unit.
              */
             readonly std: number;
@@ -5416,6 +5763,11 @@ export interface components {
         };
         /** @description A fitted parameter in passing. */
         readonly UncertainValue: {
+            /**
+             * Format: double
+             * @description k: its expanded uncertainty divided by the standard uncertainty.
+             */
+            readonly coverage_factor?: number;
             /**
              * Format: double
              * @description Standard uncertainty with everything known in it.
@@ -5538,8 +5890,7 @@ export interface components {
             readonly reference_plane?: components["schemas"]["FitReferencePlane"];
             /** @description Region of the part. */
             readonly region?: string | null;
-            /** @description The request, as it was accepted. */
-            readonly request: Record<string, never>;
+            readonly request: components["schemas"]["VerdictRequest"];
             /**
              * Format: int64
              * @description Number of the part of that scan.
@@ -5593,7 +5944,7 @@ export interface components {
              */
             readonly scan_id: number;
             /** @description The specification: name, limits by quantity, accepted risks; or the name or number of a stored one. */
-            readonly specification: Record<string, never>;
+            readonly specification: components["schemas"]["StatedSpecification"];
             /**
              * Format: double
              * @description Stop the ray tracer once its standard error, as a share of the largest radiance, is below this.
@@ -5606,6 +5957,25 @@ export interface components {
             readonly tolerance?: number | null;
             /** @description Variant that the verdict rests on; by default the better one. */
             readonly variant?: components["schemas"]["VariantChoice"];
+        };
+        /** @description A judgement and the fit that it is based on. */
+        readonly VerdictResult: components["schemas"]["Judgement"] & {
+            /** @description Tilts over which the contrasts are averaged, degrees; null where no contrast is limited. */
+            readonly contrast_theta_c_deg?: readonly number[] | null;
+            /** @description Effects that the fit omits, why, and their possible effect on the result. */
+            readonly left_out?: readonly components["schemas"]["WorkLeftOut"][];
+            /** @description Name and version of the program. */
+            readonly program: string;
+            /** @description The plane to which θr and the azimuth refer. */
+            readonly reference_plane?: components["schemas"]["FitReferencePlane"];
+            /** @description Region of the part. */
+            readonly region?: string | null;
+            /** @description How the fit ended. */
+            readonly status: components["schemas"]["FitStatus"];
+            /** @description Seconds of reading, reducing and fitting. */
+            readonly timing_s?: components["schemas"]["FitTiming"];
+            /** @description Variant of the model. */
+            readonly variant: components["schemas"]["FitVariantName"];
         };
         /**
          * @description The result for one limit, or for all of them.
@@ -5933,8 +6303,11 @@ export type AxisBody = components['schemas']['AxisBody'];
 export type AxisEvent = components['schemas']['AxisEvent'];
 export type Begun = components['schemas']['Begun'];
 export type Binary = components['schemas']['Binary'];
+export type BirdColumn = components['schemas']['BirdColumn'];
+export type BirdFile = components['schemas']['BirdFile'];
 export type CalibrationBody = components['schemas']['CalibrationBody'];
 export type CameraBody = components['schemas']['CameraBody'];
+export type CameraFacts = components['schemas']['CameraFacts'];
 export type CertaintyBody = components['schemas']['CertaintyBody'];
 export type ComparedLine = components['schemas']['ComparedLine'];
 export type ComparedParameter = components['schemas']['ComparedParameter'];
@@ -5964,6 +6337,8 @@ export type EstimateBody = components['schemas']['EstimateBody'];
 export type Event = components['schemas']['Event'];
 export type EventAxes = components['schemas']['EventAxes'];
 export type FieldProblem = components['schemas']['FieldProblem'];
+export type FileContent = components['schemas']['FileContent'];
+export type FileFingerprint = components['schemas']['FileFingerprint'];
 export type Fit = components['schemas']['Fit'];
 export type FitAcross = components['schemas']['FitAcross'];
 export type FitCovariance = components['schemas']['FitCovariance'];
@@ -5987,6 +6362,7 @@ export type FitTracerEnd = components['schemas']['FitTracerEnd'];
 export type FitVariant = components['schemas']['FitVariant'];
 export type FitVariantName = components['schemas']['FitVariantName'];
 export type FittedPoint = components['schemas']['FittedPoint'];
+export type FlatFacts = components['schemas']['FlatFacts'];
 export type FlatPlan = components['schemas']['FlatPlan'];
 export type FlatRequest = components['schemas']['FlatRequest'];
 export type Forecast = components['schemas']['Forecast'];
@@ -6044,9 +6420,11 @@ export type MapDefect = components['schemas']['MapDefect'];
 export type MapDeviation = components['schemas']['MapDeviation'];
 export type MapLean = components['schemas']['MapLean'];
 export type MapRequest = components['schemas']['MapRequest'];
+export type MapResult = components['schemas']['MapResult'];
 export type MapShared = components['schemas']['MapShared'];
 export type MapSpread = components['schemas']['MapSpread'];
 export type MapTiming = components['schemas']['MapTiming'];
+export type Material = components['schemas']['Material'];
 export type MaterialBody = components['schemas']['MaterialBody'];
 export type MeanAtRidge = components['schemas']['MeanAtRidge'];
 export type MeanAtTilt = components['schemas']['MeanAtTilt'];
@@ -6121,6 +6499,7 @@ export type RidgeAngle = components['schemas']['RidgeAngle'];
 export type RidgeFacts = components['schemas']['RidgeFacts'];
 export type RigActivity = components['schemas']['RigActivity'];
 export type RigBody = components['schemas']['RigBody'];
+export type RigFacts = components['schemas']['RigFacts'];
 export type RigProblem = components['schemas']['RigProblem'];
 export type Role = components['schemas']['Role'];
 export type SampleBody = components['schemas']['SampleBody'];
@@ -6138,11 +6517,13 @@ export type SessionBody = components['schemas']['SessionBody'];
 export type ShapeFile = components['schemas']['ShapeFile'];
 export type SharedLine = components['schemas']['SharedLine'];
 export type ShortValue = components['schemas']['ShortValue'];
+export type SimulatedSurface = components['schemas']['SimulatedSurface'];
 export type Specification = components['schemas']['Specification'];
 export type SpecificationBody = components['schemas']['SpecificationBody'];
 export type SpecificationChange = components['schemas']['SpecificationChange'];
 export type StageController = components['schemas']['StageController'];
 export type StagesBody = components['schemas']['StagesBody'];
+export type StatedSpecification = components['schemas']['StatedSpecification'];
 export type StrayLight = components['schemas']['StrayLight'];
 export type StudiedResult = components['schemas']['StudiedResult'];
 export type SuggestionBody = components['schemas']['SuggestionBody'];
@@ -6152,6 +6533,7 @@ export type ToleranceLimits = components['schemas']['ToleranceLimits'];
 export type Trace = components['schemas']['Trace'];
 export type TraceBetween = components['schemas']['TraceBetween'];
 export type TraceEnergy = components['schemas']['TraceEnergy'];
+export type TracePlane = components['schemas']['TracePlane'];
 export type TraceRequest = components['schemas']['TraceRequest'];
 export type TraceSurfaces = components['schemas']['TraceSurfaces'];
 export type UncertainBody = components['schemas']['UncertainBody'];
@@ -6164,6 +6546,7 @@ export type VarianceSource = components['schemas']['VarianceSource'];
 export type VariantChoice = components['schemas']['VariantChoice'];
 export type Verdict = components['schemas']['Verdict'];
 export type VerdictRequest = components['schemas']['VerdictRequest'];
+export type VerdictResult = components['schemas']['VerdictResult'];
 export type VerdictWord = components['schemas']['VerdictWord'];
 export type WayToDecide = components['schemas']['WayToDecide'];
 export type WhatHappened = components['schemas']['WhatHappened'];
