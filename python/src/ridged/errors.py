@@ -146,13 +146,15 @@ def problem_of(answer: httpx.Response) -> Problem:
         body.setdefault("title", answer.reason_phrase)
         return cast("Problem", body)
     start = answer.text[:200].strip()
-    return {
+    foreign = {
         "type": "about:blank",
         "title": answer.reason_phrase,
         "status": answer.status_code,
+        # No daemon answers with this code.
         "code": "not-ridged",
         "detail": f"{answer.url.host} answered {answer.status_code} {answer.reason_phrase}, not as ridged does: {start!r}",
     }
+    return cast("Problem", foreign)
 
 
 def refusal(answer: httpx.Response) -> Refused:
