@@ -91,7 +91,7 @@ test-e2e: web
 
 web: web/dist/index.html  ## The page, built into web/dist
 
-web/dist/index.html: web/node_modules/.installed $(shell find web/src scenes web/index.html web/*.ts web/*.css docs 2>/dev/null)
+web/dist/index.html: web/node_modules/.installed $(shell find web/src scenes web/index.html web/*.ts web/*.css -type f 2>/dev/null; find docs -name '*.md')
 	cd web && npm run build
 
 web/node_modules/.installed: web/package.json web/package-lock.json
