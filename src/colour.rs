@@ -10,8 +10,8 @@ use std::sync::LazyLock;
 /// An sRGB colour.
 pub type Rgb = [u8; 3];
 
-/// Steps of a scale; neighbours differ by one or two of 255 in a channel at most.
-const STEPS: usize = 1024;
+/// Steps of a scale; neighbours differ by two of 255 in a channel at most.
+const STEPS: usize = 4096;
 
 /// A scale over [0, 1], by steps: a picture asks for the colour of each of its pixels.
 type Steps = LazyLock<Vec<Rgb>>;

@@ -482,7 +482,11 @@ fn a_stated_lamp_angle_error_is_in_the_budget_and_an_unstated_one_is_listed_as_l
         ..bare.clone()
     };
     let [without, with] = [&bare, &stated].map(fitted);
-    let listed = |r: &super::FitReport| r.left_out.iter().any(|l| l.what.contains("theta_l"));
+    let listed = |r: &super::FitReport| {
+        r.left_out
+            .iter()
+            .any(|l| l.what.contains("lamp and camera"))
+    };
     assert!(listed(&without) && !listed(&with));
     // The line of the budget equals the result of a fit to the same signals with the lamp moved.
     let moved = fitted(&bare.with_lamp_moved(Angle::from_deg(std)));
