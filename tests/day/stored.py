@@ -70,7 +70,7 @@ def of_row(get: Get, data: Path, row: dict[str, Any]) -> dict[str, Any]:
             "camera_serial": frames[0]["tag"]["serial"],
         },
         "white_reference": manifest["flat"],
-        "calibrations": [made | {"age_h": hours(made["created_at"], scan["started_at"])} for made in calibrations],
+        "calibrations": [made | {"age_h": max(0.0, hours(made["created_at"], scan["started_at"]))} for made in calibrations],
         "fit": fit | {"computed_by": fitted_by},
         "absolute": observations["absolute"],
         "observations": observations["items"],

@@ -101,7 +101,9 @@ async fn the_surface_of_a_fit_is_a_tensor_file_that_states_where_it_comes_from()
     assert_eq!(&file[..18], b"tensor_file\0\x01\x00\x0a\x00\x00\x00");
     let angle = &fit["parameters"]["theta_r_deg"]["value"];
     let angle = angle.as_f64().unwrap();
-    let origin = format!("scan 1, fit 1 (paper) by ridged 0.1.0; theta_r {angle:.4} deg");
+    let program = fit["build"].as_str().unwrap();
+    assert!(program.starts_with("ridged 0.1.0 ("), "{program}");
+    let origin = format!("scan 1, fit 1 (paper) by {program}; theta_r {angle:.4} deg");
     let text = String::from_utf8_lossy(&file[..4000]);
     assert!(text.contains(&origin), "{text}");
     let of_fit = download(&router, &format!("{path}?fit_id=1")).await;

@@ -26,12 +26,12 @@ fn sawtooth() -> FitOptions {
     }
 }
 
-/// Asserts that a parameter's true value is within its expanded uncertainty, and that this is below `expanded_most`.
-fn holds(name: &str, found: &Parameter, truth: f64, expanded_most: f64) {
-    let (value, expanded) = (found.value.unwrap(), found.expanded.unwrap());
+/// Asserts that a parameter's true value is within two standard uncertainties, and that these are below `twice_most`.
+fn holds(name: &str, found: &Parameter, truth: f64, twice_most: f64) {
+    let (value, twice) = (found.value.unwrap(), 2.0 * found.std.unwrap());
     assert!(
-        (value - truth).abs() < expanded && expanded < expanded_most,
-        "{name}: {value} ± {expanded} for {truth}"
+        (value - truth).abs() < twice && twice < twice_most,
+        "{name}: {value} ± {twice} for {truth}"
     );
 }
 

@@ -9,6 +9,7 @@ mod order;
 
 use serde::{Deserialize, Serialize};
 
+use crate::wording::stated;
 use crate::wording::toml_text::{self, Refused};
 
 pub use check::{PlanError, PlanProblem, TravelLimits};
@@ -66,7 +67,10 @@ impl Values {
                     problems.push(PlanProblem::new(
                         field,
                         format!(
-                            "a grid needs from ≤ to and a positive step, all within ±{ANGLE_DEG_MAX}, not {from}, {to}, {step}"
+                            "a grid needs from ≤ to and a positive step, all within ±{ANGLE_DEG_MAX}, not {}, {}, {}",
+                            stated(*from),
+                            stated(*to),
+                            stated(*step)
                         ),
                     ));
                     return Vec::new();
