@@ -191,7 +191,7 @@ pub struct UsedCalibration {
     pub n_frames: u32,
     /// When the frames were taken, RFC 3339 in UTC.
     pub created_at: String,
-    /// Age at the start of the scan, h; negative for frames that the scan took itself.
+    /// Age at the start of the scan, h; 0 for frames that the scan took itself.
     pub age_h: Option<f64>,
 }
 

@@ -5783,7 +5783,7 @@ export interface components {
         readonly UsedCalibration: {
             /**
              * Format: double
-             * @description Age at the start of the scan, h; negative for frames that the scan took itself.
+             * @description Age at the start of the scan, h; 0 for frames that the scan took itself.
              */
             readonly age_h?: number | null;
             /** @description When the frames were taken, RFC 3339 in UTC. */
