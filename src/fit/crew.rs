@@ -18,11 +18,9 @@ use super::lean::{self, COLUMNS, N, Optics, ROW, Row};
 use super::problem::{Problem, Values};
 use super::solver::Bounds;
 use crate::model::Variant;
-use crate::model::lanes::{Lane, Numbers};
+use crate::model::lanes::{Lane, Numbers, WIDEST};
 
 const PACKED: usize = N * (N + 1) / 2;
-/// Largest number of lanes of any register.
-pub(super) const WIDEST: usize = 8;
 /// Maximum evaluations of a lane that only has to come near a minimum.
 pub(super) const EVALUATIONS: usize = 60;
 /// Gain, as a share of the cost, below which a lane is done.

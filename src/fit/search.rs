@@ -24,6 +24,7 @@ use super::quantity::Quantity;
 use super::settle::Settled;
 use super::solver::{Ending, Minimum, Settings, minimise};
 use super::start::{distance, starts};
+use crate::model::lanes::WIDEST;
 
 /// Relative difference in cost below which two ends are the same minimum.
 const SAME: f64 = 1e-6;
@@ -320,7 +321,7 @@ impl<'p> Search<'p> {
             .filter(|m| m.ending == Ending::MaxIterations)
             .collect();
         if open.len() > REFINED && crew::knows(problem) {
-            open.par_chunks_mut(crew::WIDEST).for_each(|some| {
+            open.par_chunks_mut(WIDEST).for_each(|some| {
                 let from: Vec<Values> =
                     some.iter().map(|m| problem.unpack(&m.parameters)).collect();
                 let on = crew::descend_in_full(problem, &from, EVALUATIONS_ON, cancel);

@@ -11,6 +11,9 @@ use pulp::bytemuck::cast;
 
 pub(super) mod fresnel;
 
+/// Largest number of lanes of any register.
+pub(crate) const WIDEST: usize = 8;
+
 /// One number per pixel.
 #[derive(Clone, Copy)]
 pub struct Lane<S: Simd>(pub S, pub S::f64s);

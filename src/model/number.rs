@@ -11,7 +11,7 @@ use pulp::Simd;
 
 use super::dual::Scalar;
 use super::fresnel;
-use super::lanes::{Lane, Mask};
+use super::lanes::{Lane, Mask, WIDEST};
 
 /// A number of the model.
 pub trait Number:
@@ -178,6 +178,3 @@ impl<S: Simd> Number for Lane<S> {
         (s, p)
     }
 }
-
-/// Numbers in the widest register.
-const WIDEST: usize = 8;

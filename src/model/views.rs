@@ -4,12 +4,10 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::Gradient;
 use super::form::{self, Half, NUMBERS, Shape};
-use super::lanes::{Lane, Numbers};
+use super::lanes::{Lane, Numbers, WIDEST};
 use super::prepared::Prepared;
 use crate::geometry::Directions;
 
-/// Largest number of lanes of any register; columns are padded to a multiple of it.
-const WIDEST: usize = 8;
 /// Components of both directions, and the weight.
 const COLUMNS: usize = 7;
 /// Radiance and slopes: θr, ln αu, ln αv, ρd, A, n, k, tilt, turn.
@@ -26,6 +24,7 @@ impl Views {
     /// Takes directions with their weights.
     #[must_use]
     pub fn new(views: &[(Directions, f64)]) -> Self {
+        // Whole registers on any machine.
         let padded = views.len().next_multiple_of(WIDEST);
         let mut columns = Numbers::zeros(COLUMNS * padded);
         for n in 0..padded {

@@ -14,14 +14,12 @@ use super::{
     COST, DECREMENT, FREE, GRADIENT, LAMBDA, LOWER, NORMAL, P, PACKED, ROW, SHAPE, TRIAL,
     TRIAL_SHAPE, Table, packed, upper,
 };
-use crate::model::lanes::Lane;
+use crate::model::lanes::{Lane, WIDEST};
 
 /// Longest step per parameter: rad, rad, logarithms, ρd or amplitude.
 const STEP_MAX: [f64; FREE] = [0.15, 0.5, 0.5, 0.5, 0.5];
 /// Number of rows that are computed before they are summed.
 const BLOCK: usize = 12;
-/// Largest number of lanes of any register.
-const WIDEST: usize = 8;
 
 /// The slopes and residuals of some rows: `[row][slope, …, residual][lane]`. Its alignment also aligns the stack
 /// frame, so that spilled registers do not cross cache lines either.

@@ -8,10 +8,7 @@ use pulp::Simd;
 
 use super::{Boundary, Channel, Split};
 use crate::model::fresnel::RARE;
-use crate::model::lanes::Lane;
-
-/// Numbers in the widest register.
-const WIDEST: usize = 8;
+use crate::model::lanes::{Lane, WIDEST};
 
 /// A complex number per lane.
 #[derive(Clone, Copy)]
