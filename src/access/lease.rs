@@ -79,6 +79,14 @@ impl Lease {
         current
     }
 
+    /// Ends the lease of a holder that is let in no more.
+    pub fn end_of(&self, is_revoked: impl Fn(&str) -> bool) {
+        let mut current = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if current.as_ref().is_some_and(|lease| is_revoked(&lease.who)) {
+            *current = None;
+        }
+    }
+
     /// Returns the holder.
     #[must_use]
     pub fn holder(&self, now: Duration) -> Option<Held> {

@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::caller::{Principal, Proof};
-use crate::access::{Fingerprint, Guesses, Lease, Roots, Sessions, TokenFile};
+use crate::access::{Fingerprint, Guesses, LOCAL, Lease, Roots, Sessions, TokenFile};
 
 /// Who may use the interface, and from where.
 #[derive(Debug)]
 pub struct Access {
     pub(super) tokens: TokenFile,
     pub(super) sessions: Sessions,
-    pub(super) lease: Lease,
+    lease: Lease,
     pub(super) guesses: Guesses,
     pub(super) roots: Roots,
     /// Whether a loopback address needs a token, too.
@@ -106,6 +106,13 @@ impl Access {
             Proof::Place | Proof::Owner => true,
             Proof::Token | Proof::Cookie => self.tokens.named(&caller.name).is_some(),
         }
+    }
+
+    /// Returns the lease of the rig. It ends with the token of its holder.
+    pub(super) fn lease(&self) -> &Lease {
+        self.lease
+            .end_of(|who| who != LOCAL && self.tokens.named(who).is_none());
+        &self.lease
     }
 
     /// Returns the time since the daemon started, which sessions and the lease count.

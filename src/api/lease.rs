@@ -115,7 +115,7 @@ pub(super) fn check_lease(
 ) -> Result<(), ApiError> {
     let access = &app.access;
     let answer = access
-        .lease
+        .lease()
         .check(presented(value), &caller.name, access.now());
     if need != Need::Rig {
         return Ok(());
@@ -142,8 +142,8 @@ pub(super) async fn get(
 ) -> Json<LeaseStateBody> {
     let access = &app.access;
     let id = presented(headers.get(LEASE_HEADER));
-    let own = access.lease.check(id, &caller.name, access.now()) == LeaseAnswer::Own;
-    let held = access.lease.holder(access.now());
+    let own = access.lease().check(id, &caller.name, access.now()) == LeaseAnswer::Own;
+    let held = access.lease().holder(access.now());
     Json(LeaseStateBody {
         holder: held
             .as_ref()
@@ -189,7 +189,7 @@ pub(super) async fn take(
     let user = user_of_rig(&app.lab).filter(|user| user.who != caller.name);
     if let Some(user) = &user
         && !take_over
-        && app.access.lease.holder(app.access.now()).is_none()
+        && app.access.lease().holder(app.access.now()).is_none()
     {
         return Err(ApiError::lease_held(user.clone()));
     }
@@ -200,7 +200,7 @@ pub(super) async fn take(
     let access = &app.access;
     let id = presented(headers.get(LEASE_HEADER));
     let taken = access
-        .lease
+        .lease()
         .take(&terms, &caller.name, id, secret, access.now());
     let (secret, before) = taken.map_err(|held| ApiError::lease_held(holder_of_lease(&held)))?;
     let taken_from = before.as_ref().map(holder_of_lease).or(user);
@@ -233,8 +233,8 @@ pub(super) async fn release(
 ) -> Result<Json<Begun>, ApiError> {
     let access = &app.access;
     let id = presented(headers.get(LEASE_HEADER));
-    if !access.lease.release(id, &caller.name, access.now()) {
-        return Err(match access.lease.holder(access.now()) {
+    if !access.lease().release(id, &caller.name, access.now()) {
+        return Err(match access.lease().holder(access.now()) {
             Some(held) => ApiError::lease_held(holder_of_lease(&held)),
             None => ApiError::lease_lost(),
         });

@@ -191,7 +191,7 @@ pub fn router(
     health::describe_metrics();
     let access = Arc::new(access);
     let lease = Arc::clone(&access);
-    lab.respect_lease(Arc::new(move || lease.lease.holder(lease.now())));
+    lab.respect_lease(Arc::new(move || lease.lease().holder(lease.now())));
     let app = App {
         lab,
         render_metrics,

@@ -1,15 +1,22 @@
-//! The client of a running daemon: finds it by its notice and sends JSON over HTTP.
+//! The client of a running daemon, of a data folder or at an address: sends JSON over HTTP.
 
-use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+mod connection;
+mod folder;
+mod remote;
+
+use std::path::Path;
 use std::time::Duration;
 
 use anyhow::anyhow;
 use serde_json::Value;
 
 use super::CliError;
-use crate::daemon::{NOTICE_FILE, SECRET_FILE};
-use crate::store::Store;
+pub use connection::ConnectionArgs;
+use connection::Secrecy;
+use folder::FolderHolder;
+
+/// How long an answer may take.
+const ANSWER_WITHIN: Duration = Duration::from_secs(60);
 
 /// A running daemon.
 #[derive(Debug)]
@@ -23,142 +30,32 @@ pub struct Client {
     pub url: String,
 }
 
-/// The process that holds a data folder.
-enum FolderHolder {
-    Free,
-    /// A daemon, by its notice; with its process number where the lock names the same one.
-    Daemon(Client, Option<u64>),
-    /// A process that answers no commands: a scan or import without a daemon, or a daemon that is starting or ending.
-    Other(Option<u64>),
-}
-
-impl FolderHolder {
-    fn of(folder: &Path) -> FolderHolder {
-        // The notice of a killed daemon remains, and another program may have its port now: only the lock shows whether a
-        // process holds this folder.
-        if !Store::is_in_use(folder) {
-            return FolderHolder::Free;
-        }
-        let locked_by = locked_by(folder);
-        let Some((url, process)) = notice(folder) else {
-            return FolderHolder::Other(locked_by);
-        };
-        if locked_by.is_some() && locked_by != process {
-            return FolderHolder::Other(locked_by);
-        }
-        let client = Client {
-            agent: ureq::Agent::config_builder()
-                .timeout_global(Some(Duration::from_secs(60)))
-                .http_status_as_error(false)
-                .build()
-                .into(),
-            token: token_of(folder),
-            lease: None,
-            url,
-        };
-        FolderHolder::Daemon(client, locked_by)
-    }
-}
-
-/// A text that no message shows.
-struct Secrecy(String);
-
-impl std::fmt::Debug for Secrecy {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("(not shown)")
-    }
-}
-
-/// Returns the secret of the daemon of a folder, which only its own user can read. Other users of this machine present
-/// nothing, or the token of their token file.
-fn token_of(folder: &Path) -> Option<Secrecy> {
-    let secret = std::fs::read_to_string(folder.join(SECRET_FILE)).ok()?;
-    Some(Secrecy(secret.trim().to_owned()))
-}
-
-/// Reads a file with a token.
-///
-/// # Errors
-/// Bad input if it cannot be read, if other users can read it, or if it has no token.
-fn read_token(file: &Path) -> Result<Secrecy, CliError> {
-    let wrong = |why: String| CliError::bad_input(anyhow!("token file {}: {why}", file.display()));
-    let mode = std::fs::metadata(file).map_err(|error| wrong(error.to_string()))?;
-    let mode = mode.permissions().mode() & 0o777;
-    if mode & 0o077 != 0 {
-        let why = format!(
-            "its mode is {mode:o}, so that others can read it; run `chmod 600 {}`",
-            file.display()
-        );
-        return Err(wrong(why));
-    }
-    let text = std::fs::read_to_string(file).map_err(|error| wrong(error.to_string()))?;
-    let token = text.trim();
-    match token.is_empty() || token.chars().any(|c| c.is_whitespace() || c.is_control()) {
-        true => Err(wrong(
-            "expected one token, as `ridged token create` prints it".into(),
-        )),
-        false => Ok(Secrecy(token.to_owned())),
-    }
-}
-
-/// What a command presents to the daemon.
-#[derive(Debug, Clone, Default, clap::Args)]
-pub struct CredentialArgs {
-    /// File with a token, which only its owner can read (mode 600). The daemon's own user needs none.
-    #[arg(long, value_name = "FILE", env = "RIDGED_TOKEN_FILE", global = true)]
-    pub token_file: Option<PathBuf>,
-    /// Lease of the rig, as `ridged rig lease take` prints it.
-    #[arg(
-        long,
-        value_name = "ID",
-        env = "RIDGED_LEASE",
-        hide_env_values = true,
-        global = true
-    )]
-    pub lease: Option<String>,
-}
-
-/// The error where no daemon runs.
-fn no_daemon(folder: &Path) -> CliError {
-    CliError::no_result(anyhow!(
-        "no daemon runs on {}; start one with `ridged serve`, or give its data folder with --data",
-        folder.display()
-    ))
-}
-
-/// The error where another process holds the folder, so that a second daemon would be refused.
-fn works_alone(folder: &Path, process: Option<u64>) -> CliError {
-    let folder = folder.display();
-    CliError::no_result(match process {
-        Some(process) => anyhow!(
-            "no daemon runs on {folder}, but another ridged process (process {process}) holds it and takes no commands: \
-            a scan without a daemon, or a daemon that is starting or ending; Ctrl-C there, or `kill -INT {process}`, \
-            stops what it drives"
-        ),
-        None => anyhow!(
-            "no daemon runs on {folder}, but another ridged process holds it and takes no commands: a scan without a \
-            daemon, or a daemon that is starting or ending; Ctrl-C there stops what it drives"
-        ),
-    })
-}
-
-/// Number of the process that holds the folder, read from the lock; `None` if a full disk prevented writing it.
-fn locked_by(folder: &Path) -> Option<u64> {
-    let text = std::fs::read_to_string(folder.join("lock")).ok()?;
-    text.trim().strip_prefix("process ")?.parse().ok()
-}
-
-/// Address and process of the daemon that wrote the last notice.
-fn notice(folder: &Path) -> Option<(String, Option<u64>)> {
-    let notice = std::fs::read_to_string(folder.join(NOTICE_FILE)).ok()?;
-    let notice: Value = serde_json::from_str(&notice).ok()?;
-    Some((
-        notice.get("url")?.as_str()?.to_owned(),
-        notice["process"].as_u64(),
-    ))
-}
-
 impl Client {
+    /// Returns the daemon that a command speaks to: that at `--url`, otherwise that of the data folder if one runs there.
+    ///
+    /// # Errors
+    /// No result if it is there and does not answer; bad input for an address, token file or lease that cannot be used.
+    pub fn of(folder: &Path, connection: &ConnectionArgs) -> Result<Option<Client>, CliError> {
+        let client = match &connection.url {
+            Some(url) => Some(remote::client(url, connection)?),
+            None => Client::find(folder)?,
+        };
+        client
+            .map(|client| client.presenting(connection))
+            .transpose()
+    }
+
+    /// Returns the daemon that a command needs: that at `--url`, otherwise that of the data folder.
+    ///
+    /// # Errors
+    /// As [`Client::of`]; no result if no daemon runs.
+    pub fn require(folder: &Path, connection: &ConnectionArgs) -> Result<Client, CliError> {
+        match Client::of(folder, connection)? {
+            Some(client) => Ok(client),
+            None => Client::noticed(folder)?.presenting(connection),
+        }
+    }
+
     /// Returns the daemon that runs on a data folder, if there is one.
     ///
     /// # Errors
@@ -186,17 +83,6 @@ impl Client {
         }
     }
 
-    /// Returns the daemon that runs on a data folder.
-    ///
-    /// # Errors
-    /// No result if none does, or if it does not answer.
-    pub fn require(folder: &Path) -> Result<Client, CliError> {
-        match Client::find(folder)? {
-            Some(client) => Ok(client),
-            None => Client::noticed(folder),
-        }
-    }
-
     /// Returns the daemon of a data folder by its notice, without asking it first: for the stop, which is answered even where
     /// other requests are not.
     ///
@@ -205,8 +91,8 @@ impl Client {
     pub fn noticed(folder: &Path) -> Result<Client, CliError> {
         match FolderHolder::of(folder) {
             FolderHolder::Daemon(client, _) => Ok(client),
-            FolderHolder::Free => Err(no_daemon(folder)),
-            FolderHolder::Other(process) => Err(works_alone(folder, process)),
+            FolderHolder::Free => Err(folder::no_daemon(folder)),
+            FolderHolder::Other(process) => Err(folder::works_alone(folder, process)),
         }
     }
 
@@ -214,18 +100,9 @@ impl Client {
     ///
     /// # Errors
     /// Bad input for a token file or a lease that cannot be used.
-    pub fn presenting(mut self, credentials: &CredentialArgs) -> Result<Client, CliError> {
-        if let Some(file) = &credentials.token_file {
-            self.token = Some(read_token(file)?);
-        }
-        if let Some(lease) = &credentials.lease {
-            if lease.is_empty() || !lease.chars().all(|c| c.is_ascii_graphic()) {
-                return Err(CliError::bad_input(anyhow!(
-                    "--lease (RIDGED_LEASE): expected a lease as `ridged rig lease take` prints it"
-                )));
-            }
-            self.lease = Some(Secrecy(lease.clone()));
-        }
+    fn presenting(mut self, connection: &ConnectionArgs) -> Result<Client, CliError> {
+        self.token = connection.token()?.or(self.token);
+        self.lease = connection.lease()?;
         Ok(self)
     }
 
@@ -363,11 +240,11 @@ impl Client {
 
     /// Adds token and lease.
     fn signed<B>(&self, mut request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
-        if let Some(Secrecy(token)) = &self.token {
-            request = request.header("authorization", format!("Bearer {token}"));
+        if let Some(token) = &self.token {
+            request = request.header("authorization", format!("Bearer {}", token.text()));
         }
-        if let Some(Secrecy(lease)) = &self.lease {
-            request = request.header("ridged-lease", lease);
+        if let Some(lease) = &self.lease {
+            request = request.header("ridged-lease", lease.text());
         }
         request
     }
@@ -384,7 +261,12 @@ impl Client {
 type Response = ureq::http::Response<ureq::Body>;
 
 fn unreachable(error: ureq::Error) -> CliError {
-    CliError::no_result(anyhow!("the daemon does not answer: {error}"))
+    let text = error.to_string();
+    let way_out = match text.contains("peer certificate") {
+        true => "; if this is the daemon, name the file of its certificate with --trust",
+        false => "",
+    };
+    CliError::no_result(anyhow!("the daemon does not answer: {text}{way_out}"))
 }
 
 /// The message of a problem.

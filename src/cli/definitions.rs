@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
 use super::CliError;
-use super::client::{Client, CredentialArgs};
+use super::client::{Client, ConnectionArgs};
 use super::output;
 use crate::judge::Specification;
 use crate::lab::Recipe;
@@ -52,9 +52,9 @@ pub struct DaemonArgs {
     /// Data folder of the daemon.
     #[arg(long, value_name = "DIR", default_value = "ridged-data", global = true)]
     pub data: PathBuf,
-    /// Token and lease.
+    /// Address, token and lease.
     #[command(flatten)]
-    pub credentials: CredentialArgs,
+    pub connection: ConnectionArgs,
     /// One JSON object on stdout.
     #[arg(long, global = true)]
     pub json: bool,
@@ -62,7 +62,7 @@ pub struct DaemonArgs {
 
 impl DaemonArgs {
     pub(super) fn client(&self) -> Result<Client, CliError> {
-        Client::require(&self.data)?.presenting(&self.credentials)
+        Client::require(&self.data, &self.connection)
     }
 }
 

@@ -16,7 +16,7 @@ use anyhow::{Context, anyhow};
 use clap::ValueEnum;
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
-use super::client::CredentialArgs;
+use super::client::ConnectionArgs;
 use super::limits::FitLimits;
 use super::output::ResultArgs;
 use super::values::whole;
@@ -124,9 +124,9 @@ pub struct Args {
     /// Form of the result.
     #[command(flatten)]
     pub printed: ResultArgs,
-    /// Token, for a running daemon.
+    /// Address and token, for a running daemon.
     #[command(flatten)]
-    pub credentials: CredentialArgs,
+    pub connection: ConnectionArgs,
 }
 
 /// Subcommands of `ridged fit`.
@@ -261,6 +261,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
         iterations: args.iterations,
     };
     let cancel = interrupt::flag()?;
+    if args.connection.url.is_some() && !args.store {
+        return Err(CliError::bad_input(anyhow!(
+            "--url needs --scan N --store: a daemon fits the scans of its own store"
+        )));
+    }
     if let (true, Some(scan_id)) = (args.store, args.scan) {
         return stored::run(&args, scan_id, &cancel);
     }

@@ -12,7 +12,7 @@ use anyhow::anyhow;
 use serde_json::{Value, json};
 
 use super::CliError;
-use super::client::{Client, CredentialArgs};
+use super::client::{Client, ConnectionArgs};
 use super::interrupt;
 use super::progress::Bar;
 use super::runtime;
@@ -40,9 +40,9 @@ pub struct Args {
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
-    /// Token, for a running daemon.
+    /// Address and token, for a running daemon.
     #[command(flatten)]
-    pub credentials: CredentialArgs,
+    pub connection: ConnectionArgs,
 }
 
 /// Runs the command; a daemon that runs on the folder does the import.
@@ -52,9 +52,8 @@ pub struct Args {
 /// it beside the reserve; interrupted by Ctrl-C, with nothing imported.
 pub fn run(args: Args) -> Result<(), CliError> {
     let cancel = interrupt::flag()?;
-    let answer = match Client::find(&args.data)? {
+    let answer = match Client::of(&args.data, &args.connection)? {
         Some(client) => {
-            let client = client.presenting(&args.credentials)?;
             let request = Request::of(&args)?;
             by_daemon(client, request, &cancel)?
         }
@@ -117,6 +116,13 @@ impl Request {
                 name: name.to_string_lossy().into_owned(),
                 skip_unreadable: args.skip_unreadable,
             });
+        }
+        if let Some(url) = &args.connection.url {
+            return Err(CliError::bad_input(anyhow!(
+                "the daemon at {url} cannot read the folder {series} of this machine; pack it (`zip -r series.zip {series}`) and \
+                import the archive",
+                series = args.series.display()
+            )));
         }
         // A missing folder has an absolute path too, and the refusal names it.
         let folder = args

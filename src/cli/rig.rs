@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 mod lease;
 
 use super::CliError;
-use super::client::{Client, CredentialArgs};
+use super::client::{Client, ConnectionArgs};
 use lease::LeaseAction;
 use preview::PreviewArgs;
 
@@ -32,9 +32,9 @@ pub struct Args {
     /// One JSON object on stdout.
     #[arg(long, global = true)]
     pub json: bool,
-    /// Token and lease.
+    /// Address, token and lease.
     #[command(flatten)]
-    pub credentials: CredentialArgs,
+    pub connection: ConnectionArgs,
 }
 
 /// An action on the rig.
@@ -63,9 +63,11 @@ pub enum Action {
     /// Accept the controllers that answer instead of those of the rig.
     #[command(after_help = "Example:\n  ridged rig accept-stages")]
     AcceptStages,
-    /// Stop both axes at once; never refused. Without --data it stops the rigs of all daemons that run on this machine.
+    /// Stop both axes at once; never refused. Without --data or --url it stops the rigs of all daemons that run on this
+    /// machine.
     #[command(
-        after_help = "Examples:\n  ridged rig stop\n  ridged rig stop --data /var/lib/ridged"
+        after_help = "Examples:\n  ridged rig stop\n  ridged rig stop --data /var/lib/ridged\n  \
+                      ridged rig stop --url https://rig-2:8787 --token-file ~/.ridged-token"
     )]
     Stop,
     /// Show, take or return the lease: while it lasts, only orders that present it are accepted.
@@ -113,14 +115,17 @@ pub fn run(args: Args) -> Result<(), CliError> {
     let folder = args.data.as_deref();
     let client = || {
         let folder = folder.unwrap_or(Path::new("ridged-data"));
-        Client::require(folder)?.presenting(&args.credentials)
+        Client::require(folder, &args.connection)
     };
     let mut text = None;
     let answer = match &args.action {
         Action::Status => client()?.get("/rig")?,
-        // A token file that cannot be read must not prevent the stop, which needs none here.
         Action::Stop => {
-            let (answer, words) = stop::stop(folder)?;
+            let (answer, words) = match args.connection.url {
+                Some(_) => stop::stop_at(&client()?)?,
+                // A token file that cannot be read must not prevent the stop, which needs none here.
+                None => stop::stop(folder)?,
+            };
             text = Some(words);
             answer
         }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use super::CliError;
-use super::client::{Client, CredentialArgs};
+use super::client::{Client, ConnectionArgs};
 
 /// Lists parts, renames one, or assigns a scan to another one.
 #[derive(Debug, clap::Args)]
@@ -21,9 +21,9 @@ pub struct Args {
     /// Data folder of the daemon.
     #[arg(long, value_name = "DIR", default_value = "ridged-data", global = true)]
     pub data: PathBuf,
-    /// Token and lease.
+    /// Address, token and lease.
     #[command(flatten)]
-    pub credentials: CredentialArgs,
+    pub connection: ConnectionArgs,
     /// One JSON object on stdout.
     #[arg(long, global = true)]
     pub json: bool,
@@ -62,7 +62,7 @@ pub enum Action {
 /// # Errors
 /// No result if no daemon runs; bad input for an unknown part or scan, or an invalid name.
 pub fn run(args: Args) -> Result<(), CliError> {
-    let client = Client::require(&args.data)?.presenting(&args.credentials)?;
+    let client = Client::require(&args.data, &args.connection)?;
     let (answer, text) = match args.action {
         Action::List => {
             let answer = client.get("/samples")?;

@@ -7,7 +7,7 @@ use anyhow::{Context, anyhow};
 use serde_json::{Value, json};
 
 use super::CliError;
-use super::client::{Client, CredentialArgs};
+use super::client::{Client, ConnectionArgs};
 use super::runtime;
 use crate::lab::{NameOrId, ScanRequest};
 use crate::material::{Material, tables};
@@ -121,9 +121,9 @@ pub struct Args {
     /// One JSON object on stdout.
     #[arg(long, global = true)]
     pub json: bool,
-    /// Token and lease, for a running daemon.
+    /// Address, token and lease, for a running daemon.
     #[command(flatten)]
-    pub credentials: CredentialArgs,
+    pub connection: ConnectionArgs,
 }
 
 fn preset(word: &str) -> Result<Preset, String> {
@@ -141,7 +141,7 @@ fn preset(word: &str) -> Result<Preset, String> {
 /// Ctrl-C.
 pub fn run(args: Args) -> Result<(), CliError> {
     if let Some(action) = &args.action {
-        let client = Client::require(&args.data)?.presenting(&args.credentials)?;
+        let client = Client::require(&args.data, &args.connection)?;
         return match action {
             Action::Order(order) => order::run(&client, order, args.json),
             Action::Record(change) => record::run(&client, change, args.json),
@@ -154,11 +154,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
         plan.repeats = Some(0);
         plan.reuse_calibrations = None;
     }
-    match Client::find(&args.data)? {
-        Some(client) => {
-            let client = client.presenting(&args.credentials)?;
-            print(&args, &by_daemon::scan(&client, &args, plan)?)
-        }
+    match Client::of(&args.data, &args.connection)? {
+        Some(client) => print(&args, &by_daemon::scan(&client, &args, plan)?),
         None => runtime::block_on(by_itself::scan(&args, plan)),
     }
 }

@@ -42,8 +42,8 @@ struct Ended {
 /// which the fit is cancelled.
 pub(super) fn run(args: &Args, scan_id: i64, cancel: &AtomicBool) -> Result<(), CliError> {
     let body = body(args, scan_id)?;
-    let ended = match Client::find(&args.data)? {
-        Some(client) => by_daemon(&client.presenting(&args.credentials)?, &body, cancel)?,
+    let ended = match Client::of(&args.data, &args.connection)? {
+        Some(client) => by_daemon(&client, &body, cancel)?,
         None => runtime::block_on(by_itself(&args.data, body, cancel))?,
     };
     let result = match (ended.result, ended.state.as_str()) {

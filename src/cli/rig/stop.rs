@@ -32,6 +32,16 @@ pub(super) fn stop(folder: Option<&Path>) -> Result<(Value, String), CliError> {
     }
 }
 
+/// Stops the rig of one daemon, wherever it runs.
+///
+/// # Errors
+/// No result if nothing was stopped.
+pub(super) fn stop_at(client: &Client) -> Result<(Value, String), CliError> {
+    client.stop()?;
+    let answer = json!({ "state": "stopped", "stopped": [{ "url": client.url }] });
+    Ok((answer, format!("stopped: {}\n", client.url)))
+}
+
 /// Stops the daemons of several data folders at the same time: none waits for another.
 fn stop_each(folders: Vec<PathBuf>) -> Vec<Outcome> {
     let stops: Vec<_> = folders

@@ -242,6 +242,14 @@ fn no_token_is_in_an_answer_or_in_the_log() {
     output(at, &by_file);
     let shown = output(at, &["rig", "lease", "show", "--data", "data"]);
     assert!(shown.starts_with("anna holds the rig: by file"), "{shown}");
+    // A proxy of the environment is not asked for this machine.
+    let mut status = Command::new(env!("CARGO_BIN_EXE_ridged"));
+    status.args(["rig", "status", "--data", "data"]);
+    status
+        .current_dir(at)
+        .env("ALL_PROXY", "http://127.0.0.1:9");
+    let status = status.output().unwrap();
+    assert!(status.status.success(), "{status:?}");
     let log = program.end();
     assert!(log.contains("/api/v1/rig"), "the log has the requests");
     for secret in [token, secret.trim(), lease, "Bearer"] {

@@ -3,7 +3,7 @@
 use ridged::scan::{Event, RecordedEvent};
 use serde_json::{Value, json};
 
-use super::{Answer, Ask, Served, Serving, get, order, post};
+use super::{AT, Answer, Ask, Served, Serving, get, order, post};
 
 const LEASE: &str = "/api/v1/lease";
 const HOME: &str = "/api/v1/rig/axes/theta_c/home";
@@ -224,4 +224,14 @@ async fn the_terms_of_a_lease_are_checked() {
     }
     served.ask(delete(LEASE)).await.is(409, "lease-lost");
     served.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_lease_ends_with_the_token_of_its_holder() {
+    let (served, tokens) = Served::with_tokens().await;
+    taken(&served, take("night", false).by(&tokens.operator)).await;
+    let other = order(UNPARK).by(&tokens.admin);
+    names_holder(&served.ask(other.clone()).await, "the-operator", "night");
+    served.tokens.revoke("the-operator", AT).unwrap();
+    served.ask(other).await.is_ok();
 }

@@ -1,14 +1,19 @@
 //! TLS by the daemon itself.
 
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt as _;
+use std::process::Output;
 use std::sync::Arc;
 
 use ridged::api::server::TlsFiles;
-use serde_json::json;
+use serde_json::{Value, json};
 use tokio::io::AsyncWriteExt;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::client::TlsStream;
 use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
 use tokio_rustls::rustls::{ClientConfig, RootCertStore, crypto::ring};
+
+use crate::commands::ridged;
 
 use super::{Answer, Ask, Served, Serving, Tokens, answer, get, head, order, post};
 
@@ -17,7 +22,7 @@ struct Encrypted {
     served: Served,
     tokens: Tokens,
     connector: TlsConnector,
-    _files: tempfile::TempDir,
+    files: tempfile::TempDir,
 }
 
 impl Encrypted {
@@ -49,7 +54,7 @@ impl Encrypted {
             served,
             tokens,
             connector: TlsConnector::from(Arc::new(config)),
-            _files: folder,
+            files: folder,
         }
     }
 
@@ -118,5 +123,48 @@ async fn an_unencrypted_request_gets_nothing() {
     let nothing = answer(&mut stream).await;
     assert_eq!(nothing.status, 0, "{nothing:?}");
     encrypted.ask(get("/healthz")).await.is_ok();
+    encrypted.served.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_command_reaches_a_daemon_by_its_address() {
+    let encrypted = Encrypted::new().await;
+    let files = encrypted.files.path().to_owned();
+    let token = files.join("token");
+    std::fs::write(&token, &encrypted.tokens.operator).unwrap();
+    std::fs::set_permissions(&token, Permissions::from_mode(0o600)).unwrap();
+    let url = format!("https://localhost:{}", encrypted.served.address.port());
+    let ask = async |args: &[&str]| {
+        let mut args: Vec<String> = args.iter().map(|&arg| arg.to_owned()).collect();
+        args.extend(["--url", &url, "--token-file", "token"].map(str::to_owned));
+        let files = files.clone();
+        let asked = tokio::task::spawn_blocking(move || {
+            let args: Vec<&str> = args.iter().map(String::as_str).collect();
+            ridged(&files, &args)
+        });
+        asked.await.unwrap()
+    };
+    let words = |output: &Output| {
+        let text = [&output.stdout[..], &output.stderr[..]].concat();
+        String::from_utf8(text).unwrap()
+    };
+
+    let trusting = ["--trust", "cert.pem"];
+    let status = ask(&[&["rig", "status", "--json"], &trusting[..]].concat()).await;
+    assert_eq!(status.status.code(), Some(0), "{}", words(&status));
+    let rig: Value = serde_json::from_slice(&status.stdout).unwrap();
+    assert!(rig["axes"]["theta_c"]["position_deg"].is_number(), "{rig}");
+    let stopped = ask(&[&["rig", "stop"], &trusting[..]].concat()).await;
+    assert_eq!(words(&stopped), format!("stopped: {url}\n"));
+
+    let untrusted = ask(&["rig", "status"]).await;
+    assert_eq!(untrusted.status.code(), Some(1), "{}", words(&untrusted));
+    let text = words(&untrusted);
+    assert!(text.contains("--trust"), "{text}");
+    assert!(!text.contains(&encrypted.tokens.operator), "{text}");
+    // The daemon cannot read this folder.
+    let folder = ask(&[&["import", "."], &trusting[..]].concat()).await;
+    assert_eq!(folder.status.code(), Some(2));
+    assert!(words(&folder).contains("zip"), "{}", words(&folder));
     encrypted.served.end().await;
 }
