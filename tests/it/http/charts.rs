@@ -3,21 +3,27 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::Router;
 use serde_json::{Value, json};
 
 use ridged::config::DueSection;
-use ridged::job::JobKind;
+use ridged::job::{JobId, JobKind};
 use ridged::store::disk::RealDisk;
-use ridged::store::jobs::{JobEnd, NewJob};
+use ridged::store::jobs::{FitSummary, JobEnd, NewJob};
 
 use super::recipes::added;
-use super::{get, imported, is_problem, patch, router_of};
+use super::{ended, get, imported, is_problem, patch, post, router_of};
 use crate::bench_in_a_box::{BenchInABox, small};
 use crate::commands::{refuses, ridged};
 
 /// Ends a job of a scan with this result.
-async fn ended_with(bench: &BenchInABox, scan_id: i64, kind: JobKind, job: [&Value; 2]) {
-    let [request, result] = job;
+async fn ended_with(
+    bench: &BenchInABox,
+    scan_id: i64,
+    kind: JobKind,
+    [request, result]: [&Value; 2],
+    fit: Option<FitSummary>,
+) {
     let new = NewJob {
         kind,
         scan_id: Some(scan_id),
@@ -29,8 +35,16 @@ async fn ended_with(bench: &BenchInABox, scan_id: i64, kind: JobKind, job: [&Val
     let store = bench.lab.store();
     let (id, _) = store.start_job(&new).await.unwrap();
     let result = result.to_string();
-    let end = JobEnd::Completed { result, fit: None };
+    let end = JobEnd::Completed { result, fit };
     store.end_job(id, &end).await.unwrap();
+}
+
+/// Fits a scan: the first fit, whose observations the made ones share.
+async fn really_fitted(router: &Router, scan_id: i64) {
+    let request = json!({ "scan_id": scan_id, "variant": "paper" }).to_string();
+    let begun = post(router, "/api/v1/fits", &request).await;
+    let fit = ended(router, &begun).await;
+    assert_eq!(fit["state"], "completed", "{fit}");
 }
 
 /// Ends a fit of a scan with this angle.
@@ -40,7 +54,15 @@ async fn fitted(bench: &BenchInABox, scan_id: i64, theta_r_deg: f64, status: &st
     let alpha = json!({ "value": 0.12, "std": 0.001, "expanded": 0.003, "coverage_factor": 3.0 });
     let report = json!({ "variant": "sawtooth", "status": status, "parameters": { "theta_r_deg": angle, "alpha_u": alpha } });
     let request = json!({ "scan_id": scan_id });
-    ended_with(bench, scan_id, JobKind::Fit, [&request, &report]).await;
+    let first = bench.lab.store().job(JobId::new(JobKind::Fit, 1)).await;
+    let summary = FitSummary {
+        set_id: first.unwrap().set_id.unwrap(),
+        variant: "sawtooth".into(),
+        status: status.into(),
+        theta_r_deg: None,
+    };
+    let job = [&request, &report];
+    ended_with(bench, scan_id, JobKind::Fit, job, Some(summary)).await;
 }
 
 /// Ends a verdict on a scan by a specification with guard bands of 0.03°.
@@ -53,7 +75,8 @@ async fn judged(bench: &BenchInABox, scan_id: i64, specification: &Value) {
     let result =
         json!({ "verdict": "pass", "specification": specification["name"], "items": [item] });
     let request = json!({ "scan_id": scan_id, "specification": specification });
-    ended_with(bench, scan_id, JobKind::Verdict, [&request, &result]).await;
+    let job = [&request, &result];
+    ended_with(bench, scan_id, JobKind::Verdict, job, None).await;
 }
 
 fn close(value: &Value, expected: f64) {
@@ -87,6 +110,7 @@ async fn the_chart_has_limits_signals_and_the_specification_and_the_command_stat
     for _ in 0..11 {
         imported(&router).await;
     }
+    really_fitted(&router, 1).await;
     for (scan_id, value) in (1..).zip(VALUES) {
         fitted(&bench, scan_id, value, "converged").await;
     }
@@ -340,6 +364,7 @@ async fn check_standard_and_references_are_due_when_their_interval_is_over() {
     let scan = bench.start(small(&[0.0], &[0.0])).await;
     bench.finish(scan.id).await;
     imported(&router).await;
+    really_fitted(&router, 2).await;
     fitted(&bench, 2, 10.0, "at-bound").await;
     let half = due().await;
     assert_eq!(

@@ -7,7 +7,6 @@ import type {
   Comparison,
   CurvePoint,
   Curves,
-  Due,
   FrameRow,
   GaugeBy,
   Imported,
@@ -65,8 +64,6 @@ export const studyApi = {
   resultsCsvUrl: (query: string): string => `${PREFIX}/results?format=csv${query === '' ? '' : `&${query}`}`,
   /** The control chart of a parameter; `query` has the parameter, filters, and the specification whose limits are beside it. */
   chart: (query: string, signal?: AbortSignal): Promise<ResultChart> => get(`/charts?${query}`, signal),
-  /** What the settings ask to measure again at intervals, due or not. */
-  due: async (signal?: AbortSignal): Promise<readonly Due[]> => (await get<{ readonly items: readonly Due[] }>('/due', signal)).items,
   /** Frames, poses, observations and fit as one file. */
   nexusUrl: (scan: number): string => `${PREFIX}/scans/${scan}/scan.nxs`,
   curves: (id: number, signal?: AbortSignal): Promise<Curves> => get(`/fits/${id}/curve?step_deg=2`, signal),
