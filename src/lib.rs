@@ -7,6 +7,7 @@ pub mod api;
 pub mod archive;
 pub mod bench;
 pub mod cases;
+pub mod chart;
 pub mod check;
 pub mod cli;
 pub mod clock;

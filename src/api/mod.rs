@@ -16,6 +16,7 @@ mod caching;
 mod calibrations;
 mod caller;
 mod certainty;
+mod charts;
 mod comparisons;
 mod connections;
 mod document;

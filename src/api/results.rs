@@ -19,8 +19,8 @@ use super::App;
 use super::status::{ApiError, Problem};
 use crate::store::Store;
 use crate::store::results::{
-    COLUMNS, Column, GENERAL, Kind, LIMIT_MAX, QueryError, ResultFormat, ResultPages, ResultQuery,
-    csv_header, parameters,
+    COLUMNS, Column, GENERAL, Kind, LIMIT_MAX, OF_THE_PAGE, QueryError, ResultFormat, ResultPages,
+    ResultQuery, csv_header, parameters,
 };
 
 /// The parameters of a query of results, read from the list of columns.
@@ -35,27 +35,40 @@ impl<S: Send + Sync> FromRequestParts<S> for ResultParams {
         let all = all
             .iter()
             .map(|(name, text)| (name.as_str(), text.as_str()));
-        match ResultQuery::read(all) {
-            Ok(query) => Ok(ResultParams(query)),
-            Err(QueryError::Unknown(detail)) => Err(ApiError::bad_request(detail)),
-            Err(QueryError::Invalid { name, problem }) => Err(ApiError::invalid(name, problem)),
-        }
+        ResultQuery::read(all).map(ResultParams).map_err(refused)
+    }
+}
+
+/// Refuses a query by the name of the parameter.
+pub(super) fn refused(error: QueryError) -> ApiError {
+    match error {
+        QueryError::Unknown(detail) => ApiError::bad_request(detail),
+        QueryError::Invalid { name, problem } => ApiError::invalid(name, problem),
     }
 }
 
 impl utoipa::IntoParams for ResultParams {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
-        parameters()
-            .into_iter()
-            .flat_map(|(name, column)| match column {
-                None => vec![general(name)],
-                Some(column) => of_column(column),
-            })
-            .collect()
+        described(|_| true).collect()
     }
 }
 
-fn parameter(name: String, about: String, schema: ObjectBuilder) -> Parameter {
+/// Returns the parameters that select rows, without those of the page.
+pub(super) fn filters() -> impl Iterator<Item = Parameter> {
+    described(|name| !OF_THE_PAGE.contains(&name))
+}
+
+fn described(is_wanted: fn(&str) -> bool) -> impl Iterator<Item = Parameter> {
+    let wanted = parameters()
+        .into_iter()
+        .filter(move |(name, _)| is_wanted(name));
+    wanted.flat_map(|(name, column)| match column {
+        None => vec![general(name)],
+        Some(column) => of_column(column),
+    })
+}
+
+pub(super) fn parameter(name: String, about: String, schema: ObjectBuilder) -> Parameter {
     ParameterBuilder::new()
         .name(name)
         .parameter_in(ParameterIn::Query)

@@ -11,9 +11,9 @@ use utoipa::{OpenApi, Path};
 
 use super::App;
 use super::{
-    accuracy, calibrations, certainty, comparisons, events, exports, fits, frames, health, imports,
-    incidents, jobs, lease, motions, observations, previews, queue, recipes, reports, results, rig,
-    samples, scan_records, scans, session, specifications,
+    accuracy, calibrations, certainty, charts, comparisons, events, exports, fits, frames, health,
+    imports, incidents, jobs, lease, motions, observations, previews, queue, recipes, reports,
+    results, rig, samples, scan_records, scans, session, specifications,
 };
 
 /// Passes all handlers, by module, to a macro.
@@ -37,6 +37,7 @@ macro_rules! with_handlers {
             observations { of_scan }
             exports { brdf stack surface nexus }
             results { list }
+            charts { chart due }
             comparisons { compare repeatability }
             fits { list begin get cancel curve }
             jobs {

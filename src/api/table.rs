@@ -117,6 +117,8 @@ const ROUTES: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/frames/{id}/pixels", READ),
     ("GET", "/api/v1/frames/{id}/preview.png", READ),
     ("GET", "/api/v1/results", READ),
+    ("GET", "/api/v1/charts", READ),
+    ("GET", "/api/v1/due", READ),
     ("GET", "/api/v1/comparisons", READ),
     ("GET", "/api/v1/repeatability", READ),
     ("GET", "/api/v1/fits", READ),

@@ -88,7 +88,7 @@ async fn check(args: &Args, config: &Config, findings: &mut Findings) -> Result<
         frame_bytes,
         findings,
     );
-    let known = folder::check_store(&data, args.deep, findings).await;
+    let known = folder::check_store(&data, args.deep, &config.due, findings).await;
     host::check_clock(SystemClock::new().utc(), known.newest_event, findings).await;
     // The client waits on its thread.
     let asked = data.clone();

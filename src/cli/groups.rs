@@ -32,6 +32,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
             "map",
             "contrast",
             "judge",
+            "chart",
             "compare",
             "repeatability",
             "report",

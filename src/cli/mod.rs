@@ -4,6 +4,7 @@
 //! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
 
 pub mod accuracy;
+pub mod chart;
 pub mod check;
 pub mod client;
 pub mod compare;
@@ -13,6 +14,7 @@ pub mod contrast;
 pub mod definitions;
 pub mod demo;
 pub mod doctor;
+mod due;
 pub mod eval;
 pub mod explain;
 pub mod export;
@@ -37,6 +39,7 @@ pub mod queue;
 pub mod render;
 pub mod repeatability;
 pub mod report;
+pub mod result_filters;
 pub mod results;
 pub mod rig;
 pub mod runtime;
@@ -102,6 +105,8 @@ pub enum Command {
     Queue(queue::Args),
     /// List results: one row per scan, with filters; as a table, JSON or CSV.
     Results(results::Args),
+    /// Chart a parameter over scans: mean ± 3 s, signals, limits, and what is due.
+    Chart(chart::Args),
     /// Compare two scans: differences with U, and E_n.
     Compare(compare::Args),
     /// Compare the scatter of scans with their stated uncertainty; gauge R&R.
@@ -226,6 +231,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Specification(args) => definitions::specifications(args),
         Command::Queue(args) => queue::run(args),
         Command::Results(args) => results::run(args),
+        Command::Chart(args) => chart::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Repeatability(args) => repeatability::run(args),
         Command::Import(args) => import::run(args),

@@ -6,9 +6,9 @@ use std::io::Write as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::anyhow;
 use serde::Serialize;
 
+use super::result_filters::FilterArgs;
 use super::runtime::{self, block_on};
 use super::{CliError, terminal};
 use crate::store::Store;
@@ -26,40 +26,9 @@ use crate::wording::layout::wrapped;
 docs/reference/results.md lists all columns. `--filter` takes NAME=VALUE for texts, words and numbers of rows, and NAME_min=VALUE and
 NAME_max=VALUE for numbers and times.")]
 pub struct Args {
-    /// Only scans of the part of this name.
-    #[arg(long, value_name = "NAME")]
-    pub part: Option<String>,
-    /// Only scans of this lot.
-    #[arg(long, value_name = "LOT")]
-    pub lot: Option<String>,
-    /// Only scans by this recipe.
-    #[arg(long, value_name = "NAME")]
-    pub recipe: Option<String>,
-    /// Only scans with this tag.
-    #[arg(long, value_name = "TAG")]
-    pub tag: Option<String>,
-    /// Archived scans, which lists leave out: true for them only, all for both.
-    #[arg(long, value_name = "true|false|all")]
-    pub archived: Option<String>,
-    /// Only with this verdict: pass, fail, cannot-tell; several separated by commas; empty for scans without one.
-    #[arg(long, value_name = "WORDS")]
-    pub verdict: Option<String>,
-    /// Only the newest fitted scan of each part.
-    #[arg(long)]
-    pub latest: bool,
-    /// Only with this text in the name of part, lot, recipe, operator or specification, in the external id, a tag or
-    /// the note.
-    #[arg(long, value_name = "TEXT")]
-    pub search: Option<String>,
-    /// Only started or imported at or after this time (UTC), e.g. 2026-03-02 or 2026-03-02T09:00:00Z.
-    #[arg(long, value_name = "TIME")]
-    pub since: Option<String>,
-    /// Only started or imported before this time (UTC).
-    #[arg(long, value_name = "TIME")]
-    pub until: Option<String>,
-    /// Only rows that this filter selects; may be repeated.
-    #[arg(long, value_name = "NAME=VALUE")]
-    pub filter: Vec<String>,
+    /// Which rows.
+    #[command(flatten)]
+    pub filters: FilterArgs,
     /// Column to sort by, with - in front for descending.
     #[arg(long, value_name = "COLUMN", allow_hyphen_values = true)]
     pub sort: Option<String>,
@@ -110,38 +79,10 @@ pub fn run(args: Args) -> Result<(), CliError> {
 
 /// Reads the options as the parameters of a query.
 fn query(args: &Args) -> Result<ResultQuery, CliError> {
-    let mut parameters: Vec<(&str, &str)> = [
-        ("part", &args.part),
-        ("lot", &args.lot),
-        ("recipe", &args.recipe),
-        ("tag", &args.tag),
-        ("archived", &args.archived),
-        ("verdict", &args.verdict),
-        ("search", &args.search),
-        ("since", &args.since),
-        ("until", &args.until),
-        ("sort", &args.sort),
-        ("fields", &args.fields),
-    ]
-    .into_iter()
-    .filter_map(|(name, value)| Some((name, value.as_deref()?)))
-    .collect();
-    if args.latest {
-        parameters.push(("latest", "true"));
-    }
-    const OPTIONS: &[&str] = &["limit", "cursor", "count", "format", "latest"];
-    for filter in &args.filter {
-        match filter.split_once('=') {
-            Some((name, value)) if !OPTIONS.contains(&name.trim()) => {
-                parameters.push((name.trim(), value.trim()));
-            }
-            _ => {
-                return Err(CliError::bad_input(anyhow!(
-                    "--filter {filter:?}: expected NAME=VALUE with a column of docs/reference/results.md, e.g. theta_r_deg_min=9.5"
-                )));
-            }
-        }
-    }
+    let mut parameters = args.filters.parameters()?;
+    let page = [("sort", &args.sort), ("fields", &args.fields)];
+    let page = page.into_iter();
+    parameters.extend(page.filter_map(|(name, value)| Some((name, value.as_deref()?))));
     ResultQuery::read(parameters).map_err(CliError::bad_input)
 }
 

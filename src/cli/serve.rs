@@ -128,6 +128,7 @@ async fn serve(args: Args) -> Result<(), CliError> {
         .await
         .map_err(CliError::no_result)?;
     lab.keep_free(config.store.reserve_mb * 1_000_000);
+    lab.set_due(config.due.clone());
     let operator = match &simulator {
         None => None,
         Some(rig) => {

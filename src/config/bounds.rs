@@ -66,6 +66,8 @@ pub(super) const BOUNDED: &[Bounded] = &[
     ("camera.clock_tolerance_s", within(0.0, 3600.0), |c| Some(c.camera.clock_tolerance_s)),
     ("camera.temperature_c", within(-273.0, 200.0), |c| c.camera.temperature_c),
     ("camera.temperature_tolerance_k", within(0.01, 100.0), |c| Some(c.camera.temperature_tolerance_k)),
+    ("due.check_standard_every_days", days(), |c| c.due.check_standard_every_days),
+    ("due.references_every_days", days(), |c| c.due.references_every_days),
     ("scan.capped_mean_dn_max", within(0.0, 65535.0), |c| Some(c.scan.capped_mean_dn_max)),
 ];
 
@@ -77,5 +79,13 @@ const fn within(low: f64, high: f64) -> Limit {
         above_low: false,
         high,
         remedy: "",
+    }
+}
+
+/// An interval of up to ten years.
+const fn days() -> Limit {
+    Limit {
+        above_low: true,
+        ..within(0.0, 3650.0)
     }
 }

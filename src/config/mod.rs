@@ -5,6 +5,7 @@
 //! capitals, parts joined by two underscores: `RIDGED_STAGE__THETA_C__LIMIT_MAX_DEG=45`.
 
 mod bounds;
+mod due;
 mod sections;
 mod unattended;
 
@@ -19,6 +20,7 @@ use crate::scan::plan::{EXPOSURE_S_MAX, EXPOSURE_S_MIN, PlanDefaults};
 use crate::series::{CameraFacts, FlatFacts, RigFacts, misaimed};
 use crate::wording::toml_text::{self, Refused};
 
+pub use due::DueSection;
 pub use sections::{
     CameraSection, DarkSection, FlatSection, ImportSection, QueueSection, RigSection, ScanSection,
     ServerSection, StoreSection,
@@ -51,6 +53,8 @@ pub struct Config {
     pub scan: ScanSection,
     /// The queue of parts.
     pub queue: QueueSection,
+    /// What is measured again at intervals.
+    pub due: DueSection,
     /// Programs run at events.
     pub hooks: HooksSection,
     /// Commands that switch the lamp.
@@ -174,6 +178,7 @@ impl Config {
             .and_then(|()| self.check_stage())
             .and_then(|()| self.check_park())
             .and_then(|()| self.check_access())
+            .and_then(|()| self.check_due())
             .and_then(|()| self.check_suspend());
         checked.map_err(|wrong| ConfigError::OutOfRange {
             origin: origin_of(&wrong.key),
@@ -344,6 +349,13 @@ impl Config {
             return Err(WrongSetting::new("import.roots", found, "absolute paths"));
         }
         Ok(())
+    }
+
+    fn check_due(&self) -> Result<(), WrongSetting> {
+        let Some((key, found, allowed)) = self.due.fault() else {
+            return Ok(());
+        };
+        Err(WrongSetting::new(key, found, allowed))
     }
 
     fn check_suspend(&self) -> Result<(), WrongSetting> {
@@ -529,7 +541,7 @@ mod tests {
         assert!(config.port.is_some() && config.camera.folder.is_some());
         for section in [
             "server", "import", "store", "stage", "rig", "camera", "flat", "dark", "scan", "hooks",
-            "lamp", "park",
+            "lamp", "park", "due",
         ] {
             assert!(text.contains(&format!("[{section}]")), "{section}");
         }

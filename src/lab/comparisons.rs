@@ -79,7 +79,8 @@ fn each_once(scan_ids: &[i64]) -> Result<(), LabError> {
     }
 }
 
-fn is_parameter(name: &str) -> Result<(), LabError> {
+/// Refuses a key that is not that of a fit's parameter.
+pub(super) fn is_parameter(name: &str) -> Result<(), LabError> {
     if Parameters::NAMES.contains(&name) {
         return Ok(());
     }

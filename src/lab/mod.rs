@@ -8,12 +8,14 @@
 pub mod accuracy_results;
 pub mod assembly;
 mod bench;
+mod charts;
 mod chosen_fit;
 mod comparisons;
 mod contrasts;
 mod cost_estimate;
 mod curves;
 pub mod definitions;
+mod due;
 mod error;
 mod event_sink;
 mod export;
@@ -67,7 +69,7 @@ mod verdicts;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, Weak};
+use std::sync::{Arc, Mutex, OnceLock, Weak};
 use std::time::Duration;
 
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
@@ -75,6 +77,7 @@ use tokio::sync::{broadcast, mpsc, oneshot, watch};
 use crate::access::{DAEMON, LOCAL};
 use crate::bench::stage::{StageError, StageSettings};
 use crate::clock::Clock;
+use crate::config::DueSection;
 use crate::geometry::Pose;
 use crate::program::Program;
 use crate::scan::event::RigActivity;
@@ -88,11 +91,13 @@ use crate::store::scans::Scan;
 use crate::store::{Recovery, Store, StoreError};
 
 pub use crate::bench::stage::{AxisName, DeviceIdentity, StageIdentity};
+pub use charts::{ChartChoice, ChartedSpecification, GuardBasis, ResultChart, chart};
 pub use chosen_fit::ReportChoice;
 pub use comparisons::{SCANS_MAX, compare, repeatability};
 pub use contrasts::ContrastRequest;
 pub use curves::{Curve, FitCurves};
 pub use definitions::NameOrId;
+pub use due::{Due, DueKind, due};
 pub use error::{Holder, LabError};
 use event_sink::EventSink;
 pub use export::{Exported, export, export_readable};
@@ -197,6 +202,8 @@ struct Inner {
     /// Whether the data folder was found gone and an alarm was raised.
     folder_gone: AtomicBool,
     queue: Arc<queue::QueueRun>,
+    /// What the settings ask to measure again at intervals.
+    due: OnceLock<DueSection>,
 }
 
 /// What the lab knows of the rig without owning it.
@@ -299,6 +306,7 @@ impl Lab {
                 ends,
                 folder_gone: AtomicBool::new(false),
                 queue: Arc::default(),
+                due: OnceLock::new(),
             }),
             who: LOCAL.into(),
         };

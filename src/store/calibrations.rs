@@ -219,6 +219,21 @@ impl Store {
         Ok(usable)
     }
 
+    /// Returns the age of the references as the time when they were taken, at or before `until` (both RFC 3339 UTC): of the newest
+    /// dark frames and the newest white-reference frames, the time of the older ones. A kind without frames does not count.
+    ///
+    /// # Errors
+    /// A database error.
+    pub async fn references_taken(&self, until: &str) -> Result<Option<String>, StoreError> {
+        let taken = sqlx::query_scalar(
+            "SELECT MIN(newest) FROM (SELECT MAX(created_at) AS newest FROM calibrations WHERE created_at <= ? GROUP BY kind)",
+        )
+        .bind(until)
+        .fetch_one(self.readers())
+        .await?;
+        Ok(taken)
+    }
+
     /// Returns the numbers of the calibrations that a scan uses, including its own.
     ///
     /// # Errors
@@ -278,6 +293,21 @@ mod tests {
         assert_eq!(store.calibrations_of_scan(scan.id).await.unwrap(), [id]);
         let kept = store.calibration(id).await.unwrap();
         assert_eq!(kept.created_at, crate::store::utc_text(days[1]));
+
+        // The references are as old as the older of the newest frames of each kind.
+        let taken = async |until: &str| store.references_taken(until).await.unwrap();
+        let future = "2100-01-01T00:00:00.000Z";
+        assert_eq!(taken(future).await.as_ref(), Some(&kept.created_at));
+        let dark = NewCalibration {
+            kind: FrameKind::Dark,
+            theta_c_deg: Vec::new(),
+            ..new
+        };
+        let dark = store.add_calibration(&dark).await.unwrap();
+        let dark = store.calibration(dark).await.unwrap();
+        assert!(dark.created_at > kept.created_at);
+        assert_eq!(taken(future).await.as_ref(), Some(&kept.created_at));
+        assert_eq!(taken("2000-01-01T00:00:00.000Z").await, None);
     }
 
     #[tokio::test]

@@ -17,7 +17,8 @@ use query::{Condition, Cursor, Test};
 
 pub use columns::{COLUMNS, Column, Kind, column};
 pub use query::{
-    Cell, GENERAL, LIMIT_MAX, LIMIT_USUAL, QueryError, ResultFormat, ResultQuery, parameters,
+    Cell, GENERAL, LIMIT_MAX, LIMIT_USUAL, OF_THE_PAGE, QueryError, ResultFormat, ResultQuery,
+    parameters,
 };
 pub use rows::{ResultRow, csv_header};
 
@@ -116,6 +117,27 @@ impl Store {
         select(&mut sql, query);
         let count = sql.build_query_scalar().fetch_one(self.readers()).await?;
         Ok(count)
+    }
+
+    /// Returns when the newest scan with a converged fit of a part of this name was started or imported, at or before
+    /// `until` (both RFC 3339 UTC). Archived scans do not count.
+    ///
+    /// # Errors
+    /// A database error.
+    pub async fn last_measured(
+        &self,
+        part: &str,
+        until: &str,
+    ) -> Result<Option<String>, StoreError> {
+        let last = sqlx::query_scalar(
+            "SELECT MAX(created_at) FROM results
+             WHERE part = ? AND status = 'converged' AND archived = 0 AND created_at <= ?",
+        )
+        .bind(part)
+        .bind(until)
+        .fetch_one(self.readers())
+        .await?;
+        Ok(last)
     }
 
     /// Returns rows with or without a value in the column of the order.

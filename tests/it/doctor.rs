@@ -148,6 +148,41 @@ async fn a_changed_frame_is_found_by_its_hash_and_a_daemon_is_asked_about_its_ri
     checking.await.unwrap();
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn what_the_settings_ask_to_measure_again_is_a_warning_with_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let disk = std::sync::Arc::new(ridged::store::disk::RealDisk);
+    let bench = BenchInABox::open(&folder.path().join("data"), disk, false).await;
+    bench.end().await;
+    let at = folder.path().to_owned();
+    let checking = tokio::task::spawn_blocking(move || {
+        let (_, found) = findings(&doctor(&at, &["--json"]));
+        assert!(!found.iter().any(|f| f.0 == "due"), "{found:#?}");
+        let settings = "[due]\ncheck_standard = \"CS-1\"\ncheck_standard_every_days = 7.0\nreferences_every_days = 1.0\n";
+        std::fs::write(at.join("rig.toml"), settings).unwrap();
+        let (code, found) = findings(&doctor(&at, &["--config", "rig.toml", "--json"]));
+        for words in [
+            "check standard CS-1: never measured",
+            "references: never taken",
+        ] {
+            assert!(has(&found, "due", "warning", words), "{words}: {found:#?}");
+        }
+        assert_eq!(code, 3, "{found:#?}");
+        let text = doctor(&at, &["--config", "rig.toml"]).stdout;
+        let text = String::from_utf8(text).unwrap();
+        assert!(text.contains("ridged chart --part \"CS-1\""), "{text}");
+        std::fs::write(at.join("rig.toml"), settings.replace("7.0", "0.0")).unwrap();
+        let refused = doctor(&at, &["--config", "rig.toml"]);
+        assert_eq!(refused.status.code(), Some(2));
+        let message = String::from_utf8(refused.stderr).unwrap();
+        assert!(
+            message.contains("line 3: due.check_standard_every_days is 0"),
+            "{message}"
+        );
+    });
+    checking.await.unwrap();
+}
+
 #[test]
 fn the_service_manager_learns_of_start_life_and_end() {
     let folder = tempfile::tempdir().unwrap();

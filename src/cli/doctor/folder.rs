@@ -8,8 +8,12 @@ use time::OffsetDateTime;
 
 use super::findings::Findings;
 use crate::bench::stage::StageIdentity;
+use crate::cli::due;
 use crate::cli::progress::Bar;
 use crate::cli::runtime::real_clock;
+use crate::clock::{Clock as _, SystemClock};
+use crate::config::DueSection;
+use crate::lab;
 use crate::store::disk::{Disk, RealDisk};
 use crate::store::{Store, StoreError};
 
@@ -104,8 +108,13 @@ pub struct Known {
     pub stages: Option<StageIdentity>,
 }
 
-/// Checks database and frames; with `deep` every frame file is read.
-pub async fn check_store(folder: &Path, deep: bool, findings: &mut Findings) -> Known {
+/// Checks database and frames, and what the settings ask to measure again; with `deep` every frame file is read.
+pub async fn check_store(
+    folder: &Path,
+    deep: bool,
+    due: &DueSection,
+    findings: &mut Findings,
+) -> Known {
     if !folder.is_dir() {
         return Known::default();
     }
@@ -121,11 +130,29 @@ pub async fn check_store(folder: &Path, deep: bool, findings: &mut Findings) -> 
         }
     };
     let known = check_opened(&store, deep, findings).await;
+    if known.is_ok() {
+        check_due(&store, due, findings).await;
+    }
     store.close().await;
     known.unwrap_or_else(|error| {
         findings.error("database", &error);
         Known::default()
     })
+}
+
+/// Checks when check standard and references were last measured.
+async fn check_due(store: &Store, settings: &DueSection, findings: &mut Findings) {
+    match lab::due(store, settings, SystemClock::new().utc()).await {
+        Err(error) => findings.error("due", &error),
+        Ok(all) => {
+            for item in &all {
+                match item.is_due {
+                    true => findings.warning("due", due::words(item), &due::advice(item)),
+                    false => findings.ok("due", due::words(item)),
+                }
+            }
+        }
+    }
 }
 
 async fn check_opened(

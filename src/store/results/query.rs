@@ -36,6 +36,9 @@ pub const GENERAL: &[(&str, &str)] = &[
     ("format", "json or csv; by default as the header Accept asks, otherwise json"),
 ];
 
+/// Those of them that are about the page of an answer, and not about which rows it has.
+pub const OF_THE_PAGE: [&str; 6] = ["sort", "fields", "limit", "cursor", "count", "format"];
+
 /// The form of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ResultFormat {
@@ -201,6 +204,47 @@ impl ResultQuery {
             return Err(invalid("cursor", problem));
         }
         Ok(query)
+    }
+
+    /// Reads filters only, by name and text.
+    ///
+    /// # Errors
+    /// As [`ResultQuery::read`], also for a parameter of the page.
+    pub fn read_filters<'a>(
+        parameters: impl IntoIterator<Item = (&'a str, &'a str)>,
+    ) -> Result<ResultQuery, QueryError> {
+        let parameters: Vec<_> = parameters.into_iter().collect();
+        if let Some((name, _)) = parameters
+            .iter()
+            .find(|(name, _)| OF_THE_PAGE.contains(name))
+        {
+            let detail = format!("there is no parameter {name:?} here; expected filters only");
+            return Err(QueryError::Unknown(detail));
+        }
+        ResultQuery::read(parameters)
+    }
+
+    /// Asks for the rows that were started or imported last, newest first, at most `limit` of them.
+    #[must_use]
+    pub fn newest(mut self, limit: u32) -> Self {
+        let column = column("created_at").expect("it is a column");
+        let descending = true;
+        self.sort = Sort { column, descending };
+        self.limit = Some(limit);
+        self
+    }
+
+    /// Returns the one text that a filter demands of a column.
+    #[must_use]
+    pub fn only_text(&self, name: &str) -> Option<&str> {
+        let condition = self.conditions.iter().find(|c| c.column.name == name)?;
+        match &condition.test {
+            Test::OneOf(values) => match values.as_slice() {
+                [Some(Cell::Text(text))] => Some(text),
+                _ => None,
+            },
+            _ => None,
+        }
     }
 
     /// Asks for the page at a cursor of this query.

@@ -1,6 +1,7 @@
 //! The HTTP interface, called directly: one room per topic, and here how each of them asks.
 
 mod calibrations;
+mod charts;
 mod comparisons;
 pub(crate) mod document;
 mod jobs;

@@ -32,20 +32,3 @@ export function judged(value: number, std: number, limits: LimitPair, risks: Ris
   if (1 - probability <= risks.accept) return 'pass';
   return probability <= risks.reject ? 'fail' : 'cannot-tell';
 }
-
-const HALVINGS = 60;
-
-/** Width of the guard band inside the limits; null where the guard bands of two limits meet. */
-export function guardBand(std: number, limits: LimitPair, risk: number): number | null {
-  const { lower, upper } = limits;
-  const half = lower != null && upper != null ? 0.5 * (upper - lower) : 40 * std;
-  const riskAt = (inside: number): number => 1 - conformance(lower != null ? lower + inside : (upper ?? 0) - inside, std, limits);
-  if (riskAt(half) > risk) return null;
-  let [tooSmall, enough] = [0, half];
-  for (let n = 0; n < HALVINGS; n++) {
-    const middle = 0.5 * (tooSmall + enough);
-    if (riskAt(middle) <= risk) enough = middle;
-    else tooSmall = middle;
-  }
-  return enough;
-}

@@ -308,6 +308,120 @@ export interface components {
             /** @description Variant of the model that gave the values. */
             readonly variant: components["schemas"]["FitVariantName"];
         };
+        /** @description A point of the chart. */
+        readonly ChartPoint: components["schemas"]["ChartedResult"] & {
+            /** @description Whether the value is beyond the control limits (Western Electric rule 1). */
+            readonly beyond: boolean;
+            /**
+             * Format: double
+             * @description k of the expanded uncertainty.
+             */
+            readonly coverage_factor: number;
+            /**
+             * Format: double
+             * @description Expanded uncertainty U = k·u, same unit.
+             */
+            readonly expanded: number;
+            /** @description Whether the value is in a run on one side of the mean. */
+            readonly in_run: boolean;
+            /**
+             * Format: double
+             * @description Difference from the value before, without its sign; null for the first value.
+             */
+            readonly moving_range?: number | null;
+            /** @description Whether the moving range is above its limit. */
+            readonly range_beyond: boolean;
+            /**
+             * Format: double
+             * @description Standard uncertainty u (k = 1), same unit.
+             */
+            readonly std: number;
+            /**
+             * Format: double
+             * @description Value, in the unit of the parameter's name.
+             */
+            readonly value: number;
+        };
+        /** @description Values in a row on one side of the mean, at least `run_length` of them. */
+        readonly ChartRun: {
+            /** @description Place of the first value among the points, from 0. */
+            readonly first: number;
+            /** @description Whether the values are above the mean. */
+            readonly is_above: boolean;
+            /** @description Place of the last value. */
+            readonly last: number;
+        };
+        /** @description The result that a point shows. */
+        readonly ChartedResult: {
+            /** @description When the scan was started or imported, RFC 3339 in UTC. */
+            readonly created_at: string;
+            /**
+             * Format: int64
+             * @description Number of the fit: the newest completed one.
+             */
+            readonly fit_id: number;
+            /** @description Name of the part. */
+            readonly part: string;
+            /** @description Region of a part that has several. */
+            readonly region?: string | null;
+            /**
+             * Format: int64
+             * @description Number of the scan.
+             */
+            readonly scan_id: number;
+            /** @description Name of the specification of that verdict. */
+            readonly specification?: string | null;
+            /** @description Newest verdict: pass, fail or cannot-tell; null where the scan was not judged. */
+            readonly verdict?: string | null;
+            /**
+             * Format: int64
+             * @description Number of that verdict.
+             */
+            readonly verdict_id?: number | null;
+        };
+        /** @description A specification beside the chart: its limits of the parameter with their guard band, in the unit of the parameter's name. */
+        readonly ChartedSpecification: {
+            /**
+             * Format: double
+             * @description Lower acceptance limit: tolerance limit plus guard band; null also where the guard bands of two limits meet.
+             */
+            readonly acceptance_lower?: number | null;
+            /**
+             * Format: double
+             * @description Upper acceptance limit.
+             */
+            readonly acceptance_upper?: number | null;
+            /**
+             * Format: double
+             * @description Width of the guard band inside the limits; null without limits or without values.
+             */
+            readonly guard_band?: number | null;
+            readonly guard_basis?: components["schemas"]["GuardBasis"] | null;
+            /** @description Keys of all quantities that the specification limits. */
+            readonly limited: readonly string[];
+            /**
+             * Format: double
+             * @description Lower tolerance limit; null if there is none.
+             */
+            readonly lower?: number | null;
+            /**
+             * Format: double
+             * @description Largest allowed probability that an item which passes does not conform.
+             */
+            readonly max_false_accept_risk: number;
+            /** @description Name. */
+            readonly name: string;
+            /**
+             * Format: double
+             * @description Upper tolerance limit; null if there is none.
+             */
+            readonly upper?: number | null;
+            /**
+             * Format: int64
+             * @description Number of the verdict that it comes from.
+             */
+            readonly verdict_id?: number | null;
+        };
         /** @description A line of the two budgets. */
         readonly ComparedLine: {
             /**
@@ -453,6 +567,51 @@ export interface components {
              * @description Scan to read.
              */
             readonly scan_id: number;
+        };
+        /** @description A control chart of individual values and moving ranges. */
+        readonly ControlChart: {
+            readonly limits?: components["schemas"]["ControlLimits"] | null;
+            /** @description Values in their order, oldest first. */
+            readonly points: readonly components["schemas"]["ChartPoint"][];
+            /** @description Least number of values of a run. */
+            readonly run_length: number;
+            /** @description Runs on one side of the mean, oldest first. */
+            readonly runs: readonly components["schemas"]["ChartRun"][];
+        };
+        /** @description Mean and control limits, in the unit of the parameter's name. */
+        readonly ControlLimits: {
+            /**
+             * Format: double
+             * @description Lower control limit: mean − 3 s.
+             */
+            readonly lower: number;
+            /**
+             * Format: double
+             * @description Mean of the values.
+             */
+            readonly mean: number;
+            /**
+             * Format: double
+             * @description Mean moving range.
+             */
+            readonly mean_range: number;
+            /** @description Number of values. */
+            readonly n: number;
+            /**
+             * Format: double
+             * @description Upper limit of a moving range: 3.267 times the mean moving range.
+             */
+            readonly range_limit: number;
+            /**
+             * Format: double
+             * @description Scatter from one value to the next: mean moving range / 1.128.
+             */
+            readonly s: number;
+            /**
+             * Format: double
+             * @description Upper control limit: mean + 3 s.
+             */
+            readonly upper: number;
         };
         /** @description A controller. */
         readonly ControllerBody: {
@@ -624,6 +783,33 @@ export interface components {
              */
             readonly value: number;
         };
+        /** @description Something that the settings ask to measure again at intervals (`[due]`). */
+        readonly Due: {
+            /** @description When it is due, RFC 3339 in UTC; null where it was never measured, so that it is due now. */
+            readonly due_at?: string | null;
+            /** @description Whether it is due now. */
+            readonly is_due: boolean;
+            /**
+             * @description When it was last measured, RFC 3339 in UTC: the start or import of the newest scan of the check standard with a
+             *     converged fit that is not archived; of the newest dark and the newest white-reference frames, the older ones. Null if
+             *     never.
+             */
+            readonly last_at?: string | null;
+            /** @description Name of the check standard; null for references. */
+            readonly part?: string | null;
+            /** @description What it is. */
+            readonly what: components["schemas"]["DueKind"];
+        };
+        /** @description What is measured again at intervals. */
+        readonly DueBody: {
+            /** @description Check standard and references, due or not; empty where the settings state no interval. */
+            readonly items: readonly components["schemas"]["Due"][];
+        };
+        /**
+         * @description What is measured again.
+         * @enum {string}
+         */
+        readonly DueKind: "check-standard" | "references";
         /** @description Something that was corrected. */
         readonly Earlier: {
             /** @description What it was. */
@@ -1673,6 +1859,11 @@ export interface components {
          * @enum {string}
          */
         readonly GroupedBy: "operator" | "day";
+        /**
+         * @description Where the guard band comes from.
+         * @enum {string}
+         */
+        readonly GuardBasis: "verdict" | "median-uncertainty";
         /** @description A histogram of 64 bins of equal width. */
         readonly HistogramBody: {
             /**
@@ -4610,6 +4801,21 @@ export interface components {
             /** @description Who started the scan: the name of a token, or `local` */
             readonly who?: string | null;
         };
+        /** @description The control chart of a parameter over the newest 1000 results that the filters select. */
+        readonly ResultChart: components["schemas"]["ControlChart"] & {
+            /**
+             * Format: int64
+             * @description Number of all results that the filters select.
+             */
+            readonly count: number;
+            /** @description What the settings ask to measure again at intervals, due or not. */
+            readonly due: readonly components["schemas"]["Due"][];
+            /** @description Results among the newest 1000 without a converged fit or without this parameter. */
+            readonly omitted: number;
+            /** @description Key of the parameter; its unit is the end of the name. */
+            readonly parameter: string;
+            readonly specification?: components["schemas"]["ChartedSpecification"] | null;
+        };
         /** @description The scan and fit of a result. */
         readonly ResultOf: {
             /**
@@ -6309,6 +6515,10 @@ export type CalibrationBody = components['schemas']['CalibrationBody'];
 export type CameraBody = components['schemas']['CameraBody'];
 export type CameraFacts = components['schemas']['CameraFacts'];
 export type CertaintyBody = components['schemas']['CertaintyBody'];
+export type ChartPoint = components['schemas']['ChartPoint'];
+export type ChartRun = components['schemas']['ChartRun'];
+export type ChartedResult = components['schemas']['ChartedResult'];
+export type ChartedSpecification = components['schemas']['ChartedSpecification'];
 export type ComparedLine = components['schemas']['ComparedLine'];
 export type ComparedParameter = components['schemas']['ComparedParameter'];
 export type ComparedValue = components['schemas']['ComparedValue'];
@@ -6317,6 +6527,8 @@ export type ContinueBody = components['schemas']['ContinueBody'];
 export type Contrast = components['schemas']['Contrast'];
 export type ContrastByPair = components['schemas']['ContrastByPair'];
 export type ContrastRequest = components['schemas']['ContrastRequest'];
+export type ControlChart = components['schemas']['ControlChart'];
+export type ControlLimits = components['schemas']['ControlLimits'];
 export type ControllerBody = components['schemas']['ControllerBody'];
 export type ConvergenceRate = components['schemas']['ConvergenceRate'];
 export type CurrentOrder = components['schemas']['CurrentOrder'];
@@ -6330,6 +6542,9 @@ export type DecisionRule = components['schemas']['DecisionRule'];
 export type DefinitionName = components['schemas']['DefinitionName'];
 export type DefinitionRef = components['schemas']['DefinitionRef'];
 export type Difference = components['schemas']['Difference'];
+export type Due = components['schemas']['Due'];
+export type DueBody = components['schemas']['DueBody'];
+export type DueKind = components['schemas']['DueKind'];
 export type Earlier = components['schemas']['Earlier'];
 export type EarlierName = components['schemas']['EarlierName'];
 export type EarlierSample = components['schemas']['EarlierSample'];
@@ -6383,6 +6598,7 @@ export type GaugeSpread = components['schemas']['GaugeSpread'];
 export type GeometryBody = components['schemas']['GeometryBody'];
 export type Grid = components['schemas']['Grid'];
 export type GroupedBy = components['schemas']['GroupedBy'];
+export type GuardBasis = components['schemas']['GuardBasis'];
 export type HistogramBody = components['schemas']['HistogramBody'];
 export type HolderBody = components['schemas']['HolderBody'];
 export type ImportBody = components['schemas']['ImportBody'];
@@ -6493,6 +6709,7 @@ export type ReportedObservation = components['schemas']['ReportedObservation'];
 export type ReportedTable = components['schemas']['ReportedTable'];
 export type ReportedVerdict = components['schemas']['ReportedVerdict'];
 export type Result = components['schemas']['Result'];
+export type ResultChart = components['schemas']['ResultChart'];
 export type ResultOf = components['schemas']['ResultOf'];
 export type ResultsBodyResult = components['schemas']['ResultsBody_Result'];
 export type RidgeAngle = components['schemas']['RidgeAngle'];

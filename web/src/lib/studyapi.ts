@@ -15,6 +15,7 @@ import type {
   Page,
   RecordChange,
   Repeatability,
+  ResultChart,
   ResultRow,
   StoredDefinition,
   Trace,
@@ -61,6 +62,8 @@ export const studyApi = {
   },
   /** All results that the filters select, as CSV. */
   resultsCsvUrl: (query: string): string => `${PREFIX}/results?format=csv${query === '' ? '' : `&${query}`}`,
+  /** The control chart of a parameter; `query` has the parameter, filters, and the specification whose limits are beside it. */
+  chart: (query: string, signal?: AbortSignal): Promise<ResultChart> => get(`/charts?${query}`, signal),
   /** Frames, poses, observations and fit as one file. */
   nexusUrl: (scan: number): string => `${PREFIX}/scans/${scan}/scan.nxs`,
   curves: (id: number, signal?: AbortSignal): Promise<Curves> => get(`/fits/${id}/curve?step_deg=2`, signal),

@@ -69,6 +69,9 @@ export type Comparison = Sent<openapi.Comparison>;
 export type GaugeBy = openapi.GroupedBy;
 export type GaugeSpread = Sent<openapi.GaugeSpread>;
 export type Repeatability = Sent<openapi.Repeatability>;
+/** A control chart of results, and what is due. */
+export type ResultChart = Sent<openapi.ResultChart>;
+export type Due = Sent<openapi.Due>;
 /** A record of a scan as it was after a change. */
 export type RecordChange = Sent<openapi.RecordChange>;
 

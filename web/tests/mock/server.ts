@@ -12,6 +12,7 @@ import { finishedMap, mapFiles } from './maps';
 import { encodePng } from './png';
 import { lookThrough, picture } from './preview';
 import { resultRows, resultsPage } from './results';
+import { resultChart } from './chart';
 import { comparison, repeatability, type MockResult } from './study';
 import { traceFiles, traceResult } from './trace';
 
@@ -83,6 +84,8 @@ export class MockDaemon {
   readonly scans: MockScan[] = [];
   /** Changes of the records of scans. */
   readonly changes: Json[] = [];
+  /** What the settings ask to measure again at intervals. */
+  readonly due: Json[] = [];
   readonly fits: Json[] = [];
   /** Duration of a fit; null: it runs until it is cancelled. */
   fitMs: number | null = 150;
@@ -572,6 +575,19 @@ export class MockDaemon {
       return send(202, { id: scan.body.id, state: 'planned' });
     }
     if (path === '/results') return send(200, resultsPage(resultRows(this), url.searchParams));
+    if (path === '/due') return send(200, { items: this.due });
+    if (path === '/charts') {
+      const asked = new URLSearchParams(url.searchParams);
+      const [parameter, limitsOf] = [asked.get('parameter') ?? 'theta_r_deg', asked.get('limits_of')];
+      asked.delete('parameter');
+      asked.delete('limits_of');
+      asked.set('sort', 'created_at');
+      asked.set('limit', '1000');
+      const rows = resultsPage(resultRows(this), asked).items;
+      const specification = (name: string) => (this.specifications.named(name)?.content ?? null) as { name: string; limits: Record<string, object> } | null;
+      const chart = resultChart({ rows, parameter, limitsOf, filter: asked.get('specification'), specification, verdict: (id) => this.verdicts.find((v) => v['id'] === id), due: this.due });
+      return chart ? send(200, chart) : problem(422, 'invalid-value', `limits_of: there is no specification \`${limitsOf}\``);
+    }
     if (path === '/scans') return list(this.scans.map((s) => s.body).filter((b) => b['archived'] !== true));
     if (path === '/comparisons' || path === '/repeatability') {
       const found = url.searchParams.getAll('scan_id').map((id) => ({ scan: this.scans.find((s) => s.body.id === Number(id))?.body, fit: this.fits.find((f) => f['scan_id'] === Number(id) && f['state'] === 'completed'), id: Number(id) }));

@@ -97,9 +97,31 @@ describe('the control chart', () => {
     await page.getByText('One value has no control limits.').waitFor();
     await page.goto(`${url}/#/chart/crest_radius`);
     await page.getByText('No converged fit of these scans determines the radius of the crests').waitFor();
-    daemon.refusals.set('GET /results', { status: 503, body: { status: 503, code: 'store-unavailable', title: 'store', detail: 'the database cannot be read' } });
+    daemon.refusals.set('GET /charts', { status: 503, body: { status: 503, code: 'store-unavailable', title: 'store', detail: 'the database cannot be read' } });
     await page.goto(`${url}/#/chart?lot=L7`);
     await page.getByRole('alert').getByText('The results cannot be read.').waitFor();
+  });
+
+  it('states what is due, also on the first view, with the way to the chart of the check standard', async () => {
+    series([10, 10.02]);
+    daemon.samples.push({ ...(daemon.samples[0] as object), id: 9, name: 'CS-1' } as never);
+    const last_at = new Date(2026, 2, 1, 8, 0).toISOString();
+    daemon.due.push({ what: 'check-standard', part: 'CS-1', last_at, due_at: new Date(2026, 2, 8, 8, 0).toISOString(), is_due: true });
+    daemon.due.push({ what: 'references', part: null, last_at, due_at: '2099-01-01T00:00:00.000Z', is_due: false });
+    await page.goto(`${url}/#/chart`);
+    await expect.poll(() => text('[data-testid=due]')).toMatch(/^due Check standard CS-1 was last measured 2026-03-01 08:00: due since 2026-03-08 08:00\. Measure CS-1 and look at its control chart\. References were last taken 2026-03-01 08:00: due 20\d\d-\d\d-\d\d \d\d:\d\d\.$/);
+    await page.goto(`${url}/#/measure`);
+    const line = page.getByRole('status').filter({ hasText: 'Check standard CS-1' });
+    await line.getByRole('link', { name: 'Chart of CS-1' }).waitFor();
+    // Only what is due.
+    expect(await line.innerText()).not.toContain('References');
+    expect(await axeViolations()).toEqual([]);
+    await line.getByRole('link', { name: 'Chart of CS-1' }).click();
+    await expect.poll(() => text('#chart-title')).toBe('Control chart: θr of part CS-1');
+    daemon.due.length = 0;
+    await page.goto(`${url}/#/measure`);
+    await page.getByText('Last results').waitFor();
+    await expect.poll(() => page.getByTestId('due').count()).toBe(0);
   });
 
   it('has no violation of axe-core and fits 320 pixels', async () => {

@@ -1,30 +1,35 @@
 import { describe, expect, it } from 'vitest';
 
 import { labelRoom, roundMarks } from '../../src/lib/axis';
-import { chartOf, signalSentences } from '../../src/lib/charted';
-import type { ResultRow } from '../../src/lib/types';
+import { dueSentence, signalSentences } from '../../src/lib/charted';
+import type { ResultChart } from '../../src/lib/types';
 
-const row = (scan_id: number, theta_r_deg: number | null, more: Partial<ResultRow> = {}): ResultRow => ({ scan_id, status: 'converged', theta_r_deg, theta_r_deg_std: 0.01, theta_r_deg_expanded: 0.023, ...more });
+const point = (scan_id: number, value: number, beyond = false): ResultChart['points'][number] => ({
+  scan_id, region: null, fit_id: scan_id, part: 'A-1', verdict: null, verdict_id: null, specification: null, created_at: '2026-03-01T09:00:00Z',
+  value, std: 0.01, expanded: 0.02, coverage_factor: 2, moving_range: null, beyond, in_run: false, range_beyond: false,
+});
 
 describe('the chart of results', () => {
-  it('has the values of converged fits with U, in the order of the rows', () => {
-    const rows = [row(1, 10), row(2, 10.1), row(3, null), row(4, 9.9, { status: 'at-bound' }), row(5, 10.2, { alpha_u: 0.1, alpha_u_std: 0.002 })];
-    const chart = chartOf(rows, 'theta_r_deg');
-    expect(chart.points.map((p) => [p.row.scan_id, p.value, p.expanded, p.range === null ? null : Number(p.range.toFixed(6))])).toEqual([[1, 10, 0.023, null], [2, 10.1, 0.023, 0.1], [5, 10.2, 0.023, 0.1]]);
-    expect(chart.omitted).toBe(2);
-    // Mean moving range 0.1, so s = 0.1 / 1.128.
-    expect(chart.limits?.s).toBeCloseTo(0.08865, 5);
-    expect(chartOf(rows, 'alpha_u').points.map((p) => p.expanded)).toEqual([0.004]);
-  });
+  const limits = { n: 21, mean: 10.02, s: 0.05, lower: 9.87, upper: 10.17, mean_range: 0.05, range_limit: 0.16 };
+  const points = [...Array.from({ length: 20 }, (_, i) => point(i + 1, 10)), point(21, 10.5, true), point(22, 9.5, true)];
 
   it('says its signals in words, the newest first', () => {
-    const calm = Array.from({ length: 20 }, (_, i) => row(i + 1, 10 + (i % 2 ? 0.01 : -0.01)));
-    expect(signalSentences(chartOf(calm, 'theta_r_deg'), 2, '°')).toEqual([]);
-    const high = chartOf([...calm, row(21, 10.5), ...calm.slice(0, 3)], 'theta_r_deg');
-    expect(signalSentences(high, 2, '°')).toEqual([
-      expect.stringMatching(/^Scan 21: 10\.50° is above the control limit 10\.\d\d° \(mean \+ 3 s\)\.$/),
+    expect(signalSentences({ points, limits, runs: [{ first: 0, last: 19, is_above: false }] }, 2, '°')).toEqual([
+      'Scan 22: 9.50° is below the control limit 9.87° (mean − 3 s).',
+      'Scan 21: 10.50° is above the control limit 10.17° (mean + 3 s).',
       'Scans 1 to 20: 20 values in a row below the mean.',
     ]);
+    expect(signalSentences({ points: points.slice(0, 20), limits, runs: [] }, 2, '°')).toEqual([]);
+    expect(signalSentences({ points: [point(1, 10)], limits: null, runs: [] }, 2, '°')).toEqual([]);
+  });
+
+  it('says what is due', () => {
+    const now = new Date(2026, 2, 9, 12);
+    const [last_at, due_at] = [new Date(2026, 2, 2, 9).toISOString(), new Date(2026, 2, 9, 9).toISOString()];
+    const standard = { what: 'check-standard', part: 'CS-1', last_at, due_at, is_due: true } as const;
+    expect(dueSentence(standard, now)).toBe('Check standard CS-1 was last measured 2026-03-02 09:00: due since 09:00.');
+    expect(dueSentence({ ...standard, is_due: false }, now)).toBe('Check standard CS-1 was last measured 2026-03-02 09:00: due 09:00.');
+    expect(dueSentence({ what: 'references', part: null, last_at: null, due_at: null, is_due: true }, now)).toBe('References were never taken: due now.');
   });
 });
 

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { conformance, guardBand, judged, risksOf } from '../../src/lib/conformity';
+import { conformance, judged, risksOf } from '../../src/lib/conformity';
 
 const RISKS = risksOf(null);
 
@@ -20,13 +20,5 @@ describe('conformity', () => {
     expect(judged(10.9, 0.1, limits, RISKS)).toBe('cannot-tell');
     expect(judged(10.9, 0.1, limits, { accept: 0.2, reject: 0.025 })).toBe('pass');
     expect(judged(11.3, 0.1, limits, RISKS)).toBe('fail');
-  });
-
-  it('has the guard bands of JCGM 106: 1.96 u at one limit, wider where two limits are near, none where they meet', () => {
-    expect(guardBand(0.1, { upper: 11 }, 0.025)).toBeCloseTo(0.1959964, 6);
-    // As in the daemon’s test: u = 0.1, risk 5 %.
-    expect(guardBand(0.1, { lower: 9, upper: 11 }, 0.05)).toBeCloseTo(0.164485362695, 9);
-    expect(guardBand(0.1, { lower: 9.8, upper: 10.2 }, 0.05)).toBeCloseTo(0.179621, 6);
-    expect(guardBand(0.1, { lower: 9.9, upper: 10.1 }, 0.025)).toBeNull();
   });
 });
