@@ -42,7 +42,27 @@ export interface GridReading {
   readonly plan: PlanRequest | null;
 }
 
-export function readGrid(draft: GridDraft): GridReading {
+/** Limits of an axis, degrees. */
+interface Limits {
+  readonly limit_min_deg: number;
+  readonly limit_max_deg: number;
+}
+/** How far the rig moves. */
+export interface Travel {
+  readonly theta_c: Limits;
+  readonly phi_s: Limits;
+}
+/** Exposures that the daemon accepts, milliseconds. */
+const EXPOSURE_MS = { min: 0.001, max: 3.6e6 } as const;
+
+/** The first value beyond limits, in words. */
+function beyond(values: readonly number[], low: number, high: number, words: (x: number) => string): string | null {
+  const outside = values.find((x) => x < low || x > high);
+  return outside === undefined ? null : `${words(outside)} is not within ${words(low)} to ${words(high)}.`;
+}
+
+/** Reads the fields; with the travel of the rig, angles have to be within it. */
+export function readGrid(draft: GridDraft, travel: Travel | null = null): GridReading {
   const lists: Partial<Record<Exclude<GridField, 'repeats'>, ListOutcome>> = {
     ...(draft.grid === 'custom' ? { tilts: parseList(draft.tilts), azimuths: parseList(draft.azimuths) } : {}),
     ...(draft.exposures.trim() === '' ? {} : { exposures: parseList(draft.exposures, 'ms') }),
@@ -54,6 +74,16 @@ export function readGrid(draft: GridDraft): GridReading {
     return outcome?.ok ? outcome.values : [];
   };
   const [tilts, azimuths, exposures] = [valuesOf('tilts'), valuesOf('azimuths'), valuesOf('exposures')];
+  const degrees = (values: readonly number[], axis: Limits | undefined): string | null => (axis ? beyond(values, axis.limit_min_deg, axis.limit_max_deg, (x) => angle(x)) : null);
+  const outside: Partial<Record<GridField, string | null>> = {
+    tilts: degrees(tilts, travel?.theta_c),
+    azimuths: degrees(azimuths, travel?.phi_s),
+    exposures: beyond(exposures, EXPOSURE_MS.min, EXPOSURE_MS.max, (ms) => exposure(ms / 1000)),
+  };
+  for (const field of ['tilts', 'azimuths', 'exposures'] as const) {
+    const fault = faults[field] ?? outside[field];
+    if (fault != null) faults[field] = fault;
+  }
   const repeats = typed(draft.repeats) ?? Number.NaN;
   if (!(Number.isInteger(repeats) && repeats >= 1 && repeats <= REPEATS_MAX)) faults.repeats = `Give a whole number from 1 to ${REPEATS_MAX}.`;
   const readings = [

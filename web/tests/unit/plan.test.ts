@@ -17,6 +17,10 @@ describe('a typed grid', () => {
     expect(wrong.plan).toBeNull();
     expect(Object.keys(wrong.faults).sort()).toEqual(['azimuths', 'repeats', 'tilts']);
     // Lists of a preset are not read.
+    const travel = { theta_c: { limit_min_deg: -60, limit_max_deg: 60 }, phi_s: { limit_min_deg: -20, limit_max_deg: 390 } };
+    const far = readGrid(draft({ grid: 'custom', tilts: '0,70', azimuths: '0,400', exposures: '20,4000000' }), travel);
+    expect(far.plan).toBeNull();
+    expect(far.faults).toEqual({ tilts: '70° is not within −60° to 60°.', azimuths: '400° is not within −20° to 390°.', exposures: '4000 s is not within 0.001 ms to 3600 s.' });
     expect(readGrid(draft({ tilts: 'x' })).faults).toEqual({});
     for (const repeats of ['0', '101', '', 'two']) expect(readGrid(draft({ repeats })).faults.repeats, repeats).toBe('Give a whole number from 1 to 100.');
   });
