@@ -169,7 +169,7 @@ export const api = {
   /** The newest results: one row per scan, several for a part with regions. */
   verdictWords: async (limit: number, signal?: AbortSignal): Promise<readonly ResultRow[]> => (await get<Page<ResultRow>>(`/results?fields=scan_id,region,verdict&limit=${limit}`, signal)).items,
   /** What the settings ask to measure again at intervals, due or not. */
-  due: async (signal?: AbortSignal): Promise<readonly Due[]> => (await get<Page<Due>>('/due', signal)).items,
+  due: async (): Promise<readonly Due[]> => (await get<Page<Due>>('/due')).items,
   queue: (): Promise<Queue> => get('/queue'),
   /** Orders that run or wait, in sequence. */
   queueOrders: (): Promise<QueueOrder[]> => getAll('/queue/orders'),

@@ -111,7 +111,7 @@ describe('the control chart', () => {
     await page.goto(`${url}/#/chart`);
     await expect.poll(() => text('[data-testid=due]')).toMatch(/^due Check standard CS-1 was last measured 2026-03-01 08:00: due since 2026-03-08 08:00\. Measure CS-1 and look at its control chart\. References were last taken 2026-03-01 08:00: due 20\d\d-\d\d-\d\d \d\d:\d\d\.$/);
     await page.goto(`${url}/#/measure`);
-    const line = page.getByRole('status').filter({ hasText: 'Check standard CS-1' });
+    const line = page.getByTestId('due').filter({ hasText: 'Check standard CS-1' });
     await line.getByRole('link', { name: 'Chart of CS-1' }).waitFor();
     // Only what is due.
     expect(await line.innerText()).not.toContain('References');
