@@ -1,7 +1,8 @@
 import { describe, expect, it } from 'vitest';
 
 import type { Fit, Parameter, Sample, Scan } from '../../src/lib/types';
-import { identifiability, knownOf, sampleFrames, varianceShares, warningWords } from '../../src/lib/words';
+import { varianceShares } from '../../src/lib/budgetwords';
+import { identifiability, knownOf, sampleFrames, warningWords } from '../../src/lib/words';
 
 describe('varianceShares', () => {
   it('adds up to one, in quadrature, in the legend’s order', () => {
