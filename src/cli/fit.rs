@@ -63,7 +63,7 @@ pub struct Args {
     #[arg(long, value_name = "ID")]
     pub scan: Option<i64>,
     /// Data folder of the store.
-    #[arg(long, value_name = "DIR", default_value = "ridged-data")]
+    #[arg(long, value_name = "DIR", default_value = "ridged-data", global = true)]
     pub data: PathBuf,
     /// Model the reported result is based on; all are fitted and compared.
     #[arg(long, value_enum, default_value_t = Variant::Auto)]
