@@ -98,7 +98,13 @@ describe('faults', () => {
     await chooseSample();
     await page.getByText('custom', { exact: true }).click();
     await page.getByLabel(/Camera tilts/).fill('0, 75');
-    await page.getByText('75° is beyond the limit of 60°.').waitFor();
+    await page.getByText('75° is not within −60° to 60°.').waitFor();
+    expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
+    // The page knows these limits; what only the daemon knows, it is asked.
+    expect(daemon.requests.filter((r) => r.path === '/scans/estimate' && JSON.stringify(r.body).includes('75'))).toEqual([]);
+    daemon.refusals.set('POST /scans/estimate', { status: 422, body: { code: 'invalid-value', title: 'a value is not valid', detail: 'a path enters the forbidden region of the lens' } });
+    await page.getByLabel(/Camera tilts/).fill('0, 50');
+    await page.getByText('a path enters the forbidden region of the lens').waitFor();
     expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
   });
 
