@@ -298,7 +298,7 @@ describe('a lab’s day', () => {
 
   it('shows as a sentence why a plan cannot run', async () => {
     await fillScan(page, { sample: 'model 15°', grid: 'custom', tilts: '0, 88', azimuths: '0' });
-    const fault = page.locator('.estimate .fault');
+    const fault = page.locator('.fault').first();
     await fault.waitFor();
     expect(await fault.innerText()).toMatch(/88.*\.$/);
     expect(await page.getByRole('button', { name: 'Start scan' }).isDisabled()).toBe(true);
