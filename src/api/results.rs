@@ -20,7 +20,7 @@ use super::status::{ApiError, Problem};
 use crate::store::Store;
 use crate::store::results::{
     COLUMNS, Column, GENERAL, Kind, LIMIT_MAX, OF_THE_PAGE, QueryError, ResultFormat, ResultPages,
-    ResultQuery, csv_header, parameters,
+    ResultQuery, ResultRow, csv_header, parameters,
 };
 
 /// The parameters of a query of results, read from the list of columns.
@@ -176,8 +176,8 @@ impl utoipa::PartialSchema for ResultRowBody {
     fn schema() -> RefOr<Schema> {
         let mut row = ObjectBuilder::new().description(Some(
             "A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and \
-             at most 600 bytes where its texts have 80 together. Uncertainties have three significant digits, values end at the same \
-             decimal; /fits/{id} has all digits",
+             at most 600 bytes: texts that are too long for it are shortened. Uncertainties have three significant digits, values \
+             end at the same decimal; /fits/{id} has all digits",
         ));
         for column in COLUMNS {
             if column.kind == Kind::Tags {
@@ -197,6 +197,12 @@ impl utoipa::PartialSchema for ResultRowBody {
             };
             row = row.property(column.name, Schema::Object(field.build()));
         }
+        let shortened = ObjectBuilder::new()
+            .schema_type(Type::Boolean)
+            .description(Some(
+                "True where texts of the row are shortened and end with `…`; `fields=usual` sends them whole. Omitted otherwise",
+            ));
+        row = row.property("shortened", Schema::Object(shortened.build()));
         RefOr::T(row.build().into())
     }
 }
@@ -260,12 +266,12 @@ async fn page(store: &Store, query: &ResultQuery) -> Result<Response, ApiError> 
         }
     };
     let (page, count) = tokio::try_join!(store.results(query), count)?;
+    let object = |row| match query.brief {
+        true => ResultRow::brief(row, &query.fields),
+        false => ResultRow::object(row, &query.fields),
+    };
     let body = ResultsBody {
-        items: page
-            .rows
-            .iter()
-            .map(|row| row.object(&query.fields))
-            .collect(),
+        items: page.rows.iter().map(object).collect(),
         next_cursor: page.next_cursor,
         count,
     };

@@ -9,6 +9,8 @@ use std::time::Duration;
 
 use anyhow::anyhow;
 use serde_json::Value;
+use ureq::config::ConfigBuilder;
+use ureq::typestate::AgentScope;
 
 use super::CliError;
 pub use connection::ConnectionArgs;
@@ -260,6 +262,16 @@ impl Client {
 
 type Response = ureq::http::Response<ureq::Body>;
 
+/// What every connection to a daemon has in common. A daemon redirects no request: a redirect would send the token
+/// elsewhere.
+fn agent_config() -> ConfigBuilder<AgentScope> {
+    ureq::Agent::config_builder()
+        .timeout_global(Some(ANSWER_WITHIN))
+        .http_status_as_error(false)
+        .max_redirects(0)
+        .max_redirects_will_error(false)
+}
+
 fn unreachable(error: ureq::Error) -> CliError {
     let text = error.to_string();
     let way_out = match text.contains("peer certificate") {
@@ -281,6 +293,14 @@ fn message(problem: &Value) -> String {
 
 fn read(mut answer: Response) -> Result<Value, CliError> {
     let status = answer.status();
+    if status.is_redirection() {
+        let place = answer.headers().get("location");
+        let place = place.and_then(|place| place.to_str().ok());
+        return Err(CliError::no_result(anyhow!(
+            "this address is not a daemon's: it redirects requests to {}; name the address of the daemon itself",
+            place.unwrap_or("another address")
+        )));
+    }
     let body: Value = answer.body_mut().read_json().map_err(|error| {
         CliError::no_result(anyhow!("the daemon's answer is not JSON: {error}"))
     })?;
@@ -320,10 +340,7 @@ mod tests {
         });
         let timeout = Some(Duration::from_millis(100));
         let client = Client {
-            agent: ureq::Agent::config_builder()
-                .timeout_global(timeout)
-                .build()
-                .into(),
+            agent: agent_config().timeout_global(timeout).build().into(),
             token: None,
             lease: None,
             url,
@@ -331,5 +348,41 @@ mod tests {
         let body = serde_json::json!({});
         assert!(client.post("/imports", Some(&body)).is_err());
         assert_eq!(client.post_patiently("/imports", &body).unwrap(), body);
+    }
+    #[test]
+    fn a_redirect_is_an_error_and_takes_no_token_elsewhere() {
+        let elsewhere = TcpListener::bind("127.0.0.1:0").unwrap();
+        elsewhere.set_nonblocking(true).unwrap();
+        let place = format!("http://{}/api/v1/rig", elsewhere.local_addr().unwrap());
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let url = format!("http://{}", listener.local_addr().unwrap());
+        let location = place.clone();
+        std::thread::spawn(move || {
+            for mut stream in listener.incoming().flatten() {
+                stream.read(&mut [0; 4096]).ok();
+                let answer = format!(
+                    "HTTP/1.1 307 Temporary Redirect\r\nLocation: {location}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
+                );
+                stream.write_all(answer.as_bytes()).ok();
+            }
+        });
+        let client = Client {
+            agent: agent_config().build().into(),
+            token: None,
+            lease: None,
+            url,
+        };
+        for error in [
+            client.get("/rig").unwrap_err(),
+            client.post("/rig/stop", None).unwrap_err(),
+            client.download("/rig").unwrap_err(),
+        ] {
+            let CliError::NoResult(error) = error else {
+                panic!("{error:?}");
+            };
+            assert!(error.to_string().contains(&place), "{error}");
+        }
+        let refused = elsewhere.accept().map(|_| ()).unwrap_err();
+        assert_eq!(refused.kind(), std::io::ErrorKind::WouldBlock);
     }
 }

@@ -20,7 +20,7 @@ pub use query::{
     Cell, GENERAL, LIMIT_MAX, LIMIT_USUAL, OF_THE_PAGE, QueryError, ResultFormat, ResultQuery,
     parameters,
 };
-pub use rows::{ResultRow, csv_header};
+pub use rows::{ROW_BYTES_MAX, ResultRow, RowObject, csv_header};
 
 /// A page of results.
 #[derive(Debug, Clone, PartialEq)]

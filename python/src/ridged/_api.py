@@ -1011,7 +1011,7 @@ class Repeatability(TypedDict):
 
 
 class Result(TypedDict):
-    """A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and at most 600 bytes where its texts have 80 together. Uncertainties have three significant digits, values end at the same decimal; /fits/{id} has all digits"""
+    """A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and at most 600 bytes: texts that are too long for it are shortened. Uncertainties have three significant digits, values end at the same decimal; /fits/{id} has all digits"""
 
     alpha_u: NotRequired[float | None]
     alpha_u_std: NotRequired[float | None]
@@ -1048,6 +1048,7 @@ class Result(TypedDict):
     scale: NotRequired[float | None]
     scale_std: NotRequired[float | None]
     scan_id: NotRequired[int | None]
+    shortened: NotRequired[bool]
     specification: NotRequired[str | None]
     state: NotRequired[Literal["planned", "waiting-for-operator", "running", "pausing", "paused", "interrupted", "completed", "aborted", "failed", None]]
     status: NotRequired[Literal["converged", "at-bound", "rank-deficient", "stalled", "not-finite", "too-few-observations", "cancelled", None]]

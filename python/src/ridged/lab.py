@@ -273,7 +273,8 @@ class Lab:
         `since="2026-11-01"`, `latest=True`, `sort="-theta_r_deg"`. A DataFrame; with `rows=True`, or without pandas, a
         list of typed rows.
         """
-        found: list[Result] = list(self._connection.pages("/results", filters, limit))
+        # The usual columns by name: without `fields`, the daemon shortens long texts.
+        found: list[Result] = list(self._connection.pages("/results", {"fields": "usual", **filters}, limit))
         frame = None if rows else tables.frame_of(found)
         return found if frame is None else frame
 

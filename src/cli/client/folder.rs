@@ -6,7 +6,7 @@ use anyhow::anyhow;
 use serde_json::Value;
 
 use super::connection::Secrecy;
-use super::{ANSWER_WITHIN, Client};
+use super::{Client, agent_config};
 use crate::cli::CliError;
 use crate::daemon::{NOTICE_FILE, SECRET_FILE};
 use crate::store::Store;
@@ -36,12 +36,7 @@ impl FolderHolder {
         }
         let client = Client {
             // A proxy of the environment cannot reach the loopback of this machine.
-            agent: ureq::Agent::config_builder()
-                .timeout_global(Some(ANSWER_WITHIN))
-                .http_status_as_error(false)
-                .proxy(None)
-                .build()
-                .into(),
+            agent: agent_config().proxy(None).build().into(),
             token: token_of(folder),
             lease: None,
             url,

@@ -12,7 +12,7 @@ use ureq::http::Uri;
 use ureq::tls::{Certificate, RootCerts, TlsConfig};
 
 use super::connection::ConnectionArgs;
-use super::{ANSWER_WITHIN, Client};
+use super::{Client, agent_config};
 use crate::cli::CliError;
 
 /// Files with the certificates that a machine trusts: of Debian, of Fedora.
@@ -34,9 +34,7 @@ pub(super) fn client(url: &str, connection: &ConnectionArgs) -> Result<Client, C
             --tls-cert and --tls-key), or a tunnel to this machine"
         )));
     }
-    let mut config = ureq::Agent::config_builder()
-        .timeout_global(Some(ANSWER_WITHIN))
-        .http_status_as_error(false);
+    let mut config = agent_config();
     if address.is_loopback {
         config = config.proxy(None);
     }

@@ -29,7 +29,10 @@ pub const GENERAL: &[(&str, &str)] = &[
     ("since", "Started or imported at or after this time, RFC 3339; a date is its midnight UTC"),
     ("until", "Started or imported before this time"),
     ("sort", "Column to sort by, with `-` in front for descending; `-scan_id` (newest first) if omitted. Rows without a value come last"),
-    ("fields", "Columns of the rows, separated by commas, or `all`"),
+    (
+        "fields",
+        "Columns of the rows, separated by commas, or `all`, or `usual`; without it, the usual ones with long texts shortened",
+    ),
     ("limit", "Rows at most, 1 to 1000; 100 if omitted, and all rows of a CSV"),
     ("cursor", "`next_cursor` of the previous page, with the same sort"),
     ("count", "true: the answer counts all rows that the filters select"),
@@ -74,6 +77,8 @@ pub struct ResultQuery {
     pub(super) cursor: Option<Cursor>,
     /// Columns of the rows.
     pub fields: Vec<&'static Column>,
+    /// Whether the columns were left open, so that a row of JSON has at most [`super::ROW_BYTES_MAX`] bytes.
+    pub brief: bool,
     /// Rows at most, if stated.
     pub limit: Option<u32>,
     /// Whether to count all rows.
@@ -174,6 +179,7 @@ impl Default for ResultQuery {
             },
             cursor: None,
             fields: usual(),
+            brief: true,
             limit: None,
             count: false,
             format: None,
@@ -270,7 +276,10 @@ impl ResultQuery {
                 self.conditions.push(condition);
             }
             "sort" => self.sort = sort_of(text)?,
-            "fields" => self.fields = fields_of(text)?,
+            "fields" => {
+                self.fields = fields_of(text)?;
+                self.brief = false;
+            }
             "limit" => match text.parse() {
                 Ok(limit @ 1..=LIMIT_MAX) => self.limit = Some(limit),
                 _ => {
@@ -348,8 +357,10 @@ fn sort_of(text: &str) -> Result<Sort, QueryError> {
 }
 
 fn fields_of(text: &str) -> Result<Vec<&'static Column>, QueryError> {
-    if text == "all" {
-        return Ok(COLUMNS.iter().collect());
+    match text {
+        "all" => return Ok(COLUMNS.iter().collect()),
+        "usual" => return Ok(usual()),
+        _ => {}
     }
     let mut fields: Vec<&'static Column> = Vec::new();
     for name in text.split(',').map(str::trim) {

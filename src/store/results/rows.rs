@@ -10,6 +10,9 @@ const DIGITS_STD: i32 = 3;
 /// Significant digits of a value without an uncertainty.
 const DIGITS_ALONE: usize = 6;
 
+/// Bytes of a brief row at most.
+pub const ROW_BYTES_MAX: usize = 600;
+
 /// A row with the values of all columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResultRow {
@@ -73,8 +76,39 @@ impl ResultRow {
 
     /// Returns the row as a JSON object of these columns.
     #[must_use]
-    pub fn object<'a>(&'a self, fields: &'a [&'static Column]) -> impl Serialize + 'a {
-        Object { row: self, fields }
+    pub fn object<'a>(&'a self, fields: &'a [&'static Column]) -> RowObject<'a> {
+        RowObject {
+            row: self,
+            fields,
+            width: None,
+        }
+    }
+
+    /// Returns the row as a JSON object of at most [`ROW_BYTES_MAX`] bytes: texts that are too long for it end with `…`, and
+    /// `shortened` says so.
+    #[must_use]
+    pub fn brief<'a>(&'a self, fields: &'a [&'static Column]) -> RowObject<'a> {
+        let of_width = |width| RowObject {
+            row: self,
+            fields,
+            width,
+        };
+        let fits = |width: Option<usize>| {
+            serde_json::to_vec(&of_width(width)).is_ok_and(|text| text.len() <= ROW_BYTES_MAX)
+        };
+        if fits(None) {
+            return of_width(None);
+        }
+        let (mut width, mut too_wide) = (0, ROW_BYTES_MAX);
+        while too_wide - width > 1 {
+            let middle = usize::midpoint(width, too_wide);
+            *if fits(Some(middle)) {
+                &mut width
+            } else {
+                &mut too_wide
+            } = middle;
+        }
+        of_width(Some(width))
     }
 
     /// Returns the row as a line of a CSV.
@@ -129,12 +163,28 @@ fn parsed(text: String, value: f64) -> f64 {
     text.parse::<f64>().map_or(value, |rounded| rounded + 0.0)
 }
 
-struct Object<'a> {
+/// A row as a JSON object.
+#[derive(Debug, Clone, Copy)]
+pub struct RowObject<'a> {
     row: &'a ResultRow,
     fields: &'a [&'static Column],
+    /// Characters of a text at most, where the row is brief.
+    width: Option<usize>,
 }
 
-impl Serialize for Object<'_> {
+/// Cuts a text to a number of characters, `…` included.
+fn cut(text: String, width: usize) -> String {
+    match text.char_indices().nth(width) {
+        None => text,
+        Some(_) => text
+            .chars()
+            .take(width.saturating_sub(1))
+            .chain(['…'])
+            .collect(),
+    }
+}
+
+impl Serialize for RowObject<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut object = serializer.serialize_map(None)?;
         for column in self.fields {
@@ -143,7 +193,14 @@ impl Serialize for Object<'_> {
             if column.name == COLUMNS[1].name && shown == Cell::Null {
                 continue;
             }
+            let shown = match (shown, self.width, column.kind) {
+                (Cell::Text(text), Some(width), Kind::Text) => Cell::Text(cut(text, width)),
+                (shown, ..) => shown,
+            };
             object.serialize_entry(column.name, &shown)?;
+        }
+        if self.width.is_some() {
+            object.serialize_entry("shortened", &true)?;
         }
         object.end()
     }

@@ -346,7 +346,7 @@ async fn pages_stay_whole_while_rows_are_added_in_every_order() {
 }
 
 #[tokio::test]
-async fn a_usual_row_has_at_most_600_bytes() {
+async fn a_brief_row_has_at_most_600_bytes_whatever_its_texts() {
     let (_folder, store) = store().await;
     let scan = planned(&store).await;
     end(
@@ -359,16 +359,68 @@ async fn a_usual_row_has_at_most_600_bytes() {
     .await;
     let judged = json!({ "verdict": "cannot-tell", "specification": "PX-1204 rev C" }).to_string();
     end(&store, JobKind::Verdict, scan.id, None, judged).await;
-    store
-        .rename_sample(scan.sample_id, "Panel B-17 of the left side")
-        .await
-        .unwrap();
-    let row = only_row(&store).await;
+    let rename = async |name: &str| {
+        store.rename_sample(scan.sample_id, name).await.unwrap();
+        only_row(&store).await
+    };
     let query = ResultQuery::default();
-    let text = serde_json::to_string(&row.object(&query.fields)).unwrap();
+    assert!(query.brief);
+    let row = rename("Panel B-17 of the left side").await;
+    let text = serde_json::to_string(&row.brief(&query.fields)).unwrap();
     assert!(text.len() <= 560, "{} bytes: {text}", text.len());
     assert!(
         text.starts_with("{\"scan_id\":1,\"fit_id\":1,\"part\":"),
         "{text}"
     );
+    assert_eq!(
+        text,
+        serde_json::to_string(&row.object(&query.fields)).unwrap()
+    );
+
+    let long = "Ü\"".repeat(100);
+    let row = rename(&long).await;
+    let text = serde_json::to_string(&row.brief(&query.fields)).unwrap();
+    assert!(
+        (590..=ROW_BYTES_MAX).contains(&text.len()),
+        "{} bytes: {text}",
+        text.len()
+    );
+    let brief: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(brief["shortened"], true);
+    let part = brief["part"].as_str().unwrap();
+    assert!(
+        long.starts_with(part.strip_suffix('…').unwrap()) && part.chars().count() > 8,
+        "{part}"
+    );
+    assert_eq!(brief["specification"], "PX-1204 rev C");
+    let whole = ResultQuery::read([("fields", "usual")]).unwrap();
+    assert!(!whole.brief);
+    let whole = serde_json::to_value(row.object(&whole.fields)).unwrap();
+    assert_eq!(
+        (&whole["part"], whole.get("shortened")),
+        (&json!(long), None)
+    );
+}
+
+#[test]
+fn a_brief_row_keeps_its_bytes_with_long_values_in_every_column() {
+    let query = ResultQuery::default();
+    let cells = query.fields.iter().map(|column| {
+        let cell = match column.kind {
+            Kind::Id => Cell::Id(9_999_999),
+            Kind::Real { .. } if column.name.ends_with("_std") => Cell::Real(1.234e-5),
+            Kind::Real { .. } => Cell::Real(12.345_678_912_345),
+            Kind::Time => Cell::Text("2026-11-27T03:50:57.000Z".into()),
+            // A scan that waits has no fit yet.
+            _ if column.name == "state" => Cell::Text("interrupted".into()),
+            Kind::Word(words) => {
+                Cell::Text((*words.iter().max_by_key(|word| word.len()).unwrap()).into())
+            }
+            _ => Cell::Text("\u{1F9EA}".repeat(200)),
+        };
+        (column.name, cell)
+    });
+    let row = ResultRow::of(cells.collect());
+    let text = serde_json::to_string(&row.brief(&query.fields)).unwrap();
+    assert!(text.len() <= ROW_BYTES_MAX, "{} bytes: {text}", text.len());
 }

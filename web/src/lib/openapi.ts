@@ -4590,7 +4590,7 @@ export interface components {
             /** @description Who asked for it. */
             readonly who: string;
         };
-        /** @description A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and at most 600 bytes where its texts have 80 together. Uncertainties have three significant digits, values end at the same decimal; /fits/{id} has all digits */
+        /** @description A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and at most 600 bytes: texts that are too long for it are shortened. Uncertainties have three significant digits, values end at the same decimal; /fits/{id} has all digits */
         readonly Result: {
             /**
              * Format: double
@@ -4734,6 +4734,8 @@ export interface components {
              * @description Number of the scan
              */
             readonly scan_id?: number | null;
+            /** @description True where texts of the row are shortened and end with `…`; `fields=usual` sends them whole. Omitted otherwise */
+            readonly shortened?: boolean;
             /** @description Name of the specification of that verdict */
             readonly specification?: string | null;
             /**
@@ -4995,6 +4997,8 @@ export interface components {
                  * @description Number of the scan
                  */
                 readonly scan_id?: number | null;
+                /** @description True where texts of the row are shortened and end with `…`; `fields=usual` sends them whole. Omitted otherwise */
+                readonly shortened?: boolean;
                 /** @description Name of the specification of that verdict */
                 readonly specification?: string | null;
                 /**
