@@ -319,7 +319,7 @@ fn read(mut answer: Response) -> Result<Value, CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::io::{Read as _, Write as _};
+    use std::io::{BufRead as _, BufReader, Read as _, Write as _};
     use std::net::TcpListener;
 
     #[test]
@@ -359,7 +359,8 @@ mod tests {
         let location = place.clone();
         std::thread::spawn(move || {
             for mut stream in listener.incoming().flatten() {
-                stream.read(&mut [0; 4096]).ok();
+                let lines = BufReader::new(&stream).lines();
+                assert!(lines.map_while(Result::ok).any(|line| line.is_empty()));
                 let answer = format!(
                     "HTTP/1.1 307 Temporary Redirect\r\nLocation: {location}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
                 );

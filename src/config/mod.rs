@@ -304,18 +304,26 @@ impl Config {
             return Ok(());
         };
         let target = Pose::from_deg(park.theta_c_deg, park.phi_s_deg);
-        match stage.check_limits(target) {
-            Err(StageError::OutsideLimits {
-                axis,
-                target,
-                min,
-                max,
-            }) => Err(WrongSetting::new(
+        if let Err(StageError::OutsideLimits {
+            axis,
+            target,
+            min,
+            max,
+        }) = stage.check_limits(target)
+        {
+            return Err(WrongSetting::new(
                 format!("park.{axis}_deg"),
                 target.to_string(),
                 format!("{min} to {max}, the limits of {axis}"),
+            ));
+        }
+        match stage.region_at(target) {
+            Some(region) => Err(WrongSetting::new(
+                "park",
+                format!("in the forbidden region {region}"),
+                "a place outside the forbidden regions",
             )),
-            _ => Ok(()),
+            None => Ok(()),
         }
     }
 
@@ -555,6 +563,14 @@ mod tests {
         let text = format!("{example}\n[park]\ntheta_c_deg = 0.0\nphi_s_deg = 370.0\n");
         let error = read(&text, &[]).unwrap_err().to_string();
         for part in ["park.phi_s_deg", "370", "-5", "365"] {
+            assert!(error.contains(part), "{part} is not in: {error}");
+        }
+        let text = format!(
+            "{example}\n[park]\ntheta_c_deg = 45.0\nphi_s_deg = 90.0\n\n[stage.homing]\norder = \"theta_c-first\"\n\n[[stage.forbidden]]\nname = \"lamp arm\"\n\
+            theta_c_deg = [30.0, 60.0]\nphi_s_deg = [80.0, 100.0]\n"
+        );
+        let error = read(&text, &[]).unwrap_err().to_string();
+        for part in ["park is in the forbidden region", "lamp arm", "outside"] {
             assert!(error.contains(part), "{part} is not in: {error}");
         }
         let text = "[park]\ntheta_c_deg = nan\nphi_s_deg = 0.0\n";

@@ -1,15 +1,13 @@
 //! Parks the axes and switches the lamp off when a scan has ended and when the daemon ends.
 
 use super::scan_run::RigContext;
-use crate::bench::AxisName;
 use crate::bench::stage::StageError;
-use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::visit::stage_code;
 use crate::scan::{Event, Rig};
 
 impl RigContext {
-    /// Moves both axes to the place of the settings, if there is one. Nothing moves if an axis has no reference, if the
+    /// Moves both axes to the place of the settings, if there is one, past the forbidden regions. Nothing moves if an axis has no reference, if the
     /// stages are not connected, or if a person, a stop or a fault of the stages has stopped them since a person last
     /// requested motion. Failures are alarms.
     pub(super) async fn park(&self, rig: &mut Rig) {
@@ -40,13 +38,7 @@ impl RigContext {
                 theta_c: AxisEvent::to(place.theta_c),
                 phi_s: AxisEvent::to(place.phi_s),
             });
-            let theta_c = stage.move_since(AxisName::ThetaC, place.theta_c, stops_of_stage);
-            let theta_c = theta_c.await?;
-            let phi_s = stage.move_since(AxisName::PhiS, place.phi_s, stops_of_stage);
-            let at = Pose {
-                theta_c,
-                phi_s: phi_s.await?,
-            };
+            let at = stage.move_pose_since(place, stops_of_stage).await?;
             self.sink.report(Event::Rig {
                 activity: RigActivity::Idle,
                 theta_c: AxisEvent::at(at.theta_c),

@@ -12,7 +12,7 @@ use ridged::clock::{Clock, ScaledClock};
 use ridged::geometry::Pose;
 use ridged::lab::{LabError, RigParts, ScanRequest};
 use ridged::scan::event::RigActivity;
-use ridged::scan::{Rig as ScanRig, StageLink};
+use ridged::scan::{Rig as ScanRig, ScanState, StageLink};
 use ridged::sim::controller::Controller;
 use ridged::sim::faults::ScriptedFaults;
 use ridged::sim::server::{PtyServer, serve_pty};
@@ -25,6 +25,7 @@ use tokio::sync::watch;
 use crate::bench_in_a_box::{BenchInABox, small};
 use crate::http::{is_problem, opened_in, request, send};
 use crate::stage::{Rig, assert_at, settings};
+use crate::stop::idle;
 
 fn guarded(mut settings: StageSettings) -> StageSettings {
     settings.forbidden = vec![ForbiddenRegion {
@@ -146,12 +147,26 @@ async fn a_plan_with_forbidden_points_is_refused_with_their_list_and_one_around_
     // Both sides of the region: the order of the points avoids it.
     let scan = bench.start(small(&[0.0, 40.0], &[60.0, 120.0])).await;
     let scan = bench.finish(scan.id).await;
-    assert_eq!(
-        scan.state,
-        ridged::scan::ScanState::Completed,
-        "{:?}",
-        scan.reason
-    );
+    assert_eq!(scan.state, ScanState::Completed, "{:?}", scan.reason);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_axes_are_parked_past_a_forbidden_region() {
+    let folder = tempfile::tempdir().unwrap();
+    let disk = Arc::new(RealDisk);
+    let parking = |parts| {
+        let mut parts = guard(parts);
+        // Only the azimuth may move first from φs = 90°.
+        parts.settings.park = Some(Pose::from_deg(50.0, 120.0));
+        parts
+    };
+    let bench = BenchInABox::open_as(folder.path(), disk, true, Duration::ZERO, parking).await;
+    let scan = bench.start(small(&[0.0], &[90.0])).await;
+    let mut events = bench.lab.events();
+    bench.until(scan.id, ScanState::Completed).await;
+    idle(&mut events).await;
+    assert_at(bench.rig.world.pose_now(), 50.0, 120.0);
     bench.end().await;
 }
 
