@@ -349,6 +349,7 @@ mod tests {
         assert!(client.post("/imports", Some(&body)).is_err());
         assert_eq!(client.post_patiently("/imports", &body).unwrap(), body);
     }
+
     #[test]
     fn a_redirect_is_an_error_and_takes_no_token_elsewhere() {
         let elsewhere = TcpListener::bind("127.0.0.1:0").unwrap();

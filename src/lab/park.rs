@@ -7,9 +7,9 @@ use crate::scan::visit::stage_code;
 use crate::scan::{Event, Rig};
 
 impl RigContext {
-    /// Moves both axes to the place of the settings, if there is one, past the forbidden regions. Nothing moves if an axis has no reference, if the
-    /// stages are not connected, or if a person, a stop or a fault of the stages has stopped them since a person last
-    /// requested motion. Failures are alarms.
+    /// Moves both axes to the place of the settings, if there is one, past the forbidden regions. Nothing moves if an axis
+    /// has no reference, if the stages are not connected, or if a person, a stop or a fault of the stages has stopped them
+    /// since a person last requested motion. Failures are alarms.
     pub(super) async fn park(&self, rig: &mut Rig) {
         let access = rig.access();
         let Some(place) = self.settings.park else {
