@@ -3,7 +3,8 @@
 //!
 //! `cargo bench --bench fit_strata -- --stratum ordinary|stiff|paper|both --cases N --seed S`; the whole
 //! proof is `--stratum both --cases 5000`, some hours on two cores, most of them stiff (it prints the time left); runs of fewer
-//! cases with other seeds add up to it. `--identifiable --crowd 1` looks at coverage alone. It ends with one line per requirement
+//! cases with other seeds add up to it. `--identifiable --crowd 1` looks at coverage alone, `--constants` at the constants of the
+//! search, at half and at twice their values. It ends with one line per requirement
 //! and fails (exit 1) where one is not met.
 //!
 //! The series are painted by the closed form that is fitted, so the model is exact and the
@@ -15,6 +16,7 @@
     reason = "the figures are this program's answer"
 )]
 
+mod constants;
 mod draw;
 mod judge;
 
@@ -76,6 +78,9 @@ struct Args {
     /// Let the fits look for a misfit of the model, as those of real samples do.
     #[arg(long)]
     misfit: bool,
+    /// Runs the search with each constant of `fit::tuning` at half and at twice its value and prints a table.
+    #[arg(long)]
+    constants: bool,
     /// Given by cargo.
     #[arg(long)]
     bench: bool,
@@ -109,6 +114,10 @@ fn main() -> ExitCode {
     let mut met = true;
     for stratum in strata {
         println!("{stratum:?}, seed {}", args.seed);
+        if args.constants {
+            constants::table(stratum, &args);
+            continue;
+        }
         met &= run(stratum, &args);
     }
     if met {
@@ -178,11 +187,11 @@ fn run(stratum: Stratum, args: &Args) -> bool {
         println!("time was over after {} of {all} series", outcomes.len());
     }
     report(&outcomes, args.verbose);
-    verdict(&outcomes)
+    verdict(stratum, &outcomes)
 }
 
 /// One line per requirement.
-fn verdict(outcomes: &[Outcome]) -> bool {
+fn verdict(stratum: Stratum, outcomes: &[Outcome]) -> bool {
     let n = outcomes.len();
     let share = |met: usize, of: usize| 100.0 * met as f64 / of.max(1) as f64;
     let at_minimum = outcomes.iter().filter(|o| o.at_minimum()).count();
@@ -191,6 +200,11 @@ fn verdict(outcomes: &[Outcome]) -> bool {
         .iter()
         .filter(|o| !o.null_with_std.is_empty())
         .count();
+    let asked = if stratum == Stratum::Stiff {
+        99.5
+    } else {
+        99.9
+    };
     let mut all = true;
     let mut line = |met: bool, text: String| {
         all &= met;
@@ -198,10 +212,18 @@ fn verdict(outcomes: &[Outcome]) -> bool {
     };
     let found = share(at_minimum, n);
     line(
-        found >= 99.9,
+        found >= asked,
         format!(
-            "minimum: {at_minimum} of {n} at or below the crowd's best ({found:.2} %, asked 99.9)"
+            "minimum: {at_minimum} of {n} at or below the crowd's best ({found:.2} %, asked {asked})"
         ),
+    );
+    let missed = outcomes
+        .iter()
+        .filter(|o| o.identifiable && !o.at_minimum());
+    let missed = missed.count();
+    line(
+        missed == 0,
+        format!("minimum: {missed} of the identifiable series missed (asked 0)"),
     );
     line(
         lies == 0,

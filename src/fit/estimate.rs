@@ -12,11 +12,9 @@ use super::covariance::{Scaling, covariance};
 use super::edges;
 use super::findings::Finding;
 use super::misfit::{explained, freedom, lightened, loss_weights, peak};
-use super::opening::{Opening, THOROUGH_ROUNDS};
+use super::opening::Opening;
 use super::problem::{Problem, Quantity, Values};
-use super::search::{
-    AMBIGUOUS_RISE, Late, ONE_SURFACE, Search, StartReport, many_minima, same, usable,
-};
+use super::search::{AMBIGUOUS_RISE, Late, ONE_SURFACE, Search, StartReport, same, usable};
 use super::settle::{Settled, Weighing, with_tier};
 use super::solver::{Ending, Minimum, Settings};
 use super::start::distance;
@@ -25,14 +23,14 @@ use super::traced::Tracing;
 use super::{Constraint, FitOptions, Loss};
 use crate::material::Material;
 use crate::model::Variant;
-use crate::observation::{ObservationSet, Prior};
+use crate::observation::ObservationSet;
 
 /// Rise of the cost up to which the near minima of a search are compared again with the final weights.
 const RIVAL_RISE: f64 = 25.0;
 /// Number of edges of the closed form that are crossed one after the other.
 const EDGES_CROSSED: usize = 8;
-/// How often a search continues from the results of its last steps.
-const DEEPER_STILL: usize = 3;
+/// How often a surface with a much smaller model error is looked for.
+const LESS_MISFIT: usize = 3;
 /// Factor by which the model error of another end must be smaller for that end to be better.
 const FAR_LESS: f64 = 4.0;
 
@@ -218,58 +216,6 @@ fn is_determined(e: &Estimate<'_>) -> bool {
         .is_empty()
 }
 
-/// A stated value that the data contradict.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Denial {
-    /// The quantity.
-    pub quantity: Quantity,
-    /// The stated value.
-    pub prior: Prior,
-    /// Whether the user stated it; otherwise it comes from a certificate or is typical of a rig.
-    pub by_user: bool,
-    /// Difference between the stated value and the data, in standard deviations of that difference.
-    pub deviations: f64,
-    /// Share of the prior in the fitted value.
-    pub leverage: f64,
-}
-
-/// Standard deviations between stated value and data above which a contradiction is reported.
-const DENIED: f64 = 4.0;
-/// Largest leverage of a prior; a larger one would amplify rounding.
-const LEVERAGE_MAX: f64 = 0.9996;
-
-/// Lists stated values that the data contradict. A residual r = (x − prior)/σ with leverage h is reduced by its own
-/// influence on the fit; r/√(1 − h) is the difference between data and prior in its standard deviations.
-pub(super) fn denials(e: &Estimate<'_>) -> Vec<Denial> {
-    let (problem, end) = (&e.problem, &e.minimum);
-    let rows = end.residuals.len();
-    let first = rows.saturating_sub(problem.priors().len());
-    let free = problem.free();
-    if rows != problem.residual_count() || free.len() * rows != end.jacobian.len() {
-        return Vec::new();
-    }
-    let covariance = covariance(&end.jacobian, rows, &end.residuals, Scaling::Absolute).matrix;
-    let priors = problem.priors().iter().zip(first..);
-    priors
-        .filter_map(|((quantity, prior), row)| {
-            let j = free.iter().position(|free| free == quantity)?;
-            let slope = end.jacobian[row + j * rows];
-            let leverage = (slope * slope * covariance[(j, j)]).clamp(0.0, LEVERAGE_MAX);
-            let deviations = end.residuals[row].abs() / (1.0 - leverage).sqrt();
-            (deviations > DENIED).then(|| Denial {
-                quantity: *quantity,
-                prior: *prior,
-                by_user: problem
-                    .stated()
-                    .iter()
-                    .any(|(stated, _)| stated == quantity),
-                deviations,
-                leverage,
-            })
-        })
-        .collect()
-}
-
 /// Like [`estimate_until`], with every step on all observations.
 pub(super) fn whole<'a>(
     set: &'a ObservationSet,
@@ -369,44 +315,8 @@ fn looked_for<'s>(
     cancel: &'s AtomicBool,
 ) -> Search<'s> {
     let mut search = opening.search(options, late, cancel);
-    let problem = &opening.problem;
-    let mut rounds = 0;
-    if few_directions(problem.set()) && !search.over() {
-        search.thorough(problem);
-        search.rescan(problem);
-        search.images(problem);
-        rounds += 1;
-    }
-    if opening.rounds(&search, options) == 0 && !search.over() {
-        search.mirror_image(problem);
-    }
-    while rounds < opening.rounds(&search, options) && !search.over() {
-        search.thorough(problem);
-        search.rescan(problem);
-        // A metal lit in the tilt plane is nearly its own mirror image at any number of azimuths.
-        search.images(problem);
-        rounds += 1;
-    }
-    if options.misfit {
-        search.follow(problem);
-        return search;
-    }
-    for _ in 0..DEEPER_STILL {
-        let cost = |search: &Search<'_>| search.best().map_or(f64::INFINITY, |m| m.cost);
-        let before = cost(&search);
-        if search.over() {
-            break;
-        }
-        search.persist(problem, opening.likely());
-        // Late results have images, too, and the search continues around what those lead to.
-        if !same(before, cost(&search)) && !search.over() {
-            search.images(problem);
-        }
-        search.follow(problem);
-        if same(before, cost(&search)) {
-            break;
-        }
-    }
+    search.multistart(&opening.problem);
+    search.images(&opening.problem);
     search
 }
 
@@ -447,20 +357,17 @@ fn of_most_observations<'a>(
 /// Looks for a surface with no model error, or a much smaller one.
 ///
 /// The weights of the first search allow every end an error of a few per cent of the peak. If few poses meet the lobe,
-/// surfaces far from the true one pass, so this looks for ends that need less. Once noise alone explains the data and
-/// they leave the surface undetermined, the deepest of the many minima counts.
+/// surfaces far from the true one pass, so this looks for ends that need less. Once noise alone explains the data, the
+/// search continues with its weights.
 fn with_less_misfit<'a>(
     mut settled: Settled<'a>,
     search: &mut Search<'_>,
     weighing: &Weighing<'_>,
 ) -> Settled<'a> {
     let cancel = weighing.cancel;
-    for _ in 0..THOROUGH_ROUNDS {
+    for _ in 0..LESS_MISFIT {
         if !settled.doubted() || search.over() {
             break;
-        }
-        if settled.open() {
-            search.look_hard();
         }
         let less = settled.discrepancy / FAR_LESS;
         let mut demanding = settled.clone();
@@ -486,13 +393,9 @@ fn with_less_misfit<'a>(
         }
     }
     if settled.discrepancy == 0.0
-        && many_minima(&settled.problem, &settled.minimum)
-        && !search.over()
+        && let Some(best) = search.continue_with(&settled)
     {
-        search.noise_alone(&settled);
-        // Without a model error every cost is plausible.
-        search.persist(&settled.problem, f64::INFINITY);
-        settled.minimum = search.best().cloned().unwrap_or(settled.minimum);
+        settled.minimum = best;
     }
     settled
 }
@@ -587,16 +490,4 @@ pub(super) fn conclude<'a>(
         findings: Vec::new(),
         investigated: false,
     }
-}
-
-/// Whether there are so few poses or azimuths that near symmetries cause near minima.
-pub(super) fn few_directions(set: &ObservationSet) -> bool {
-    let mut azimuths: Vec<i64> = set
-        .observations
-        .iter()
-        .map(|o| ((o.pose.phi_s.deg() * 10.0).round() as i64).rem_euclid(3600))
-        .collect();
-    azimuths.sort_unstable();
-    azimuths.dedup();
-    azimuths.len() <= 4 || set.observations.len() <= 24
 }

@@ -40,10 +40,8 @@ const ENOUGH: f64 = 10.0;
 pub(super) const LEAST_WEIGHT: f64 = 1e-12;
 /// Normal quantile exceeded once in four: a larger χ² is examined again.
 pub(super) const LIKELY: f64 = 0.674;
-/// Normal quantile exceeded once in twenty.
-pub(super) const SELDOM: f64 = 1.645;
 /// Normal quantile exceeded once in a thousand.
-pub(super) const RARE: f64 = 3.09;
+const RARE: f64 = 3.09;
 
 /// Largest signal.
 #[must_use]

@@ -12,18 +12,18 @@
 //!
 //! - The problem: [`least_squares`] (definition), [`solver`] (bounded Levenberg–Marquardt), [`quantity`] (what can be
 //!   fitted), [`problem`] (observation model, with `known` inputs), [`loss`] (how residuals count).
-//! - The search: [`start`] (starting points), [`search`] (how long to search), `crew` (descends from all starts at
-//!   once, with the derivatives of `lean` or `full`), `candidates` (further starts), `projection` (eliminates
-//!   amplitudes).
+//! - The search: [`search`] (multistart with a stopping rule), [`start`] (starts that the bright spot suggests), `drawn`
+//!   (starts from the whole box), `crew` (descends from all starts at once, with the derivatives of `lean` or `full`),
+//!   [`tuning`] (its constants), `projection` (best amplitudes of a start).
 //! - One variant: [`estimate`], with `opening` (initial state), [`thin`] (very many observations), `misfit` (model
 //!   error), `settle` (its weights), [`tier`] (the costlier model as an offset), [`traced`] (the ray tracer in its
 //!   place).
 //! - The uncertainty: [`covariance`], [`budget`], `drift` (of the lamp), `blunders` (single poses and runs of them),
 //!   `leftover` (the residual that they use), [`profile`] and [`intervals`] (intervals without the linear
 //!   approximation).
-//! - The answer: [`variants`] (selection), [`reporting`] (estimate to report), `parameter_covariance`, [`report`] (its form),
-//!   [`fitted_surface`] (report to BRDF), [`joint`] (several scans), [`trail`] (progress against time), [`outlook`]
-//!   (forecast of the duration).
+//! - The answer: [`variants`] (selection), [`reporting`] (estimate to report), `denials` (contradicted statements),
+//!   `parameter_covariance`, [`report`] (its form), [`fitted_surface`] (report to BRDF), [`joint`] (several scans),
+//!   [`trail`] (progress against time), [`outlook`] (forecast of the duration).
 //!
 //! This module uses no frames, no files and no clock.
 
@@ -36,12 +36,13 @@ use crate::trace::surface_profile::SurfaceProfile;
 
 pub mod blunders;
 pub mod budget;
-mod candidates;
 pub mod constraints;
 pub mod covariance;
 pub mod coverage;
 mod crew;
+mod denials;
 mod descent;
+mod drawn;
 pub mod drift;
 mod edges;
 pub mod estimate;
@@ -77,6 +78,7 @@ pub mod tier;
 pub mod traced;
 pub mod trail;
 mod trust_region;
+pub mod tuning;
 pub mod variants;
 pub mod wedge;
 
@@ -94,6 +96,7 @@ pub use quantity::Quantity;
 pub use report::FitReport;
 use traced::{TracingOptions, Watch};
 use trail::Time;
+use tuning::Tuning;
 
 /// Variant that the report is based on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
@@ -145,6 +148,9 @@ pub struct FitOptions {
     pub judge: bool,
     /// Settings of the ray tracer, where it is used.
     pub tracer: TracingOptions,
+    /// Constants of the search; only a bench changes them.
+    #[serde(skip)]
+    pub tuning: Tuning,
 }
 
 /// A value that the user states before the fit.
@@ -174,6 +180,7 @@ impl Default for FitOptions {
             tolerance: None,
             judge: false,
             tracer: TracingOptions::default(),
+            tuning: Tuning::DEFAULT,
         }
     }
 }

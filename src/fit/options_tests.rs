@@ -74,7 +74,7 @@ fn run<'a>(set: &'a ObservationSet, options: &FitOptions) -> Estimate<'a> {
 
 #[test]
 fn a_stated_number_of_starts_limits_a_search() {
-    // With so few poses a search always extends far around.
+    // Without the limit a search extends over the whole box.
     let poses =
         (0..15).map(|k| Pose::from_deg(f64::from(k % 5) * 10.0 - 20.0, f64::from(k / 5) * 90.0));
     let set = painted(poses, &TRUTH, NOISE, 3);
@@ -565,7 +565,7 @@ fn few_poses_that_the_printed_form_explains_select_paper() {
 #[test]
 fn a_search_ended_by_the_time_limit_lists_what_was_left_out() {
     let set = series(5);
-    // So few poses always have a thorough search.
+    // The first starts are free; the multistart is not.
     let few = ObservationSet {
         observations: set.observations[..24].to_vec(),
         ..set

@@ -1,27 +1,19 @@
 //! Forecasts the duration of a fit.
 //!
-//! A search continues while the data leave a doubt, so its duration depends on the data. Call [`outlook`]: it runs the
-//! first round of the fit, settles its result, derives the rounds that will follow, and times a small share of one
-//! round and one integration. The caller provides the clock.
+//! A search continues until its stopping rule is met, so its duration depends on the data. Call [`outlook`]: it runs the
+//! first round of the fit, settles its result, derives the starts that will follow from the minima found, and times one
+//! integration. The caller provides the clock.
 
 use std::sync::atomic::AtomicBool;
 
-use rayon::prelude::*;
-
-use super::candidates::{self, POOL, SCAN, Wanted};
 use super::covariance::{Scaling, covariance};
 use super::coverage::COVERAGE_FACTOR;
-use super::estimate::{Tier, few_directions};
+use super::estimate::Tier;
 use super::opening::Opening;
 use super::problem::{Problem, Values};
 use super::profile::{bootstrap, profile};
-use super::search::{
-    CALM, Effort, FINE, FOLLOWED, OTHER_ROUGHNESSES, PROMISING_EVERY, REFINED, REFINED_IN_ROUND,
-    REFINED_THOROUGHLY, RIVALS, ROUGH, descend, descended_in_round, many_minima, over_shapes,
-    usable,
-};
+use super::search::RIVALS;
 use super::settle::{DOUBTFUL, NARROW_TRIALS, Settled, TRIALS};
-use super::solver::{Minimum, minimise};
 use super::thin;
 use super::variants::refused;
 use super::{FitOptions, VariantChoice};
@@ -29,23 +21,14 @@ use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 
-/// Candidates that are descended to time one, and shapes whose roughnesses are scanned.
-const TRIED: usize = 8;
-const SCANNED: usize = 2;
-/// The forecast descends one in this many of the unselected starts of a round.
-const PLAIN_TRIED: u32 = 24;
-/// Descents per start of a thorough round: every third start is descended twice.
-const DESCENTS: f64 = 4.0 / 3.0;
-/// Ends reached from the images of a round.
-const IMAGES: f64 = 7.0;
+/// Mirror images of the best end.
+const IMAGES: f64 = 1.0;
 /// Descents needed to settle an end again with other weights: such ends are in valleys.
 const SETTLING: f64 = 10.0;
 /// Passes of tier and refit from the end of a search.
 const PASSES: f64 = 3.5;
 /// Passes of tier and refit from another end. It starts farther from its minimum, on a surface that costs more.
 const TRIAL_PASSES: f64 = 8.0;
-/// Rounds before the calm ones in a search that persists.
-const BEFORE_CALM: usize = 2;
 /// Evaluations of all observations of very large series, per variant.
 const EVALUATIONS_OF_ALL: f64 = 40.0;
 /// Series drawn to time a bootstrap.
@@ -137,39 +120,30 @@ impl Look<'_> {
         let (options, cancel) = (self.options, self.cancel);
         let (opening, opened_s) = self.timed(|| Opening::new(set, variant, options));
         let weighing = opening.weighing(options, cancel);
-        let (search, looked_s) = self.timed(|| opening.search(options, &|| false, cancel));
+        let (mut search, opened_search_s) =
+            self.timed(|| opening.search(options, &|| false, cancel));
+        let goes_on = !options.starts_alone;
+        let first = options.tuning.first_round;
+        let ((), round_s) = self.timed(|| search.round(&opening.problem, first as u32));
+        let ((), images_s) = self.timed(|| search.images(&opening.problem));
+        let rounds = search.starts_expected() / first;
         let mut settled = opening.settling(search.best()?.clone(), options);
         let ((), settled_s) = self.timed(|| settled.settle(&weighing));
-        let goes_on = !options.starts_alone;
-        let rounds = opening
-            .rounds(&search, options)
-            .max(usize::from(goes_on && few_directions(set)));
-        let open = settled.open();
         let noise_alone = settled.discrepancy == 0.0;
-        let misfit = options.misfit;
-        let demands = goes_on && misfit && settled.doubted();
-        let again = goes_on && misfit && tier.is_some() && settled.narrow();
-        let many = goes_on && many_minima(&settled.problem, &settled.minimum);
-        let persists = many && (noise_alone || !misfit);
-        let mut seconds = opened_s + looked_s + settled_s;
-        if rounds > 0 || demands || again || persists {
-            let costs = self.costs(&opening.problem, &opening.fixed);
-            let first = Effort::first(options);
-            let later = if open { Effort::NOISE } else { first };
-            seconds += rounds as f64 * costs.round(first);
-            if demands {
-                seconds += costs.thorough(later) + RIVALS as f64 * SETTLING * costs.fine_s;
-            }
-            if again {
-                seconds += costs.thorough(later);
-            }
-            if persists {
-                let plain = f64::from(descended_in_round(&opening.problem)) * costs.plain_s;
-                let promising = costs.round(Effort::NOISE) / PROMISING_EVERY as f64;
-                let fine = (FOLLOWED + REFINED_IN_ROUND) as f64 * costs.fine_s;
-                let each = promising + plain + fine;
-                seconds += (CALM + BEFORE_CALM) as f64 * each;
-            }
+        let misfit = goes_on && options.misfit;
+        let again = misfit && tier.is_some() && settled.narrow();
+        let mut seconds = opened_s + opened_search_s + settled_s;
+        if goes_on {
+            seconds += rounds * round_s + images_s;
+        }
+        if misfit && settled.doubted() {
+            seconds += rounds * round_s + RIVALS as f64 * SETTLING * images_s / IMAGES;
+        }
+        if again {
+            seconds += rounds * round_s;
+        }
+        if misfit && noise_alone {
+            seconds += rounds * round_s + images_s;
         }
         if let Some(tier) = tier {
             let values = settled.problem.unpack(&settled.minimum.parameters);
@@ -194,40 +168,6 @@ impl Look<'_> {
             seconds += passes * (tier_s + settled_s);
         }
         Some((settled, seconds))
-    }
-
-    /// Times the parts of a round from a few of each.
-    fn costs(&self, problem: &Problem<'_>, fallback: &Values) -> Costs {
-        let wanted = Wanted {
-            scanned: SCANNED,
-            starts: TRIED,
-            seed: self.options.seed,
-        };
-        let (starts, judged_s) = self.timed(|| candidates::starts(problem, fallback, None, wanted));
-        let cancel = self.cancel;
-        let (ends, descended_s) = self.timed(|| {
-            let ends = starts
-                .par_iter()
-                .map(|v| over_shapes(problem, v, &ROUGH, cancel));
-            ends.filter(usable).collect::<Vec<Minimum>>()
-        });
-        let bounds = problem.bounds();
-        // Enough to fill all lanes of all processors.
-        let count = (descended_in_round(problem) / PLAIN_TRIED).max(TRIED as u32);
-        let plain = candidates::plain(problem, fallback, count, self.options.seed);
-        let (_, plain_s) = self.timed(|| descend(problem, &plain, &|| false, cancel));
-        let (_, refined_s) = self.timed(|| {
-            let fine = |m: &Minimum| minimise(problem, &m.parameters, &bounds, &FINE, cancel);
-            ends.par_iter().map(fine).collect::<Vec<Minimum>>()
-        });
-        let judged = f64::from(POOL) + SCANNED as f64 * f64::from(SCAN * SCAN);
-        Costs {
-            residuals: problem.residual_count(),
-            judged_s: judged_s / judged,
-            rough_s: descended_s / starts.len().max(1) as f64,
-            plain_s: plain_s / plain.len().max(1) as f64,
-            fine_s: refined_s / ends.len().max(1) as f64,
-        }
     }
 
     /// Forecasts the seconds of all profiles from one.
@@ -269,39 +209,6 @@ impl Look<'_> {
             )
         });
         few_s / f64::from(drawn) * f64::from(wanted)
-    }
-}
-
-/// Seconds per item when many items run on all processors.
-struct Costs {
-    residuals: usize,
-    /// Judging a candidate with its best amplitudes.
-    judged_s: f64,
-    /// A descent that only has to come near a minimum.
-    rough_s: f64,
-    /// The same from one of the many unselected starts.
-    plain_s: f64,
-    /// A descent to full accuracy.
-    fine_s: f64,
-}
-
-impl Costs {
-    /// Seconds of a round of candidates.
-    fn thorough(&self, effort: Effort) -> f64 {
-        let judged = f64::from(POOL) + effort.scanned as f64 * f64::from(SCAN * SCAN);
-        let starts = effort.starts(self.residuals) as f64;
-        judged * self.judged_s
-            + DESCENTS * starts * self.rough_s
-            + REFINED_THOROUGHLY as f64 * self.fine_s
-    }
-
-    /// Seconds of the same with other roughnesses and the images of its best ends.
-    fn round(&self, effort: Effort) -> f64 {
-        let again = effort.rescanned as f64;
-        self.thorough(effort)
-            + again * f64::from(SCAN * SCAN) * self.judged_s
-            + again * OTHER_ROUGHNESSES as f64 * self.rough_s
-            + (REFINED as f64 + IMAGES) * self.fine_s
     }
 }
 

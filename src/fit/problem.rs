@@ -67,7 +67,6 @@ pub struct Problem<'a> {
     stated: Vec<(Quantity, Prior)>,
     loss: Loss,
     lean: bool,
-    logarithmic: bool,
     polarised: bool,
     /// Walls of a surface that deviates from an ideal sawtooth; without them those terms are omitted.
     walls: Option<Arc<Walls>>,
@@ -106,7 +105,6 @@ impl<'a> Problem<'a> {
             stated: Vec::new(),
             loss: Loss::Linear,
             lean: false,
-            logarithmic: false,
             polarised: true,
             walls: None,
             free,
@@ -135,6 +133,13 @@ impl<'a> Problem<'a> {
         self.priors = priors(self.set, &free, &self.stated);
         self.free = free;
         self
+    }
+
+    /// Holds the index at its nominal value.
+    pub(super) fn with_nominal_index(&self) -> Self {
+        let free = self.free.iter().copied();
+        let free = free.filter(|q| !matches!(q, Quantity::Eta | Quantity::K));
+        self.clone().with_free(free.collect())
     }
 
     /// Sets other values of the quantities that are not free.
@@ -172,13 +177,6 @@ impl<'a> Problem<'a> {
     #[must_use]
     pub fn with_lean(mut self, lean: bool) -> Self {
         self.lean = lean;
-        self
-    }
-
-    /// Compares signals on a scale that is logarithmic above the noise and linear below.
-    #[must_use]
-    pub fn with_logarithmic(mut self, logarithmic: bool) -> Self {
-        self.logarithmic = logarithmic;
         self
     }
 
@@ -591,7 +589,6 @@ impl<'a> Problem<'a> {
     pub(super) fn is_plain(&self) -> bool {
         self.set.views.is_empty()
             && self.loss == Loss::Linear
-            && !self.logarithmic
             && self.factor.iter().all(|f| *f == 1.0)
             && self.correction.iter().all(|c| *c == 0.0)
             && self.walls.is_none()

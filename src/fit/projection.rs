@@ -6,16 +6,13 @@
 //!
 //! This is linear in (g, g·ρd, B), except for light that travels from wall to wall more than once. For every shape
 //! (ridge angle, roughnesses, zeros of the stages) the best amplitudes are therefore a small linear least-squares
-//! problem with 0 ≤ g·ρd ≤ g (Golub and Pereyra 1973). A search over shapes only has three dimensions less, and its
-//! starts need no estimate of the brightness. [`settle`] computes the amplitudes of one shape; [`Projected`] is the
-//! least-squares problem over shapes with Kaufman's derivative (1975). The result of such a search is refined on the
-//! problem itself, whose diffuse part is not quite linear.
+//! problem with 0 ≤ g·ρd ≤ g (Golub and Pereyra 1973), and a start needs no estimate of the brightness. [`settle`]
+//! computes the amplitudes of one shape.
 //!
 //! *Conditioning.* The columns of the amplitudes (single reflections, diffuse light, background) are nearly parallel if
 //! a lobe is broad: a background and a Lambertian differ by a cosine over the tilts. They are solved for by QR. A
-//! column with less than 1e-10 of its length beside the others adds no information and gets no derivative. Between that
-//! limit and 1 an amplitude may be inaccurate, but the cost, which is all that a search over shapes compares, keeps its
-//! digits.
+//! column that the others nearly produce may get an inaccurate amplitude, but the cost, by which starts are compared,
+//! keeps its digits.
 
 use super::least_squares::{LeastSquares, householder, solve_upper, sum_of_squares};
 use super::problem::{Problem, Quantity, Values};
@@ -23,9 +20,6 @@ use super::solver::Bounds;
 
 /// Diffuse reflectance for the linearisation of the diffuse light if none is stated.
 const MIDDLE: f64 = 0.3;
-/// Relative length of the remainder of a column below which it adds no information.
-const NOTHING_NEW: f64 = 1e-10;
-
 /// Positions of the amplitudes among the free quantities.
 #[derive(Debug, Clone, Copy)]
 struct Amplitudes {
@@ -47,10 +41,6 @@ impl Amplitudes {
             scale_max: scale.map_or(f64::INFINITY, |k| bounds.upper[k]),
             rho_d_range: rho_d.map_or((0.0, 0.0), |k| (bounds.lower[k], bounds.upper[k])),
         }
-    }
-
-    fn is_one(&self, position: usize) -> bool {
-        [self.scale, self.rho_d, self.background].contains(&Some(position))
     }
 
     /// Writes the best amplitudes to `x`, given residuals `r` and derivatives `j` there. Returns the cost that the
@@ -214,108 +204,9 @@ fn inner(problem: &Problem<'_>, values: &Values) -> Values {
     values
 }
 
-/// A problem over shapes only.
-#[derive(Debug)]
-pub(super) struct Projected<'p, 'a> {
-    problem: &'p Problem<'a>,
-    amplitudes: Amplitudes,
-    shape: Vec<usize>,
-    reference: Vec<f64>,
-}
-
-impl<'p, 'a> Projected<'p, 'a> {
-    /// `reference` has the amplitudes at which the signals are linearised.
-    pub(super) fn new(problem: &'p Problem<'a>, reference: &Values) -> Self {
-        let amplitudes = Amplitudes::of(problem, &problem.bounds());
-        Projected {
-            shape: (0..problem.n_parameters())
-                .filter(|k| !amplitudes.is_one(*k))
-                .collect(),
-            reference: problem.pack(&inner(problem, reference)),
-            amplitudes,
-            problem,
-        }
-    }
-
-    /// Bounds of the shape.
-    pub(super) fn bounds(&self) -> Bounds {
-        let all = self.problem.bounds();
-        let of = |b: &[f64]| self.shape.iter().map(|k| b[*k]).collect();
-        Bounds {
-            lower: of(&all.lower),
-            upper: of(&all.upper),
-        }
-    }
-
-    /// Extracts the shape from a vector of all free quantities.
-    pub(super) fn shape(&self, x: &[f64]) -> Vec<f64> {
-        self.shape.iter().map(|k| x[*k]).collect()
-    }
-
-    /// Returns all free quantities of a shape with its best amplitudes.
-    pub(super) fn whole(&self, shape: &[f64]) -> Vec<f64> {
-        let (n, m) = (self.problem.n_parameters(), self.problem.n_residuals());
-        let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
-        self.amplify(shape, &mut r, &mut j).0
-    }
-
-    fn amplify(&self, shape: &[f64], r: &mut [f64], j: &mut [f64]) -> (Vec<f64>, Vec<usize>) {
-        let mut x = self.reference.clone();
-        for (k, v) in self.shape.iter().zip(shape) {
-            x[*k] = *v;
-        }
-        self.problem.evaluate(&x, r, j);
-        let (_, loose) = self.amplitudes.solve(&mut x, r, j);
-        (x, loose)
-    }
-}
-
-impl LeastSquares for &Projected<'_, '_> {
-    fn n_parameters(&self) -> usize {
-        self.shape.len()
-    }
-
-    fn n_residuals(&self) -> usize {
-        self.problem.n_residuals()
-    }
-
-    fn evaluate(&self, shape: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
-        let (n, m) = (self.problem.n_parameters(), self.problem.n_residuals());
-        let mut j = vec![0.0; m * n];
-        let (x, loose) = self.amplify(shape, residuals, &mut j);
-        if loose.is_empty() {
-            // No positive gain within its bounds fits: the solver must reject this point.
-            residuals.fill(f64::NAN);
-            return;
-        }
-        self.problem.evaluate(&x, residuals, &mut j);
-        // Kaufman: the part of the shape derivatives that the amplitudes cannot produce.
-        let mut basis: Vec<Vec<f64>> = Vec::new();
-        for k in loose {
-            let mut c = j[k * m..(k + 1) * m].to_vec();
-            let length = sum_of_squares(&c).sqrt();
-            for _ in 0..2 {
-                basis.iter().for_each(|b| remove(&mut c, b));
-            }
-            let left = sum_of_squares(&c).sqrt();
-            if left > NOTHING_NEW * length {
-                c.iter_mut().for_each(|v| *v /= left);
-                basis.push(c);
-            }
-        }
-        for (to, from) in self.shape.iter().enumerate() {
-            let target = &mut jacobian[to * m..(to + 1) * m];
-            target.copy_from_slice(&j[from * m..(from + 1) * m]);
-            basis.iter().for_each(|b| remove(target, b));
-        }
-    }
-}
-
-/// Subtracts from `from` its part along the unit vector `along`.
-fn remove(from: &mut [f64], along: &[f64]) {
-    let dot: f64 = from.iter().zip(along).map(|(a, b)| a * b).sum();
-    from.iter_mut().zip(along).for_each(|(v, b)| *v -= dot * b);
-}
+#[cfg(test)]
+#[path = "projection_tests.rs"]
+mod amplitudes;
 
 #[cfg(test)]
 mod tests {

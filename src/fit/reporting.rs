@@ -6,8 +6,9 @@
 use nalgebra::DVector;
 
 use super::budget::{Budget, Uncertainty, tied, uncertainty};
+use super::denials::{Denial, denials};
 use super::drift::{Drift, drift};
-use super::estimate::{Denial, Estimate, denials};
+use super::estimate::Estimate;
 use super::findings;
 use super::known::{drift_std, reference_std};
 use super::misfit::{self, LOUD, few, peak};

@@ -12,13 +12,14 @@
 
 use std::f64::consts::PI;
 
+use nalgebra::Vector3;
 use sobol_burley::sample;
 
-use super::candidates::facing_normal;
 use super::least_squares::{householder, solve_upper};
 use super::problem::{Problem, Values};
 use super::projection::settle;
 use crate::observation::ObservationSet;
+use crate::units::Angle;
 
 /// Candidates judged per requested start.
 const CANDIDATES_PER_START: u32 = 12;
@@ -255,6 +256,23 @@ fn from_brightest(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
     found
 }
 
+/// Returns ridge angle and azimuth offset for which the facet normal is the half vector of an observation, with the
+/// tilt zero `tilt`.
+fn facing_normal(set: &ObservationSet, index: usize, tilt: f64) -> (f64, f64) {
+    let h = half_vector(set, index, tilt);
+    (h.z.clamp(-1.0, 1.0).acos(), h.y.atan2(h.x))
+}
+
+/// Returns the half vector of an observation, with the tilt zero `tilt`, in the frame of the sample for an azimuth
+/// offset of 0: x along v, which leans to where the facet normal points.
+fn half_vector(set: &ObservationSet, index: usize, tilt: f64) -> Vector3<f64> {
+    let pose = set.observations[index].pose;
+    let rig = set.rig_directions(index).tilted(Angle::from_rad(tilt));
+    let h = (rig.incident + rig.outgoing).normalize();
+    let (s, c) = (pose.phi_s + set.rig.azimuth_zero + set.region_azimuth).sin_cos();
+    Vector3::new(h.x * c + h.y * s, h.y * c - h.x * s, h.z)
+}
+
 /// Distance between two starts, in units that a descent bridges easily.
 pub(super) fn distance(a: &Values, b: &Values) -> f64 {
     let lean = |v: &Values| {
@@ -274,6 +292,8 @@ pub(super) fn distance(a: &Values, b: &Values) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::painted::{TRUTH, painted};
+    use crate::geometry::Pose;
 
     #[test]
     fn the_top_and_widths_of_an_exact_paraboloid_are_recovered() {
@@ -302,5 +322,22 @@ mod tests {
             })
             .collect();
         assert!(paraboloid(&points).is_none());
+    }
+
+    #[test]
+    fn a_facet_that_faces_a_pose_has_its_normal_in_the_half_vector() {
+        let poses = (0..40).map(|k| (10 * (k % 5) - 20, 45 * (k / 5)));
+        let poses = poses.map(|(tilt, turn)| Pose::from_deg(f64::from(tilt), f64::from(turn)));
+        let set = painted(poses, &TRUTH, 1e-3, 1);
+        for index in [0, 7, 22] {
+            let (theta_r, azimuth) = facing_normal(&set, index, 0.05);
+            let mut pose = set.observations[index].pose;
+            pose.theta_c += Angle::from_rad(0.05);
+            pose.phi_s += Angle::from_rad(azimuth);
+            let d = set.rig.directions(pose);
+            let h = (d.incident + d.outgoing).normalize();
+            let (s, c) = theta_r.sin_cos();
+            assert!((h - Vector3::new(0.0, s, c)).norm() < 1e-12);
+        }
     }
 }

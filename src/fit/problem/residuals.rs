@@ -10,9 +10,6 @@ use crate::fit::quantity::{Quantity, Values};
 use crate::model::Variant;
 use crate::units::Angle;
 
-/// Inverse of the relative error that counts as 1 on the logarithmic scale.
-const LOG_WEIGHT: f64 = 10.0;
-
 impl LeastSquares for &Problem<'_> {
     fn n_parameters(&self) -> usize {
         self.free.len()
@@ -94,16 +91,10 @@ impl Problem<'_> {
                     Quantity::TiltOffset => gain * g.theta_c,
                 };
         }
-        let (bent, slope) = if self.logarithmic {
-            let floor = 3.0 * sigma;
-            let expected = residual * sigma + seen;
-            let bent = LOG_WEIGHT * ((expected / floor).asinh() - (seen / floor).asinh());
-            (bent, LOG_WEIGHT * sigma / expected.hypot(floor))
-        } else if self.loss != Loss::Linear {
-            self.loss.bent(residual)
-        } else {
+        if self.loss == Loss::Linear {
             return residual;
-        };
+        }
+        let (bent, slope) = self.loss.bent(residual);
         for d in row {
             *d *= slope;
         }

@@ -1,0 +1,58 @@
+//! Stated values that the data contradict.
+
+use super::covariance::{Scaling, covariance};
+use super::estimate::Estimate;
+use super::problem::Quantity;
+use crate::observation::Prior;
+
+/// A stated value that the data contradict.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Denial {
+    /// The quantity.
+    pub quantity: Quantity,
+    /// The stated value.
+    pub prior: Prior,
+    /// Whether the user stated it; otherwise it comes from a certificate or is typical of a rig.
+    pub by_user: bool,
+    /// Difference between the stated value and the data, in standard deviations of that difference.
+    pub deviations: f64,
+    /// Share of the prior in the fitted value.
+    pub leverage: f64,
+}
+
+/// Standard deviations between stated value and data above which a contradiction is reported.
+const DENIED: f64 = 4.0;
+/// Largest leverage of a prior; a larger one would amplify rounding.
+const LEVERAGE_MAX: f64 = 0.9996;
+
+/// Lists stated values that the data contradict. A residual r = (x − prior)/σ with leverage h is reduced by its own
+/// influence on the fit; r/√(1 − h) is the difference between data and prior in its standard deviations.
+pub(super) fn denials(e: &Estimate<'_>) -> Vec<Denial> {
+    let (problem, end) = (&e.problem, &e.minimum);
+    let rows = end.residuals.len();
+    let first = rows.saturating_sub(problem.priors().len());
+    let free = problem.free();
+    if rows != problem.residual_count() || free.len() * rows != end.jacobian.len() {
+        return Vec::new();
+    }
+    let covariance = covariance(&end.jacobian, rows, &end.residuals, Scaling::Absolute).matrix;
+    let priors = problem.priors().iter().zip(first..);
+    priors
+        .filter_map(|((quantity, prior), row)| {
+            let j = free.iter().position(|free| free == quantity)?;
+            let slope = end.jacobian[row + j * rows];
+            let leverage = (slope * slope * covariance[(j, j)]).clamp(0.0, LEVERAGE_MAX);
+            let deviations = end.residuals[row].abs() / (1.0 - leverage).sqrt();
+            (deviations > DENIED).then(|| Denial {
+                quantity: *quantity,
+                prior: *prior,
+                by_user: problem
+                    .stated()
+                    .iter()
+                    .any(|(stated, _)| stated == quantity),
+                deviations,
+                leverage,
+            })
+        })
+        .collect()
+}

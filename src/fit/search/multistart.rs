@@ -1,0 +1,182 @@
+//! Multistart over register lanes, its stopping rule, and the images of the best end.
+
+use std::f64::consts::PI;
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+
+use super::super::crew;
+use super::super::drawn;
+use super::super::problem::{Problem, Values};
+use super::super::solver::{Minimum, minimise};
+use super::{FINE, Late, ROUGH, Search, same, usable};
+use crate::observation::ObservationSet;
+
+/// Lanes that descend together.
+const CHUNK: usize = 256;
+/// Maximum number of azimuth lines about which a surface is mirrored.
+const LINES: usize = 3;
+
+impl Search<'_> {
+    /// Descends from starts in the whole box. Each round doubles their number, until [`is_enough`] or the most starts
+    /// of the tuning. The first round is enough if the poses see the lobe; noise alone can make hundreds of minima.
+    pub(in crate::fit) fn multistart(&mut self, problem: &Problem<'_>) {
+        let most = self.tuning.most_starts as u32;
+        let mut tried = 0;
+        while tried < most && !self.started && !self.over() {
+            let count = match tried {
+                0 => self.tuning.first_round as u32,
+                so_far => so_far,
+            };
+            self.round(problem, count);
+            tried += count;
+            if is_enough(f64::from(tried), self.near_minima()) {
+                break;
+            }
+        }
+    }
+
+    /// Descends from a number of starts in the whole box and refines their different ends.
+    pub(in crate::fit) fn round(&mut self, problem: &Problem<'_>, count: u32) {
+        if self.started {
+            return;
+        }
+        // Lanes have no derivatives by the index. The descents that refine their ends have them.
+        let nominal = problem.with_nominal_index();
+        let count = self.affordable(&nominal, count);
+        let starts = drawn::starts(&nominal, self.fallback, count, self.next_seed());
+        let (evaluations, late) = (self.tuning.evaluations as usize, || self.over());
+        let mut ends = descend(&nominal, &starts, evaluations, &late, self.cancel);
+        if nominal.free().len() < problem.free().len() {
+            for end in &mut ends {
+                end.parameters = problem.pack(&nominal.unpack(&end.parameters));
+            }
+        }
+        self.refine(problem, ends, self.tuning.refined as usize, 1e-4);
+    }
+
+    /// Number of starts after which the rule ends the search if no further minimum appears.
+    pub(in crate::fit) fn starts_expected(&self) -> f64 {
+        let found = self.near_minima();
+        let (first, most) = (self.tuning.first_round, self.tuning.most_starts);
+        (2.0 * found * found + 3.0 * found + 2.0).clamp(first, most)
+    }
+
+    /// Reduces a number of starts to those for which there is time if they descend one by one.
+    fn affordable(&self, problem: &Problem<'_>, starts: u32) -> u32 {
+        match crew::knows(problem) {
+            true => starts,
+            false => (f64::from(starts) / self.tuning.one_by_one) as u32,
+        }
+    }
+
+    /// Number of different minima that are nearly as deep as the best, plus one for all others.
+    fn near_minima(&self) -> f64 {
+        let best = self.best().map_or(f64::INFINITY, |m| m.cost);
+        let near = self.runs.iter().map(|m| m.cost);
+        let mut near: Vec<f64> = near
+            .filter(|cost| *cost <= best + self.tuning.counted_rise)
+            .collect();
+        near.sort_by(f64::total_cmp);
+        near.dedup_by(|a, b| same(*a, *b));
+        near.len() as f64 + 1.0
+    }
+}
+
+/// Whether `found` minima after `tried` starts are probably all: the expectation of their number by Bayes' rule, with
+/// every number and all sizes of their basins equally probable before, exceeds those found by less than a half
+/// (Boender and Rinnooy Kan 1987).
+fn is_enough(tried: f64, found: f64) -> bool {
+    tried > found + 2.0 && found * (tried - 1.0) / (tried - found - 2.0) < found + 0.5
+}
+
+/// Runs descents that come near a minimum: as lanes, or one by one if lanes do not support the problem.
+fn descend(
+    problem: &Problem<'_>,
+    starts: &[Values],
+    evaluations: usize,
+    late: Late<'_>,
+    cancel: &AtomicBool,
+) -> Vec<Minimum> {
+    if crew::knows(problem) {
+        let begun = starts.par_chunks(CHUNK).filter(|_| !late());
+        return begun
+            .filter_map(|chunk| crew::descend_in_full(problem, chunk, evaluations, cancel))
+            .flatten_iter()
+            .map(Minimum::from)
+            .filter(usable)
+            .collect();
+    }
+    let bounds = problem.bounds();
+    let begun = starts.par_iter().filter(|_| !late());
+    begun
+        .map(|v| minimise(problem, &problem.pack(v), &bounds, &ROUGH, cancel))
+        .filter(usable)
+        .collect()
+}
+
+impl Search<'_> {
+    /// Descends from the mirror images of the best end. A scan along few lines of azimuths is nearly its own mirror image
+    /// about each of them, and a metal lit in the tilt plane is so at any number of azimuths.
+    pub(in crate::fit) fn images(&mut self, problem: &Problem<'_>) {
+        if self.started || self.over() {
+            return;
+        }
+        let Some(best) = self.best() else {
+            return;
+        };
+        let found = problem.unpack(&best.parameters).folded();
+        let zero = problem.set().rig.azimuth_zero.rad() + problem.set().region_azimuth.rad();
+        let (bounds, cancel) = (problem.bounds(), self.cancel);
+        let ends: Vec<Minimum> = azimuth_lines(problem.set())
+            .par_iter()
+            .map(|line| {
+                let image = Values {
+                    azimuth_offset: -found.azimuth_offset - 2.0 * (zero + line),
+                    ..found
+                };
+                minimise(problem, &problem.pack(&image), &bounds, &FINE, cancel)
+            })
+            .filter(usable)
+            .collect();
+        self.runs.extend(ends);
+    }
+}
+
+/// Returns the lines through the axis on which the recorded azimuths lie, rad. A scan along one of them is its own
+/// mirror image about the tilt plane. If there are many, no image is exact, and the line at 0 represents all.
+fn azimuth_lines(set: &ObservationSet) -> Vec<f64> {
+    let mut lines: Vec<f64> = Vec::new();
+    for o in &set.observations {
+        let line = o.pose.phi_s.rad().rem_euclid(PI);
+        let beside = |other: &f64| {
+            let apart = (line - other).rem_euclid(PI);
+            apart.min(PI - apart) < 1e-3
+        };
+        if !lines.iter().any(beside) {
+            lines.push(line);
+        }
+        if lines.len() > LINES {
+            return vec![0.0];
+        }
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rule_asks_for_about_twice_the_square_of_the_minima_found() {
+        let least = |found: f64| {
+            (1..100_000)
+                .map(f64::from)
+                .find(|tried| is_enough(*tried, found))
+        };
+        // 2 w² + 3 w + 2, and the first number above it.
+        assert_eq!(least(1.0), Some(8.0));
+        assert_eq!(least(10.0), Some(233.0));
+        assert_eq!(least(100.0), Some(20_303.0));
+    }
+}
