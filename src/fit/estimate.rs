@@ -315,8 +315,9 @@ fn looked_for<'s>(
     cancel: &'s AtomicBool,
 ) -> Search<'s> {
     let mut search = opening.search(options, late, cancel);
-    search.multistart(&opening.problem);
+    opening.extend(&mut search, options);
     search.images(&opening.problem);
+    search.creep(&opening.problem);
     search
 }
 

@@ -112,6 +112,15 @@ impl<'a> Opening<'a> {
         search
     }
 
+    /// Continues a search over the whole box. A model error blurs near minima; the starts of the bright spot count then.
+    /// Noise alone can make hundreds of minima.
+    pub(super) fn extend(&self, search: &mut Search<'_>, options: &FitOptions) {
+        match options.misfit {
+            true => search.multistart(&self.problem, options.starts as u32, 0),
+            false => search.multistart(&self.problem, 0, options.tuning.first_round as u32),
+        }
+    }
+
     /// Combines the best end of a search with the weights to settle it with.
     pub(super) fn settling(&self, best: Minimum, options: &FitOptions) -> Settled<'a> {
         Settled {

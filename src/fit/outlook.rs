@@ -126,7 +126,7 @@ impl Look<'_> {
         let first = options.tuning.first_round;
         let ((), round_s) = self.timed(|| search.round(&opening.problem, first as u32));
         let ((), images_s) = self.timed(|| search.images(&opening.problem));
-        let rounds = search.starts_expected() / first;
+        let rounds = search.starts_expected(&opening.problem) / first;
         let mut settled = opening.settling(search.best()?.clone(), options);
         let ((), settled_s) = self.timed(|| settled.settle(&weighing));
         let noise_alone = settled.discrepancy == 0.0;

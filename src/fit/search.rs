@@ -256,8 +256,9 @@ impl<'p> Search<'p> {
         }
         self.carry_over(&settled.problem, &settled.problem);
         self.runs.push(settled.minimum.clone());
-        self.multistart(&settled.problem);
+        self.multistart(&settled.problem, 0, self.tuning.first_round as u32);
         self.images(&settled.problem);
+        self.creep(&settled.problem);
         self.best().cloned()
     }
 
@@ -267,7 +268,7 @@ impl<'p> Search<'p> {
             return Vec::new();
         }
         let before = std::mem::replace(&mut self.runs, vec![around.clone()]);
-        self.multistart(problem);
+        self.multistart(problem, 0, self.tuning.first_round as u32);
         let found = self.distinct(problem, &around.parameters, RIVALS);
         self.runs = before;
         found

@@ -7,8 +7,9 @@ use rayon::prelude::*;
 
 use super::super::crew;
 use super::super::drawn;
+use super::super::misfit::freedom;
 use super::super::problem::{Problem, Values};
-use super::super::solver::{Minimum, minimise};
+use super::super::solver::{Ending, Minimum, minimise};
 use super::{FINE, Late, ROUGH, Search, same, usable};
 use crate::observation::ObservationSet;
 
@@ -16,23 +17,22 @@ use crate::observation::ObservationSet;
 const CHUNK: usize = 256;
 /// Maximum number of azimuth lines about which a surface is mirrored.
 const LINES: usize = 3;
+/// Descents along the valley of the best end.
+const CREEPS: usize = 8;
 
 impl Search<'_> {
-    /// Descends from starts in the whole box. Each round doubles their number, until [`is_enough`] or the most starts
-    /// of the tuning. The first round is enough if the poses see the lobe; noise alone can make hundreds of minima.
-    pub(in crate::fit) fn multistart(&mut self, problem: &Problem<'_>) {
+    /// Descends from starts in the whole box after `tried` others. Each round doubles their number, until [`is_enough`]
+    /// or the most starts of the tuning. The search ends with fewer than `least` only if its time is over.
+    pub(in crate::fit) fn multistart(&mut self, problem: &Problem<'_>, tried: u32, least: u32) {
         let most = self.tuning.most_starts as u32;
-        let mut tried = 0;
+        let mut tried = tried;
         while tried < most && !self.started && !self.over() {
-            let count = match tried {
-                0 => self.tuning.first_round as u32,
-                so_far => so_far,
-            };
-            self.round(problem, count);
-            tried += count;
-            if is_enough(f64::from(tried), self.near_minima()) {
+            if tried >= least && is_enough(f64::from(tried), self.near_minima(problem)) {
                 break;
             }
+            let count = least.saturating_sub(tried).max(tried).max(1);
+            self.round(problem, count);
+            tried += count;
         }
     }
 
@@ -56,10 +56,9 @@ impl Search<'_> {
     }
 
     /// Number of starts after which the rule ends the search if no further minimum appears.
-    pub(in crate::fit) fn starts_expected(&self) -> f64 {
-        let found = self.near_minima();
-        let (first, most) = (self.tuning.first_round, self.tuning.most_starts);
-        (2.0 * found * found + 3.0 * found + 2.0).clamp(first, most)
+    pub(in crate::fit) fn starts_expected(&self, problem: &Problem<'_>) -> f64 {
+        let found = self.near_minima(problem);
+        2.0 * found * found + 3.0 * found + 2.0
     }
 
     /// Reduces a number of starts to those for which there is time if they descend one by one.
@@ -70,13 +69,14 @@ impl Search<'_> {
         }
     }
 
-    /// Number of different minima that are nearly as deep as the best, plus one for all others.
-    fn near_minima(&self) -> f64 {
+    /// Number of different minima that are nearly as deep as the best, plus one for all others. If the weights allow for
+    /// more than the scatter of the best, the scatter decides.
+    fn near_minima(&self, problem: &Problem<'_>) -> f64 {
         let best = self.best().map_or(f64::INFINITY, |m| m.cost);
+        let freedom = freedom(problem.residual_count(), problem.free().len());
+        let rise = self.tuning.counted_rise * (best / freedom).min(1.0);
         let near = self.runs.iter().map(|m| m.cost);
-        let mut near: Vec<f64> = near
-            .filter(|cost| *cost <= best + self.tuning.counted_rise)
-            .collect();
+        let mut near: Vec<f64> = near.filter(|cost| *cost <= best + rise).collect();
         near.sort_by(f64::total_cmp);
         near.dedup_by(|a, b| same(*a, *b));
         near.len() as f64 + 1.0
@@ -140,6 +140,25 @@ impl Search<'_> {
             .filter(usable)
             .collect();
         self.runs.extend(ends);
+    }
+
+    /// Continues the best end while it creeps along a valley, as it does where the data leave a surface undetermined.
+    pub(in crate::fit) fn creep(&mut self, problem: &Problem<'_>) {
+        let bounds = problem.bounds();
+        for _ in 0..CREEPS {
+            let creeping = |m: &&Minimum| m.ending == Ending::MaxIterations;
+            let Some(best) = self.best().filter(creeping) else {
+                return;
+            };
+            if self.started || self.over() {
+                return;
+            }
+            let deeper = minimise(problem, &best.parameters, &bounds, &FINE, self.cancel);
+            if !usable(&deeper) || deeper.cost >= best.cost {
+                return;
+            }
+            self.runs.push(deeper);
+        }
     }
 }
 
