@@ -123,10 +123,12 @@ impl Look<'_> {
         let (mut search, opened_search_s) =
             self.timed(|| opening.search(options, &|| false, cancel));
         let goes_on = !options.starts_alone;
-        let first = options.tuning.first_round;
+        let (first, most) = (options.tuning.first_round, options.tuning.most_starts);
         let ((), round_s) = self.timed(|| search.round(&opening.problem, first as u32));
         let ((), images_s) = self.timed(|| search.images(&opening.problem));
-        let rounds = search.starts_expected(&opening.problem) / first;
+        let expected = search.starts_expected(&opening.problem);
+        let rounds = |least: f64| expected.clamp(least, most.max(least)) / first;
+        let least = if options.misfit { 0.0 } else { first };
         let mut settled = opening.settling(search.best()?.clone(), options);
         let ((), settled_s) = self.timed(|| settled.settle(&weighing));
         let noise_alone = settled.discrepancy == 0.0;
@@ -134,16 +136,16 @@ impl Look<'_> {
         let again = misfit && tier.is_some() && settled.narrow();
         let mut seconds = opened_s + opened_search_s + settled_s;
         if goes_on {
-            seconds += rounds * round_s + images_s;
+            seconds += rounds(least) * round_s + images_s;
         }
         if misfit && settled.doubted() {
-            seconds += rounds * round_s + RIVALS as f64 * SETTLING * images_s / IMAGES;
+            seconds += rounds(first) * round_s + RIVALS as f64 * SETTLING * images_s / IMAGES;
         }
         if again {
-            seconds += rounds * round_s;
+            seconds += rounds(first) * round_s;
         }
         if misfit && noise_alone {
-            seconds += rounds * round_s + images_s;
+            seconds += rounds(first) * round_s + images_s;
         }
         if let Some(tier) = tier {
             let values = settled.problem.unpack(&settled.minimum.parameters);

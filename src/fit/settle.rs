@@ -391,7 +391,10 @@ pub(super) fn with_tier<'a>(
     let mut different = vec![closed.clone()];
     for trial in ends.into_iter().filter(|t| t.discrepancy <= most) {
         let here = surface(&trial);
-        if different.iter().all(|d| distance(&surface(d), &here) > SAME) {
+        if different
+            .iter()
+            .all(|d| distance(&surface(d), &here) > SAME)
+        {
             different.push(trial);
         }
     }

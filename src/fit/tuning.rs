@@ -5,7 +5,7 @@
 /// Values of the constants of a search. Counts are whole numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tuning {
-    /// Starts of the first round.
+    /// Starts of the first round if noise alone separates the minima, or other weights are tried.
     pub first_round: f64,
     /// Starts of all rounds.
     pub most_starts: f64,
@@ -13,7 +13,8 @@ pub struct Tuning {
     pub evaluations: f64,
     /// Different ends of a round that are refined.
     pub refined: f64,
-    /// Rise of the cost above the best minimum up to which minima are counted.
+    /// Rise of the cost above the best minimum up to which minima are counted; less if the weights allow for more than
+    /// the scatter.
     pub counted_rise: f64,
     /// Divisor of the number of starts if they descend one by one.
     pub one_by_one: f64,
