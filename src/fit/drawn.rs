@@ -34,40 +34,60 @@ pub(super) fn starts(
 
 /// Returns shapes of samples that are mounted within 11° of the nominal position, one in six at any azimuth.
 fn plain(problem: &Problem<'_>, fallback: &Values, count: u32, seed: u32) -> Vec<Values> {
-    let evened = Evened::new(problem, fallback);
-    let shape = |k: u32| {
-        let at = |dimension| f64::from(sample(k, dimension, seed));
-        let turn = if k.is_multiple_of(6) { PI } else { MOUNTED };
-        let v = Values {
-            theta_r: at(0) * STEEPEST,
-            azimuth_offset: both_ways(at(1)) * turn,
-            tilt_offset: both_ways(at(2)) * MOUNTED,
-            alpha_u: roughness(at(3)),
-            alpha_v: roughness(at(4)),
-            ..*fallback
-        };
-        evened.with_amplitudes(v, at(5))
+    let ranges = |k: u32| Ranges {
+        steepest: STEEPEST,
+        turn: if k.is_multiple_of(6) { PI } else { MOUNTED },
+        tilt: MOUNTED,
+        alpha: (ALPHA_MIN, 1.0),
     };
-    (0..count).map(shape).collect()
+    drawn(problem, fallback, count, seed, ranges)
 }
 
 /// Returns shapes from the rim of the box: the steepest and roughest facets that a fit considers, and the largest
 /// offsets. The minima of a lobe so broad that it fills the rig are there.
 fn rim(problem: &Problem<'_>, fallback: &Values, count: u32, seed: u32) -> Vec<Values> {
+    // Halves of a Sobol sequence are uniform in all dimensions; every second point is not.
+    let ranges = |k: u32| {
+        let (smoothest, turn) = match k < count / 2 {
+            true => (RIM_SMOOTHEST, PI),
+            false => (ALPHA_MIN, RIM_TURN),
+        };
+        Ranges {
+            steepest: THETA_R_MAX,
+            turn,
+            tilt: TILT_OFFSET_MAX,
+            alpha: (smoothest, ALPHA_MAX),
+        }
+    };
+    drawn(problem, fallback, count, seed, ranges)
+}
+
+/// Ranges of a shape: the angles from 0 or to both sides (rad), both roughnesses by their logarithms.
+struct Ranges {
+    steepest: f64,
+    turn: f64,
+    tilt: f64,
+    alpha: (f64, f64),
+}
+
+/// Returns `count` shapes of a scrambled Sobol sequence, shape `k` within `ranges(k)`.
+fn drawn(
+    problem: &Problem<'_>,
+    fallback: &Values,
+    count: u32,
+    seed: u32,
+    ranges: impl Fn(u32) -> Ranges,
+) -> Vec<Values> {
     let evened = Evened::new(problem, fallback);
     let shape = |k: u32| {
         let at = |dimension| f64::from(sample(k, dimension, seed));
-        // Halves of a Sobol sequence are uniform in all dimensions; every second point is not.
-        let (smoothest, turn): (f64, f64) = if k < count / 2 {
-            (RIM_SMOOTHEST, PI)
-        } else {
-            (ALPHA_MIN, RIM_TURN)
-        };
-        let alpha = |share: f64| smoothest * (ALPHA_MAX / smoothest).powf(share);
+        let within = ranges(k);
+        let (smoothest, roughest) = within.alpha;
+        let alpha = |share: f64| smoothest * (roughest / smoothest).powf(share);
         let v = Values {
-            theta_r: at(0) * THETA_R_MAX,
-            azimuth_offset: both_ways(at(1)) * turn,
-            tilt_offset: both_ways(at(2)) * TILT_OFFSET_MAX,
+            theta_r: at(0) * within.steepest,
+            azimuth_offset: both_ways(at(1)) * within.turn,
+            tilt_offset: both_ways(at(2)) * within.tilt,
             alpha_u: alpha(at(3)),
             alpha_v: alpha(at(4)),
             ..*fallback
@@ -80,11 +100,6 @@ fn rim(problem: &Problem<'_>, fallback: &Values, count: u32, seed: u32) -> Vec<V
 /// Maps 0 … 1 to −1 … 1.
 fn both_ways(share: f64) -> f64 {
     2.0 * share - 1.0
-}
-
-/// Roughnesses from the smoothest that a fit considers to 1.
-fn roughness(share: f64) -> f64 {
-    ALPHA_MIN.powf(1.0 - share)
 }
 
 /// Sets amplitudes of shapes that are right on average.

@@ -33,7 +33,7 @@ pub(super) const NARROW_TRIALS: usize = 3;
 /// data. A model error is not independent from pose to pose, so χ² does not separate them.
 const AS_GOOD: f64 = 1.25;
 /// Model error of another end without the tier, relative to the best one's, above which it is not tried with the tier.
-/// On the recorded series the integrated second bounce changes a model error by less than half.
+/// The second bounce changes a model error far less, and a fit of moulded ridges took twice the time without this limit.
 const HOPELESS: f64 = 4.0;
 /// Smallest distance between two surfaces (see [`distance`]).
 const SAME: f64 = 0.05;
