@@ -56,7 +56,7 @@ impl Tuning {
         },
         Constant {
             name: "evaluations",
-            reason: "most descents are near their minimum by then; the refinement continues the others",
+            reason: "most descents are near their minimum after 60; the refinement continues the others",
             of: |t| &mut t.evaluations,
         },
         Constant {

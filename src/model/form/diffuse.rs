@@ -64,7 +64,6 @@ pub(super) fn diffuse<R: Register>(
     let (ef_i, ef_o) = (wi.a * open_i, wo.a * open_o);
     let (er_i, er_o) = (wi.b * deep_i, wo.b * deep_o);
     let products = [ef_i * ef_o, ef_o * er_i + er_o * ef_i, er_i * er_o];
-    let exchanged = |c: &[R; 3]| c[0] * products[0] + c[1] * products[1] + c[2] * products[2];
     lead_exchange_back(q, (i, wi), [open_i, deep_i], [ef_o, er_o], gi, shared);
     lead_exchange_back(q, (o, wo), [open_o, deep_o], [ef_i, er_i], go, shared);
     gi.a = (c_d * wo.a).fused(per_facets, gi.a);
@@ -72,10 +71,16 @@ pub(super) fn diffuse<R: Register>(
     gi.b = (c_d * wo.b).fused(per_risers, gi.b);
     go.b = (c_d * wi.b).fused(per_risers, go.b);
     Diffuse {
-        sum: direct + exchanged(&q.exchange),
-        to_theta: exchanged(&q.exchange_theta),
-        to_kappa: exchanged(&q.exchange_kappa),
+        sum: direct + exchanged(&q.exchange, &products),
+        to_theta: exchanged(&q.exchange_theta, &products),
+        to_kappa: exchanged(&q.exchange_kappa, &products),
     }
+}
+
+/// Light exchanged between the walls, from coefficients and products of their irradiances.
+#[inline(always)]
+fn exchanged<R: Register>(c: &[R; 3], products: &[R; 3]) -> R {
+    c[0] * products[0] + c[1] * products[1] + c[2] * products[2]
 }
 
 /// Returns [x_a − σ_b]⁺ from the smaller of the visible and the hidden length of `b` (see [`crate::model::sawtooth`]).

@@ -10,6 +10,13 @@ use crate::model::register::Register;
 const EXPONENT_MAX: f64 = 100.0;
 
 impl<R: Register> Ray<R> {
+    /// 1/length of the projection on the plane across the ridges, from a least square of that length.
+    #[inline(always)]
+    fn per_length(&self, least_square: R) -> R {
+        let square = self.e.fused(self.e, self.up * self.up);
+        self.e.like(1.0) / square.larger(least_square).root()
+    }
+
     /// Returns atan2(ω_e, max(0, ω_m)).
     #[inline(always)]
     pub(super) fn beta(&self) -> R {
@@ -29,12 +36,16 @@ pub(super) fn retro<R: Register>(
     [ga, gb]: [&mut Back<R>; 2],
     shared: &mut Shared<R>,
 ) -> R {
-    let k = |x: f64| q.r.like(x);
-    let (zero, one, half, two) = (k(0.0), k(1.0), k(0.5), k(2.0));
+    macro_rules! k {
+        ($x:expr) => {
+            q.r.like($x)
+        };
+    }
+    let (zero, one, half, two) = (k!(0.0), k!(1.0), k!(0.5), k!(2.0));
     let (r, p) = (q.r, q.p);
     let spread = half * (a.up * a.up + b.rho * b.rho);
-    let variance = q.alpha_u2.fused(spread, k(fixed.cones));
-    let least_square = k(R::TINY * R::TINY);
+    let variance = q.alpha_u2.fused(spread, k!(fixed.cones));
+    let least_square = k!(R::TINY * R::TINY);
     let per_v_u = one / variance.larger(least_square);
     let x = half * (a.u + b.u);
     let y = half * (beta_b - beta_a);
@@ -42,16 +53,16 @@ pub(super) fn retro<R: Register>(
     let exponent_v = half * y * y * q.per_v_v;
     let exponent = exponent_u + exponent_v;
     let reached = R::both(R::both(a.on_facet, b.on_riser), zero.below(r));
-    let reached = R::both(reached, exponent.below(k(EXPONENT_MAX)));
+    let reached = R::both(reached, exponent.below(k!(EXPONENT_MAX)));
     if !R::any(reached) {
         return zero;
     }
     let tilt = -(half * (beta_a + beta_b));
 
     // 1/tan of the tilt from the sum of both directions' unit vectors, held within bounds.
-    let [most, least] = fixed.per_tan.map(k);
-    let per_length = |w: &Ray<R>| one / w.e.fused(w.e, w.up * w.up).larger(least_square).root();
-    let (la, lb) = (per_length(a), per_length(b));
+    let [most, least] = fixed.per_tan;
+    let (most, least) = (k!(most), k!(least));
+    let (la, lb) = (a.per_length(least_square), b.per_length(least_square));
     let (along, up) = (-(a.e * la + b.e * lb), a.up * la + b.up * lb);
     let leans = zero.below(along);
     let raw = R::choose(leans, up * along.positive().per(), most);
@@ -77,7 +88,7 @@ pub(super) fn retro<R: Register>(
     let (phi, bell) = z.normal_share();
     let amplitude2 = q.amplitude * q.amplitude;
     let gauss = exponent.falling() * (per_v_u.root() * q.root_per_v_v);
-    let gauss = R::choose(on, gauss * k(0.125 * FRAC_1_PI), zero);
+    let gauss = R::choose(on, gauss * k!(0.125 * FRAC_1_PI), zero);
     let bare = phi * b.rho * gauss * length;
     let to_product = amplitude2 * bare;
     let product = match (&wa.facet.parts, &wb.riser.parts) {

@@ -25,7 +25,11 @@ pub(super) fn radiance<R: Register>(
     let (mut to_theta, mut to_rho_d) = (zero, zero);
     let any_riser = terms.risers && (R::any(ray_i.on_riser) || R::any(ray_o.on_riser));
     // Without diffuse light only the retro lobe needs the walls, and only if a direction reaches a riser.
-    let walls = (terms.diffuse || any_riser).then(|| (ray_i.walls(fixed), ray_o.walls(fixed)));
+    let walls = if terms.diffuse || any_riser {
+        Some((ray_i.walls(fixed), ray_o.walls(fixed)))
+    } else {
+        None
+    };
     if let Some((wi, wo)) = &walls {
         if terms.diffuse {
             let (rays, walls) = ([&ray_i, &ray_o], [wi, wo]);
@@ -34,11 +38,15 @@ pub(super) fn radiance<R: Register>(
             to_theta = q.c_d * light.to_theta;
             // c_d and κ depend on ρd and the index.
             let to_kappa = q.c_d * light.to_kappa;
-            let to = |c_d: f64, kappa: f64| light.sum.times(c_d) + to_kappa.times(kappa);
-            to_rho_d = to(fixed.diffuse, fixed.kappa);
+            let of = [light.sum, to_kappa];
+            to_rho_d = through(of, [fixed.diffuse, fixed.kappa]);
             let [c_d, kappa] = [fixed.diffuse_index, fixed.kappa_index];
-            shared.eta = q.rho_d.fused(to(c_d[0], kappa[0]), shared.eta);
-            shared.k = q.rho_d.fused(to(c_d[1], kappa[1]), shared.k);
+            let [to_eta, to_k] = [
+                through(of, [c_d[0], kappa[0]]),
+                through(of, [c_d[1], kappa[1]]),
+            ];
+            shared.eta = q.rho_d.fused(to_eta, shared.eta);
+            shared.k = q.rho_d.fused(to_k, shared.k);
         }
         if any_riser {
             let betas = [ray_i.beta(), ray_o.beta()];
@@ -61,14 +69,7 @@ pub(super) fn radiance<R: Register>(
         - go.e * ray_o.m
         - shared.p * q.r
         + shared.r * q.p;
-    let to_sample = |g: &Back<R>| {
-        [
-            g.u * per_n,
-            (g.e * q.p + g.m * q.r) * per_n,
-            (g.m * q.p - g.e * q.r) * per_n,
-        ]
-    };
-    let (incident, outgoing) = (to_sample(&gi), to_sample(&go));
+    let (incident, outgoing) = (to_sample(q, per_n, &gi), to_sample(q, per_n, &go));
     Derivatives {
         value,
         theta_r: to_theta * per_n,
@@ -81,6 +82,22 @@ pub(super) fn radiance<R: Register>(
         incident,
         outgoing: [outgoing[0], outgoing[1], outgoing[2] - value * per_n],
     }
+}
+
+/// A slope through c_d and κ.
+#[inline(always)]
+fn through<R: Register>([to_c_d, to_kappa]: [R; 2], [c_d, kappa]: [f64; 2]) -> R {
+    to_c_d.times(c_d) + to_kappa.times(kappa)
+}
+
+/// Slopes with respect to the components of a direction in the sample's frame.
+#[inline(always)]
+fn to_sample<R: Register>(q: &Shape<R>, per_n: R, g: &Back<R>) -> [R; 3] {
+    [
+        g.u * per_n,
+        (g.e * q.p + g.m * q.r) * per_n,
+        (g.m * q.p - g.e * q.r) * per_n,
+    ]
 }
 
 /// D about a wall's normal, with its logarithmic slopes at constant |h|².
