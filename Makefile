@@ -6,6 +6,8 @@ SHELL := /bin/bash
 export CARGO_INCREMENTAL := 0
 export CARGO_PROFILE_DEV_CODEGEN_UNITS := 1
 export CARGO_PROFILE_DEV_DEBUG := false
+# Many tests wait for a rig or a daemon, so two of them share a processor.
+export RUST_TEST_THREADS := $(shell echo $$((2 * $$(nproc))))
 
 help:  ## What can be made
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 20
