@@ -34,7 +34,7 @@ pub fn table(stratum: Stratum, args: &Args) {
             let fitted = estimate(&case.set, case.variant, &options, None, &cancel);
             fitted.is_some_and(|e| {
                 let chi2 = judge::chi2(case, &e.values);
-                chi2 - best <= 1e-6 * chi2.max(1.0)
+                judge::is_deepest(chi2, chi2 - best)
             })
         });
         let found = 100.0 * found.count() as f64 / cases.len().max(1) as f64;

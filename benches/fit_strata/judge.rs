@@ -12,6 +12,11 @@ use ridged::model::Variant;
 
 use crate::draw::{Case, Draw, Stratum, Truth, painted};
 
+/// Whether a χ² counts as the deepest, given its excess over the crowd's best.
+pub fn is_deepest(chi2: f64, excess: f64) -> bool {
+    excess <= 1e-6 * chi2.max(1.0)
+}
+
 /// What of the model can be moved, in natural units with logarithms of the roughnesses.
 pub fn moved(truth: &Truth, quantity: Quantity, step: f64) -> Truth {
     let mut t = *truth;

@@ -263,7 +263,7 @@ fn coverage(outcomes: &[Outcome]) -> BTreeMap<&'static str, (usize, usize, f64)>
 
 impl Outcome {
     fn at_minimum(&self) -> bool {
-        self.excess <= 1e-6 * self.chi2.max(1.0)
+        judge::is_deepest(self.chi2, self.excess)
     }
 
     /// A success claimed well above the minimum.

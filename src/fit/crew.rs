@@ -22,7 +22,7 @@ use crate::model::lanes::{Lane, Numbers, WIDEST};
 
 const PACKED: usize = N * (N + 1) / 2;
 /// Maximum evaluations of a lane that only has to come near a minimum.
-pub(super) const EVALUATIONS: usize = 60;
+const EVALUATIONS: usize = 60;
 /// Gain, as a share of the cost, below which a lane is done.
 const SMALL_GAIN: f64 = 1e-7;
 /// Damping up to which a step is as good as a Gauss–Newton step.

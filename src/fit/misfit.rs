@@ -39,7 +39,7 @@ const ENOUGH: f64 = 10.0;
 /// Weight used for zero, so that every residual stays finite.
 pub(super) const LEAST_WEIGHT: f64 = 1e-12;
 /// Normal quantile exceeded once in four: a larger χ² is examined again.
-pub(super) const LIKELY: f64 = 0.674;
+const LIKELY: f64 = 0.674;
 /// Normal quantile exceeded once in a thousand.
 const RARE: f64 = 3.09;
 

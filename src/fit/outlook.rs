@@ -21,8 +21,6 @@ use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 
-/// Mirror images of the best end.
-const IMAGES: f64 = 1.0;
 /// Descents needed to settle an end again with other weights: such ends are in valleys.
 const SETTLING: f64 = 10.0;
 /// Passes of tier and refit from the end of a search.
@@ -139,7 +137,7 @@ impl Look<'_> {
             seconds += rounds(least) * round_s + images_s;
         }
         if misfit && settled.doubted() {
-            seconds += rounds(first) * round_s + RIVALS as f64 * SETTLING * images_s / IMAGES;
+            seconds += rounds(first) * round_s + RIVALS as f64 * SETTLING * images_s;
         }
         if again {
             seconds += rounds(first) * round_s;

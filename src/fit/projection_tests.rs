@@ -2,10 +2,12 @@
 
 use super::*;
 use crate::fit::estimate::free_quantities;
-use crate::geometry::{Pose, RigGeometry};
+use crate::fit::painted;
+use crate::geometry::{Cones, Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::{Observation, ObservationSet, Prior};
+use crate::units::Angle;
 
 const TRUTH: Values = Values {
     theta_r: 0.3,
@@ -22,7 +24,7 @@ const TRUTH: Values = Values {
 };
 
 /// 40 poses, lit beside the tilt plane, computed from the truth.
-fn painted() -> ObservationSet {
+fn exact() -> ObservationSet {
     let poses = (0..40).map(|k| (10 * (k % 5) - 20, 45 * (k / 5)));
     let mut set = ObservationSet::bare(
         RigGeometry::BESIDE,
@@ -47,7 +49,7 @@ fn painted() -> ObservationSet {
 
 #[test]
 fn a_shape_gets_the_amplitudes_that_the_signals_were_computed_with() {
-    let set = painted();
+    let set = exact();
     let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
     let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
     let mut found = Values {
@@ -67,7 +69,7 @@ fn a_shape_gets_the_amplitudes_that_the_signals_were_computed_with() {
 
 #[test]
 fn amplitudes_stay_inside_their_bounds() {
-    let mut set = painted();
+    let mut set = exact();
     // Darker where the sample is brighter: no positive gain describes that.
     for o in &mut set.observations {
         o.signal = -o.signal;
@@ -76,4 +78,35 @@ fn amplitudes_stay_inside_their_bounds() {
     let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
     let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
     assert_eq!(settle(&problem, &TRUTH).0, f64::INFINITY);
+}
+
+/// Cost of flat facets without diffuse light, for the signals of rougher plastic at a few tilts under a point lamp.
+fn cost_of(alpha: f64) -> f64 {
+    // The lamp is 10° beside the camera: half vectors at 2.5° and more from the normal.
+    let poses = [-2.5, 2.5, 7.5, 12.5].map(|theta_c| Pose {
+        theta_c: Angle::from_deg(theta_c),
+        phi_s: Angle::ZERO,
+    });
+    let flat = Values {
+        theta_r: 0.0,
+        ..painted::TRUTH
+    };
+    let mut set = painted::painted(poses.into_iter(), &flat, 1e-3, 1);
+    set.rig.cones = Cones::of_lamp(Angle::ZERO);
+    let shape = Values {
+        alpha_u: alpha,
+        alpha_v: alpha,
+        rho_d: 0.0,
+        ..flat
+    };
+    let free = vec![Quantity::Scale, Quantity::Background];
+    let problem = Problem::new(&set, Variant::Sawtooth, free, shape);
+    settle(&problem, &shape).0
+}
+
+#[test]
+fn the_skirt_of_a_lobe_far_from_all_poses_cannot_explain_the_signal() {
+    // e^-39 of the top of the lobe, which a real one may still have, and e^-119.
+    assert!(cost_of(0.007).is_finite());
+    assert_eq!(cost_of(0.004), f64::INFINITY);
 }

@@ -26,8 +26,8 @@ use super::tuning::Tuning;
 
 /// Relative difference in cost below which two ends are the same minimum.
 const SAME: f64 = 1e-6;
-/// Number of different ends of the first round that are refined.
-pub(super) const REFINED: usize = 4;
+/// Number of different ends of the first starts that are refined.
+const REFINED: usize = 4;
 /// Distance above which ends count as different surfaces (see [`distance`]).
 const APART: f64 = 0.3;
 /// Distance below which two rough ends lead to the same minimum (see [`distance`]).
@@ -35,7 +35,7 @@ const SAME_SPOT: f64 = 0.05;
 /// Smallest distance between two surfaces that a report distinguishes: 0.05°, 0.7 % of α (see [`distance`]).
 pub(super) const ONE_SURFACE: f64 = 0.01;
 /// Settings of a descent that only has to come near a minimum; `FINE` is for descents to full accuracy.
-pub(super) const ROUGH: Settings = Settings {
+const ROUGH: Settings = Settings {
     polish_steps: 0,
     cost_tolerance: 1e-5,
     max_iterations: 40,

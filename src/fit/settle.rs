@@ -92,7 +92,7 @@ pub(super) struct Settled<'a> {
 
 impl Settled<'_> {
     /// Whether the data leave the surface undetermined here.
-    pub(super) fn open(&self) -> bool {
+    fn open(&self) -> bool {
         !determined(&self.problem, &self.minimum)
     }
 

@@ -55,6 +55,51 @@ impl Search<'_> {
         self.refine(problem, ends, self.tuning.refined as usize, 1e-4);
     }
 
+    /// Descends from the mirror images of the best end. A scan along few lines of azimuths is nearly its own mirror image
+    /// about each of them, and a metal lit in the tilt plane is so at any number of azimuths.
+    pub(in crate::fit) fn images(&mut self, problem: &Problem<'_>) {
+        if self.started || self.over() {
+            return;
+        }
+        let Some(best) = self.best() else {
+            return;
+        };
+        let found = problem.unpack(&best.parameters).folded();
+        let zero = problem.set().rig.azimuth_zero.rad() + problem.set().region_azimuth.rad();
+        let (bounds, cancel) = (problem.bounds(), self.cancel);
+        let ends: Vec<Minimum> = azimuth_lines(problem.set())
+            .par_iter()
+            .map(|line| {
+                let image = Values {
+                    azimuth_offset: -found.azimuth_offset - 2.0 * (zero + line),
+                    ..found
+                };
+                minimise(problem, &problem.pack(&image), &bounds, &FINE, cancel)
+            })
+            .filter(usable)
+            .collect();
+        self.runs.extend(ends);
+    }
+
+    /// Continues the best end while it creeps along a valley, as it does where the data leave a surface undetermined.
+    pub(in crate::fit) fn creep(&mut self, problem: &Problem<'_>) {
+        let bounds = problem.bounds();
+        for _ in 0..CREEPS {
+            let creeping = |m: &&Minimum| m.ending == Ending::MaxIterations;
+            let Some(best) = self.best().filter(creeping) else {
+                return;
+            };
+            if self.started || self.over() {
+                return;
+            }
+            let deeper = minimise(problem, &best.parameters, &bounds, &FINE, self.cancel);
+            if !usable(&deeper) || deeper.cost >= best.cost {
+                return;
+            }
+            self.runs.push(deeper);
+        }
+    }
+
     /// Number of starts after which the rule ends the search if no further minimum appears.
     pub(in crate::fit) fn starts_expected(&self, problem: &Problem<'_>) -> f64 {
         let found = self.near_minima(problem);
@@ -113,53 +158,6 @@ fn descend(
         .map(|v| minimise(problem, &problem.pack(v), &bounds, &ROUGH, cancel))
         .filter(usable)
         .collect()
-}
-
-impl Search<'_> {
-    /// Descends from the mirror images of the best end. A scan along few lines of azimuths is nearly its own mirror image
-    /// about each of them, and a metal lit in the tilt plane is so at any number of azimuths.
-    pub(in crate::fit) fn images(&mut self, problem: &Problem<'_>) {
-        if self.started || self.over() {
-            return;
-        }
-        let Some(best) = self.best() else {
-            return;
-        };
-        let found = problem.unpack(&best.parameters).folded();
-        let zero = problem.set().rig.azimuth_zero.rad() + problem.set().region_azimuth.rad();
-        let (bounds, cancel) = (problem.bounds(), self.cancel);
-        let ends: Vec<Minimum> = azimuth_lines(problem.set())
-            .par_iter()
-            .map(|line| {
-                let image = Values {
-                    azimuth_offset: -found.azimuth_offset - 2.0 * (zero + line),
-                    ..found
-                };
-                minimise(problem, &problem.pack(&image), &bounds, &FINE, cancel)
-            })
-            .filter(usable)
-            .collect();
-        self.runs.extend(ends);
-    }
-
-    /// Continues the best end while it creeps along a valley, as it does where the data leave a surface undetermined.
-    pub(in crate::fit) fn creep(&mut self, problem: &Problem<'_>) {
-        let bounds = problem.bounds();
-        for _ in 0..CREEPS {
-            let creeping = |m: &&Minimum| m.ending == Ending::MaxIterations;
-            let Some(best) = self.best().filter(creeping) else {
-                return;
-            };
-            if self.started || self.over() {
-                return;
-            }
-            let deeper = minimise(problem, &best.parameters, &bounds, &FINE, self.cancel);
-            if !usable(&deeper) || deeper.cost >= best.cost {
-                return;
-            }
-            self.runs.push(deeper);
-        }
-    }
 }
 
 /// Returns the lines through the axis on which the recorded azimuths lie, rad. A scan along one of them is its own
