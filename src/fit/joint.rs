@@ -10,6 +10,7 @@
 //! scatter.
 
 mod reporting;
+mod stacked;
 
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,18 +19,18 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::estimate::{Estimate, Tier, estimate_until};
-use super::least_squares::LeastSquares;
 use super::misfit::{
     ROUNDS, discrepancy_of, explained, lightened, loss_weights, misfit_scale, peak,
 };
 use super::problem::{Problem, Quantity, Values};
 use super::report::FitReport;
 use super::search::Late;
-use super::solver::{Bounds, Minimum, Settings, minimise};
+use super::solver::{Minimum, Settings, minimise};
 use super::suspects::agreed;
 use super::{FitOptions, Loss, VariantChoice};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
+use stacked::{Stacked, bounds};
 
 /// Quantities that all scans of one sample share.
 const SHARED: [Quantity; 9] = [
@@ -174,40 +175,6 @@ fn check(scans: &[Scan<'_>], options: &FitOptions) -> Result<(), JointError> {
     match single.into_iter().find(|(_, asked)| *asked) {
         Some((what, _)) => Err(JointError::OneScanOnly(what)),
         None => Ok(()),
-    }
-}
-
-/// All scans as one problem, with their rows stacked.
-struct Stacked<'j, 'a> {
-    problems: &'j [Problem<'a>],
-    columns: &'j [Vec<usize>],
-    n: usize,
-}
-
-impl LeastSquares for &Stacked<'_, '_> {
-    fn n_parameters(&self) -> usize {
-        self.n
-    }
-
-    fn n_residuals(&self) -> usize {
-        self.problems.iter().map(Problem::residual_count).sum()
-    }
-
-    fn evaluate(&self, x: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
-        let m = residuals.len();
-        jacobian.fill(0.0);
-        let mut first = 0;
-        for (problem, columns) in self.problems.iter().zip(self.columns) {
-            let rows = problem.residual_count();
-            let own: Vec<f64> = columns.iter().map(|c| x[*c]).collect();
-            let mut slopes = vec![0.0; rows * own.len()];
-            problem.evaluate(&own, &mut residuals[first..first + rows], &mut slopes);
-            for (c, column) in columns.iter().zip(slopes.chunks_exact(rows)) {
-                let at = c * m + first;
-                jacobian[at..at + rows].copy_from_slice(column);
-            }
-            first += rows;
-        }
     }
 }
 
@@ -464,19 +431,6 @@ impl<'e, 'a> Joint<'e, 'a> {
         }
         parts
     }
-}
-
-/// Bounds of all scans; for common parameters the intersection of their bounds.
-fn bounds(stacked: &Stacked<'_, '_>) -> Bounds {
-    let mut all = Bounds::none(stacked.n);
-    for (problem, columns) in stacked.problems.iter().zip(stacked.columns) {
-        let own = problem.bounds();
-        for (k, c) in columns.iter().enumerate() {
-            all.lower[*c] = all.lower[*c].max(own.lower[k]);
-            all.upper[*c] = all.upper[*c].min(own.upper[k]);
-        }
-    }
-    all
 }
 
 /// Finds the values that a scan has for itself on a given surface: the best gain, stray light and zeros. The search

@@ -16,6 +16,8 @@
 //! Inside, θr is signed and the roughnesses are logarithms. The fit may pass through θr = 0 and continues as (−θr, φs +
 //! 180°), which is the same surface.
 
+mod bounds;
+mod changed;
 mod residuals;
 
 use std::f64::consts::PI;
@@ -26,29 +28,15 @@ use nalgebra::Vector3;
 use super::known::priors;
 use super::loss::Loss;
 pub use super::quantity::{Quantity, Values};
-use super::solver::Bounds;
 use crate::geometry::Directions;
 use crate::material::Material;
-use crate::model::extended::slopes::TAIL_MAX;
-use crate::model::extended::{self, CREST_MAX, Real, Terms, Walls};
+use crate::model::extended::{self, Real, Terms, Walls};
 use crate::model::prepared::{OpticsTable, Partials, Prepared};
 use crate::model::views::{Rotation, Views};
 use crate::model::{Gradient, Optics, Surface, Variant};
 use crate::observation::{ObservationSet, Prior, View};
 use crate::units::Angle;
-
-/// Smallest and largest gain as multiples of the brightest signal. Without a limit, a lobe that all poses miss by far
-/// could be scaled up until its skirt equals the signal. The fit's form of the model is 0 from 43 decades below the top
-/// of a lobe; for the narrowest lobe this limit stays a share of 1e-12 of the brightest signal.
-const GAIN: (f64, f64) = (1e-12, 1e24);
-/// Steepest ridge that a fit considers, rad.
-pub const THETA_R_MAX: f64 = 75.0 * PI / 180.0;
-/// Smoothest facet that a fit considers.
-pub const ALPHA_MIN: f64 = 1e-4;
-/// Largest zero of the tilt that a fit considers, rad.
-pub const TILT_OFFSET_MAX: f64 = 15.0 * PI / 180.0;
-/// Roughest facet that a fit considers.
-pub const ALPHA_MAX: f64 = 2.0;
+pub use bounds::{ALPHA_MAX, ALPHA_MIN, THETA_R_MAX, TILT_OFFSET_MAX};
 
 /// A least-squares problem: a set of observations, a variant, weights and the free quantities.
 #[derive(Debug, Clone)]
@@ -127,118 +115,6 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Sets other free quantities.
-    #[must_use]
-    pub fn with_free(mut self, free: Vec<Quantity>) -> Self {
-        self.priors = priors(self.set, &free, &self.stated);
-        self.free = free;
-        self
-    }
-
-    /// Holds the index at its nominal value.
-    pub(super) fn with_nominal_index(&self) -> Self {
-        let free = self.free.iter().copied();
-        let free = free.filter(|q| !matches!(q, Quantity::Eta | Quantity::K));
-        self.clone().with_free(free.collect())
-    }
-
-    /// Sets other values of the quantities that are not free.
-    #[must_use]
-    pub fn with_fixed(mut self, fixed: Values) -> Self {
-        self.fixed = fixed;
-        self
-    }
-
-    /// Removes the priors of some quantities: another problem, solved together with this one, contains them.
-    #[must_use]
-    pub fn without_priors(mut self, of: &[Quantity]) -> Self {
-        self.stated.retain(|(q, _)| !of.contains(q));
-        self.priors.retain(|(q, _)| !of.contains(q));
-        self
-    }
-
-    /// Sets priors of the user in natural units: angles in radians, θr ≥ 0, roughness itself. Priors on quantities that
-    /// are not free are ignored.
-    #[must_use]
-    pub fn with_priors(mut self, stated: &[(Quantity, Prior)]) -> Self {
-        self.stated = stated.to_vec();
-        self.priors = priors(self.set, &self.free, &self.stated);
-        self
-    }
-
-    /// Sets the loss of the sample residuals.
-    #[must_use]
-    pub fn with_loss(mut self, loss: Loss) -> Self {
-        self.loss = loss;
-        self
-    }
-
-    /// Selects the cheaper form of the closed form for finding the lobe.
-    #[must_use]
-    pub fn with_lean(mut self, lean: bool) -> Self {
-        self.lean = lean;
-        self
-    }
-
-    /// Returns the same problem for a series drawn from it: `set` differs only in its signals, and the means of the
-    /// priors are drawn around `values` with `normal`.
-    #[must_use]
-    pub fn drawn<'s>(
-        &self,
-        set: &'s ObservationSet,
-        values: &Values,
-        normal: &mut dyn FnMut() -> f64,
-    ) -> Problem<'s>
-    where
-        'a: 's,
-    {
-        let mut problem: Problem<'s> = self.clone();
-        problem.set = set;
-        for (quantity, prior) in &mut problem.priors {
-            prior.mean = values.natural(*quantity) + prior.std * normal();
-        }
-        problem
-    }
-
-    /// Sets other standard uncertainties of the observations.
-    #[must_use]
-    pub fn with_sigma(mut self, sigma: Vec<f64>) -> Self {
-        self.sigma = sigma;
-        self
-    }
-
-    /// Sets other standard uncertainties of the flats.
-    #[must_use]
-    pub fn with_flat_sigma(mut self, sigma: Vec<f64>) -> Self {
-        self.flat_sigma = sigma;
-        self
-    }
-
-    /// Sets radiances to add to the closed form, one per observation.
-    #[must_use]
-    pub fn with_correction(mut self, correction: Vec<f64>) -> Self {
-        self.correction = correction;
-        self
-    }
-
-    /// Selects physical light, or light without polarisation as in a renderer.
-    #[must_use]
-    pub fn with_polarisation(mut self, polarised: bool) -> Self {
-        self.polarised = polarised;
-        self
-    }
-
-    /// Allows deviations from an ideal sawtooth ([`crate::model::extended`]). The roughness of the walls is that of the
-    /// given values and stays fixed while the values move.
-    #[must_use]
-    pub fn with_walls_of(mut self, values: &Values) -> Self {
-        let mut surface = values.surface();
-        surface.theta_r = surface.theta_r.abs();
-        let walls = Walls::new(&surface, &values.real, &self.optics(values));
-        self.walls = Some(Arc::new(walls));
-        self
-    }
-
     /// Whether deviations from an ideal sawtooth are allowed.
     #[must_use]
     pub fn is_extended(&self) -> bool {
@@ -249,13 +125,6 @@ impl<'a> Problem<'a> {
     #[must_use]
     pub fn is_polarised(&self) -> bool {
         self.polarised
-    }
-
-    /// Sets factors of the closed form, applied before the correction, one per observation.
-    #[must_use]
-    pub fn with_factor(mut self, factor: Vec<f64>) -> Self {
-        self.factor = factor;
-        self
     }
 
     /// The observations.
@@ -339,44 +208,6 @@ impl<'a> Problem<'a> {
             values.set_inner(*q, *v);
         }
         values
-    }
-
-    /// The bounds of the solver.
-    #[must_use]
-    pub fn bounds(&self) -> Bounds {
-        let (eta, k) = self.set.material.index();
-        let signals = self.set.observations.iter().map(|o| o.signal.abs());
-        let brightest = signals.fold(0.0, f64::max);
-        let range = |q: &Quantity| match q {
-            // If the azimuth is held, θr cannot change its sign.
-            Quantity::ThetaR if !self.free.contains(&Quantity::AzimuthOffset) => (0.0, THETA_R_MAX),
-            Quantity::ThetaR => (-THETA_R_MAX, THETA_R_MAX),
-            Quantity::AlphaU | Quantity::AlphaV => (ALPHA_MIN.ln(), ALPHA_MAX.ln()),
-            // The amplitude of the printed lobe, A = F + (ρd/π)(1 − F)², stays positive. Its ρd may exceed 1, which
-            // shows that the variant does not describe the sample.
-            Quantity::RhoD => match self.variant {
-                Variant::Paper => {
-                    let f = normal_reflectance(eta, k);
-                    (-0.99 * PI * f / ((1.0 - f) * (1.0 - f)), 1e3)
-                }
-                // Not 0, where the model omits the diffuse terms and their derivatives.
-                Variant::Sawtooth => (1e-9, 1.0),
-            },
-            // In the unit of the signals.
-            Quantity::Scale => {
-                let unit = brightest.max(f64::MIN_POSITIVE);
-                (GAIN.0 * unit, GAIN.1 * unit)
-            }
-            Quantity::Background | Quantity::AzimuthOffset => (f64::NEG_INFINITY, f64::INFINITY),
-            Quantity::Eta => (0.01, f64::INFINITY),
-            Quantity::K => (0.0, f64::INFINITY),
-            Quantity::TiltOffset => (-TILT_OFFSET_MAX, TILT_OFFSET_MAX),
-            Quantity::Translucency => (0.0, 1.0),
-            Quantity::Tail => (0.0, TAIL_MAX),
-            Quantity::CrestRadius => (0.0, CREST_MAX),
-        };
-        let (lower, upper) = self.free.iter().map(range).unzip();
-        Bounds { lower, upper }
     }
 
     /// Prepares everything that does not depend on the pose, for [`Problem::gradient`].
@@ -615,11 +446,6 @@ fn views(set: &ObservationSet) -> Arc<[Views]> {
         Views::new(&views)
     };
     set.views.iter().map(of).collect()
-}
-
-/// Fresnel reflectance at normal incidence; within 1e-4 of that at 5°.
-fn normal_reflectance(eta: f64, k: f64) -> f64 {
-    ((eta - 1.0).powi(2) + k * k) / ((eta + 1.0).powi(2) + k * k)
 }
 
 #[cfg(test)]

@@ -3,10 +3,11 @@
 //! Call [`report_of`], or [`report_with`] if the uncertainties are known already. [`super::variants`] compares the
 //! variants and selects the one to report.
 
-use nalgebra::DVector;
+mod contradictions;
+mod omissions;
+mod status;
 
 use super::budget::{Budget, Uncertainty, tied, uncertainty};
-use super::denials::{Denial, denials};
 use super::drift::{Drift, drift};
 use super::estimate::Estimate;
 use super::findings;
@@ -15,16 +16,18 @@ use super::misfit::{self, LOUD, few, peak};
 use super::parameter_covariance::{self, per_solver_unit};
 use super::problem::{Quantity, Values};
 use super::report::{
-    FEW_POSES, FitReport, FittedObservation, Freedom, LeftOut, Parameter, Parameters,
-    SlopeDistribution, Starts, Status, Timing, VariantName, VariantSummary,
+    FEW_POSES, FitReport, FittedObservation, Freedom, Parameter, Parameters, SlopeDistribution,
+    Starts, Status, Timing, VariantName, VariantSummary,
 };
 use super::solver::Minimum;
 use super::wedge;
 use crate::material::Material;
 use crate::model::extended::slopes::{gamma, half_width_over_alpha};
-use crate::model::left_out;
 use crate::observation::ObservationSet;
-use crate::wording::{counted, percent, significant};
+use crate::wording::{counted, significant};
+use contradictions::denied;
+use status::promised;
+pub(super) use status::status;
 
 /// Standard uncertainty above which an angle counts as undetermined, rad.
 const HOPELESS_ANGLE: f64 = 0.35;
@@ -43,116 +46,6 @@ pub(super) fn build() -> String {
 /// Name and version of the program.
 pub(super) fn program() -> String {
     concat!("ridged ", env!("CARGO_PKG_VERSION")).to_owned()
-}
-
-/// Decrease of the cost promised by a further step, below which an end counts as a minimum: a thousandth of a standard
-/// uncertainty away.
-const AT_BOTTOM: f64 = 1e-6;
-
-pub(super) fn status(e: &Estimate<'_>, uncertainty: &Uncertainty) -> Status {
-    use super::solver::Ending;
-    let ending = match e.minimum.ending {
-        // In a flat valley the cost stops falling before the steps are short.
-        Ending::ConvergedByCost | Ending::Stalled | Ending::MaxIterations
-            if promised(&e.minimum, uncertainty) <= AT_BOTTOM =>
-        {
-            Ending::ConvergedByGradient
-        }
-        ending => ending,
-    };
-    match ending {
-        Ending::Cancelled => Status::Cancelled,
-        Ending::NotFinite => Status::NotFinite,
-        _ if !uncertainty.covariance.null_directions.is_empty() => Status::RankDeficient,
-        Ending::RankDeficient => Status::RankDeficient,
-        Ending::ConvergedByStep | Ending::ConvergedByGradient if !e.explained => Status::Stalled,
-        _ if shape_unknown(e, uncertainty) => Status::RankDeficient,
-        Ending::ConvergedByStep | Ending::ConvergedByGradient if !e.minimum.at_bound.is_empty() => {
-            Status::AtBound
-        }
-        Ending::ConvergedByStep | Ending::ConvergedByGradient => Status::Converged,
-        Ending::ConvergedByCost | Ending::Stalled | Ending::MaxIterations => Status::Stalled,
-    }
-}
-
-/// Predicts by how much one more step lowers the cost, from the derivatives at an end: gᵀ C g.
-fn promised(end: &Minimum, uncertainty: &Uncertainty) -> f64 {
-    let (m, n) = (end.residuals.len(), end.parameters.len());
-    let covariance = &uncertainty.covariance.matrix;
-    if end.jacobian.len() != m * n || covariance.nrows() != n {
-        return f64::INFINITY;
-    }
-    let columns = end.jacobian.chunks_exact(m.max(1));
-    let along = |column: &[f64]| column.iter().zip(&end.residuals).map(|(j, r)| j * r).sum();
-    let gradient = DVector::from_iterator(n, columns.map(along));
-    gradient.dot(&(covariance * &gradient))
-}
-
-/// Lists stated values that the data contradict, as messages.
-fn denied(e: &Estimate<'_>) -> Vec<String> {
-    // If the model error is large, a fitted index absorbs it and says nothing about the material.
-    let loud = e.discrepancy > LOUD;
-    let material = |d: &Denial| !d.by_user && matches!(d.quantity, Quantity::Eta | Quantity::K);
-    let denials = denials(e).into_iter().filter(|d| !(loud && material(d)));
-    let messages = denials.map(|denial| {
-        let Denial {
-            quantity,
-            prior,
-            by_user,
-            deviations,
-            leverage,
-        } = denial;
-        let off = match deviations {
-            ..1000.0 => format!("about {deviations:.0} standard deviations"),
-            _ => "thousands of standard deviations".to_owned(),
-        };
-        let (mean, std) = (prior.mean, significant(prior.std));
-        match quantity {
-            _ if by_user => format!(
-                "The data contradict the stated {} by {off}{}. Check the statement, or fit without it.",
-                spoken(quantity),
-                match prior.mean {
-                    0.0 => String::new(),
-                    mean => format!(
-                        " (its standard uncertainty is {} of its value)",
-                        percent(prior.std / mean.abs())
-                    ),
-                }
-            ),
-            Quantity::Background if e.values.background < prior.mean => format!(
-                "The fitted stray light is negative ({} of the brightest signal, {off} from that of a darkened rig): the \
-                 dark frames or the black level are too bright. The offset is corrected; check the dark frames.",
-                percent((e.values.background / peak(e.problem.set())).abs())
-            ),
-            Quantity::Background => format!(
-                "The fitted stray light is {} of the brightest signal, {off} from that of a darkened rig. It is \
-                 subtracted; look for light that does not come from the lamp.",
-                percent(e.values.background / peak(e.problem.set()))
-            ),
-            _ => format!(
-                "The data contradict the stated {}: they give about {}, {off} from {mean} (u = {std}). Check the \
-                 material of the sample and the certificate of the white reference; an error of the certificate \
-                 changes ρd by the same share.",
-                spoken(quantity),
-                // Without the pull of the prior.
-                significant(mean + (e.values.natural(quantity) - mean) / (1.0 - leverage))
-            ),
-        }
-    });
-    messages.collect()
-}
-
-/// Whether ridge angle or roughness is practically undetermined, which is equivalent to a null direction.
-fn shape_unknown(e: &Estimate<'_>, u: &Uncertainty) -> bool {
-    e.problem.free().iter().enumerate().any(|(j, q)| {
-        let limit = match q {
-            Quantity::ThetaR => HOPELESS_ANGLE,
-            Quantity::AlphaU | Quantity::AlphaV => HOPELESS_LOG_ALPHA,
-            _ => return false,
-        };
-        let std = u.budgets[j].combined();
-        std.is_nan() || std >= limit
-    })
 }
 
 pub(super) fn summary(
@@ -308,7 +201,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         parameters,
         covariance: Some(covariance),
         variants: Vec::new(),
-        left_out: all_left_out(e, variant),
+        left_out: omissions::all_left_out(e, variant),
         tracer: None,
         fitted,
         starts: Starts {
@@ -562,114 +455,4 @@ fn effective_freedom(budget: &Budget, u: &Uncertainty) -> Option<f64> {
     let parts = budget.model.powi(4) / model + budget.counting.powi(4) / counting;
     let freedom = total / parts;
     (freedom.is_finite() && freedom < 1000.0).then_some(freedom)
-}
-
-fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOut> {
-    let cones = &e.problem.set().rig.cones;
-    let narrow = e.values.alpha_u.min(e.values.alpha_v);
-    let mut list: Vec<LeftOut> = left_out::lens(cones).into_iter().collect();
-    if variant != VariantName::Traced && !(variant == VariantName::Sawtooth && e.takes_tier()) {
-        list.push(left_out::cone_average(cones, narrow));
-    }
-    match variant {
-        VariantName::Traced => {}
-        VariantName::Paper => list.push(left_out::ideal_profile()),
-        // Rounded crests are among the real terms below.
-        VariantName::Sawtooth => list.push(left_out::burrs_and_draft(e.values.real.crest > 0.0)),
-    }
-    match variant {
-        VariantName::Traced => list.push(LeftOut::new(
-            "multiple reflections within the roughness of a facet",
-            "the tracer reflects light from one microfacet per hit, with Smith's masking",
-            None,
-        )),
-        VariantName::Paper => list.push(left_out::printed_lobe(Some(e.rms_residual))),
-        VariantName::Sawtooth => {
-            if let Some(cost) = e.tier_left_out {
-                list.push(LeftOut::new(
-                    "two-bounce quadrature",
-                    "it changes less than the tolerance at poses spread over the data",
-                    Some(cost),
-                ));
-            } else if !e.takes_tier() {
-                list.push(LeftOut::new(
-                    "two-bounce quadrature",
-                    "the closed form fits these data better without the integrated second bounce",
-                    Some(e.rms_residual),
-                ));
-            }
-            list.push(left_out::third_bounce());
-            list.extend(real_terms(e));
-        }
-    }
-    list.extend(polarisation(e, variant));
-    if e.problem.set().wedge_std.is_none() {
-        list.push(left_out::wedge());
-    }
-    if e.problem.set().theta_l_std.is_none() {
-        list.push(left_out::lamp_angle());
-    }
-    if e.cut_short {
-        list.push(LeftOut::new(
-            "the rest of the search",
-            "the time limit ended it; a deeper minimum may have been missed",
-            None,
-        ));
-    }
-    if let Some(thinned) = &e.thinned {
-        let (kept, of) = (thinned.kept.len(), e.problem.set().observations.len());
-        list.push(LeftOut::new(
-            format!("{} of {of} observations in the search and in `fitted`", of - kept),
-            "the search uses observations spread over the poses, with the brightest of each neighbourhood; descent, \
-             weights and uncertainties use all. A minimum that only the others show would be missed",
-            None,
-        ));
-        if let Some((nodes, error)) = thinned.interpolated {
-            list.push(LeftOut::new(
-                "two-bounce quadrature at every pose",
-                format!("integrated at {nodes} poses and interpolated between them"),
-                Some(error),
-            ));
-        }
-    }
-    list
-}
-
-/// Lists the terms of real samples that this fit omits.
-fn real_terms(e: &Estimate<'_>) -> Vec<LeftOut> {
-    let there = |q: &Quantity| {
-        e.problem.is_extended() && (e.problem.free().contains(q) || e.held.contains(q))
-    };
-    let body = matches!(e.problem.set().material, Material::Dielectric { .. });
-    let names = [
-        (Quantity::Translucency, "translucency of the body"),
-        (Quantity::Tail, "tails of the slope distribution"),
-        (Quantity::CrestRadius, "rounded crests"),
-    ];
-    names
-        .into_iter()
-        .filter(|(q, _)| !there(q) && (body || *q != Quantity::Translucency))
-        .map(|(_, what)| left_out::real_term(what, e.rms_residual, e.investigated))
-        .collect()
-}
-
-/// Whether the second reflection depends on the polarisation caused by the first. For metals the closed form includes
-/// it, too.
-fn polarisation(e: &Estimate<'_>, variant: VariantName) -> Option<LeftOut> {
-    let metal = matches!(e.problem.set().material, Material::Conductor { .. });
-    let followed = match variant {
-        // It has no second reflection.
-        VariantName::Paper => true,
-        VariantName::Sawtooth => metal || (e.takes_tier() && e.problem.is_polarised()),
-        VariantName::Traced => e.traced.as_ref().is_none_or(|t| t.polarised),
-    };
-    let by_data = e.takes_tier() || variant == VariantName::Traced;
-    (!followed).then(|| {
-        left_out::polarisation(if by_data {
-            "the unpolarised model fits these data better"
-        } else {
-            "lamp and camera do not polarise, so single reflections do not depend on it; the closed form omits it for \
-             double reflections on plastic"
-        })
-    })
 }

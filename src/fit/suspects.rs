@@ -8,6 +8,10 @@
 //! χ² counts each observation with its own uncertainty and the usual error of the closed form (0.07 % of the signal and
 //! 0.04 % of the peak), not with the discrepancy of the fit that is examined.
 
+mod list;
+
+use std::sync::atomic::AtomicBool;
+
 use rayon::prelude::*;
 
 use super::estimate::{Estimate, Tier};
@@ -21,7 +25,7 @@ use super::start::distance;
 use super::{FitOptions, Loss};
 use crate::material::Material;
 use crate::model::Variant;
-use std::sync::atomic::AtomicBool;
+use list::{SUSPECTS, Suspect};
 
 /// Model error of the closed form on traced ideal ridges (root mean square, relative to the peak).
 const OWN_MISFIT: f64 = 1.5e-3;
@@ -36,44 +40,6 @@ const PASSES: usize = 4;
 const STILL: f64 = 2e-5;
 /// Maximum number of terms that join a fit.
 const JOINING: usize = 2;
-
-/// One suspected deviation.
-#[derive(Debug, Clone, Copy)]
-struct Suspect {
-    code: Code,
-    quantity: Quantity,
-    /// Starting values.
-    starts: &'static [f64],
-    /// Below this value the quantity counts as absent.
-    least: f64,
-}
-
-const SUSPECTS: [Suspect; 4] = [
-    Suspect {
-        code: Code::Translucent,
-        quantity: Quantity::Translucency,
-        starts: &[0.4],
-        least: 0.04,
-    },
-    Suspect {
-        code: Code::Tails,
-        quantity: Quantity::Tail,
-        starts: &[0.3],
-        least: 0.02,
-    },
-    Suspect {
-        code: Code::RoundedCrests,
-        quantity: Quantity::CrestRadius,
-        starts: &[0.04, 0.1],
-        least: 0.01,
-    },
-    Suspect {
-        code: Code::Index,
-        quantity: Quantity::Eta,
-        starts: &[],
-        least: 0.0,
-    },
-];
 
 /// A problem with a suspect free, at its minimum.
 #[derive(Clone)]

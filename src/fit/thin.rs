@@ -19,38 +19,36 @@
 //! differences, not a difference of sums). The triangles of blocks are stacked and reduced again by QR, which is
 //! orthogonal at every stage, so a million rows lose no more digits than a few hundred.
 
+mod blocks;
+mod everywhere;
+
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
 use super::estimate::{Estimate, Reached, Tier, conclude, whole};
-use super::least_squares::{LeastSquares, householder, sum_of_squares};
 use super::misfit::{misfit_scale, peak};
-use super::problem::{Problem, Values};
+use super::problem::Problem;
 use super::search::Late;
 use super::settle::{Settled, Weighing};
-use super::solver::{Bounds, Minimum, Settings};
+use super::solver::Minimum;
 use super::{FitOptions, Loss};
 use crate::geometry::Pose;
 use crate::model::Variant;
 use crate::observation::{Observation, ObservationSet, Prior, SharedErrors};
 use crate::units::Angle;
+pub(super) use blocks::minimise;
+#[cfg(test)]
+pub(super) use blocks::triangle;
+use everywhere::everywhere;
 
 /// Number of observations up to which all are used.
 pub(super) const ALL: usize = 4096;
 /// Strata of the poses; two observations of each are kept.
 const SPREAD: usize = 1024;
-/// Rows that are reduced to one triangle at a time.
-const BLOCK: usize = 2048;
-/// Nodes per axis of the first and of the finest grid on which a tier is integrated.
-const NODES: (usize, usize) = (32, 128);
-/// Poses between the nodes at which the interpolation is checked.
-const CHECKED: usize = 128;
 /// Poses at which the effect of a tier is tested.
 const PROBED: usize = 16;
-/// Error of the interpolation (root mean square, as a share of the peak) that needs no finer grid.
-const SMOOTH: f64 = 1e-4;
 /// Rounds of tier and descent over all observations.
 const PASSES: usize = 2;
 /// Rise of the cost up to which another minimum is as good (see [`super::estimate`]).
@@ -310,276 +308,6 @@ pub(super) fn tier_cost(settled: &Settled<'_>, tier: Tier<'_>) -> Option<f64> {
     let offsets = tier(&problem, &values)?;
     let largest = offsets.iter().map(|o| o.abs()).fold(0.0, f64::max);
     Some(largest * values.scale.abs() / peak(set).max(f64::MIN_POSITIVE))
-}
-
-/// A tier at every observation.
-struct Everywhere {
-    offsets: Vec<f64>,
-    /// Nodes of the grid; `None` if every pose was integrated.
-    nodes: Option<usize>,
-    /// Error of the interpolation, root mean square as a share of the peak.
-    error: f64,
-}
-
-/// Evaluates the tier at every pose: by integration if there are few poses, otherwise by interpolation between the
-/// nodes of a grid. Returns `None` if the tier has no result or the fit was cancelled.
-fn everywhere(
-    problem: &Problem<'_>,
-    values: &Values,
-    tier: Tier<'_>,
-    kept: &[usize],
-    cancel: &AtomicBool,
-) -> Option<Everywhere> {
-    let set = problem.set();
-    // Individual directions of an observation are not a function of the pose.
-    if set.views.iter().any(|views| views.len() == 1) {
-        return Some(Everywhere {
-            offsets: tier(problem, values)?,
-            nodes: None,
-            error: 0.0,
-        });
-    }
-    let at = |poses: &[Pose]| -> Option<Vec<f64>> {
-        let model = set.observations.first()?;
-        let posed = poses.iter().map(|pose| Observation {
-            pose: *pose,
-            ..*model
-        });
-        let few = ObservationSet {
-            observations: posed.collect(),
-            ..subset(set, &[])
-        };
-        let free = problem.free().to_vec();
-        let posed = Problem::new(&few, problem.variant(), free, *values)
-            .with_polarisation(problem.is_polarised());
-        tier(&posed, values)
-    };
-    let mut places: HashMap<(u64, u64), usize> = HashMap::new();
-    let mut poses: Vec<Pose> = Vec::new();
-    for o in &set.observations {
-        if poses.len() > ALL {
-            break;
-        }
-        places.entry(key(o.pose)).or_insert_with(|| {
-            poses.push(o.pose);
-            poses.len() - 1
-        });
-    }
-    if poses.len() <= ALL {
-        let each = at(&poses)?;
-        let offsets = set.observations.iter().map(|o| each[places[&key(o.pose)]]);
-        return Some(Everywhere {
-            offsets: offsets.collect(),
-            nodes: None,
-            error: 0.0,
-        });
-    }
-    let step = kept.len().div_ceil(CHECKED).max(1);
-    let checked: Vec<Pose> = kept
-        .iter()
-        .step_by(step)
-        .map(|i| set.observations[*i].pose)
-        .collect();
-    let exact = at(&checked)?;
-    // Offsets are radiances, without gain and stray light; so is the peak.
-    let top = peak(set) / values.scale.abs().max(f64::MIN_POSITIVE);
-    let tilts = Axis::over(set.observations.iter().map(|o| o.pose.theta_c.rad()));
-    let turns = Axis::over(set.observations.iter().map(|o| o.pose.phi_s.rad()));
-    let mut count = NODES.0;
-    loop {
-        let (tilts, turns) = (tilts.nodes(count), turns.nodes(count));
-        let nodes: Vec<Pose> = tilts
-            .iter()
-            .flat_map(|t| {
-                turns.iter().map(|p| Pose {
-                    theta_c: Angle::from_rad(*t),
-                    phi_s: Angle::from_rad(*p),
-                })
-            })
-            .collect();
-        let integrated = at(&nodes)?;
-        let between = |pose: &Pose| -> f64 {
-            let (i, u) = place(&tilts, pose.theta_c.rad());
-            let (j, v) = place(&turns, pose.phi_s.rad());
-            let node = |i: usize, j: usize| {
-                let (i, j) = (i.min(tilts.len() - 1), j.min(turns.len() - 1));
-                integrated[i * turns.len() + j]
-            };
-            (1.0 - u) * ((1.0 - v) * node(i, j) + v * node(i, j + 1))
-                + u * ((1.0 - v) * node(i + 1, j) + v * node(i + 1, j + 1))
-        };
-        let squares = checked
-            .iter()
-            .zip(&exact)
-            .map(|(pose, e)| ((between(pose) - e) / top).powi(2));
-        let error = (squares.sum::<f64>() / checked.len() as f64).sqrt();
-        if cancel.load(Ordering::Relaxed) {
-            return None;
-        }
-        if error <= SMOOTH || count >= NODES.1 {
-            let offsets = set.observations.par_iter().map(|o| between(&o.pose));
-            return Some(Everywhere {
-                offsets: offsets.collect(),
-                nodes: Some(nodes.len()),
-                error,
-            });
-        }
-        count *= 2;
-    }
-}
-
-/// Range of the poses along one angle.
-struct Axis {
-    least: f64,
-    most: f64,
-    /// The angles themselves, ascending, if there are few.
-    few: Option<Vec<f64>>,
-}
-
-impl Axis {
-    fn over(angles: impl Iterator<Item = f64>) -> Self {
-        let mut axis = Axis {
-            least: f64::INFINITY,
-            most: f64::NEG_INFINITY,
-            few: Some(Vec::new()),
-        };
-        for a in angles {
-            axis.least = axis.least.min(a);
-            axis.most = axis.most.max(a);
-            if let Some(few) = &mut axis.few
-                && let Err(place) = few.binary_search_by(|b| b.total_cmp(&a))
-            {
-                few.insert(place, a);
-                if few.len() > NODES.0 {
-                    axis.few = None;
-                }
-            }
-        }
-        axis
-    }
-
-    /// Returns about `count` nodes: the angles themselves if they are fewer, otherwise equidistant ones.
-    fn nodes(&self, count: usize) -> Vec<f64> {
-        self.few.clone().unwrap_or_else(|| {
-            let last = (count - 1) as f64;
-            let share = |n: usize| self.least + (self.most - self.least) * n as f64 / last;
-            (0..count).map(share).collect()
-        })
-    }
-}
-
-/// Returns the node before an angle, and the share of the distance to the next.
-fn place(nodes: &[f64], angle: f64) -> (usize, f64) {
-    let after = nodes.partition_point(|n| *n <= angle);
-    let before = after.saturating_sub(1);
-    match nodes.get(before + 1) {
-        Some(next) => {
-            let width = next - nodes[before];
-            (before, ((angle - nodes[before]) / width).clamp(0.0, 1.0))
-        }
-        None => (before, 0.0),
-    }
-}
-
-/// [`super::solver::minimise`] for a problem of any size: block by block if it has many observations.
-pub(super) fn minimise(
-    problem: &Problem<'_>,
-    start: &[f64],
-    bounds: &Bounds,
-    settings: &Settings,
-    cancel: &AtomicBool,
-) -> Minimum {
-    if problem.set().observations.len() <= ALL {
-        return super::solver::minimise(problem, start, bounds, settings, cancel);
-    }
-    let mut minimum = super::solver::minimise(Blocks(problem), start, bounds, settings, cancel);
-    let rows = problem.residual_count();
-    minimum.residuals = vec![0.0; rows];
-    minimum.jacobian = vec![0.0; rows * problem.free().len()];
-    problem.evaluate(
-        &minimum.parameters,
-        &mut minimum.residuals,
-        &mut minimum.jacobian,
-    );
-    minimum
-}
-
-/// A problem with few rows: the triangle R of [J r] = Q R has the same JᵀJ, Jᵀr and rᵀr, so a solver takes the same
-/// steps with its columns.
-struct Blocks<'p, 'a>(&'p Problem<'a>);
-
-impl LeastSquares for Blocks<'_, '_> {
-    fn n_parameters(&self) -> usize {
-        self.0.free().len()
-    }
-
-    fn n_residuals(&self) -> usize {
-        self.0.free().len() + 1
-    }
-
-    fn evaluate(&self, x: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
-        let problem = self.0;
-        let (n, samples) = (problem.free().len(), problem.set().observations.len());
-        let rest = problem.residual_count() - samples;
-        let values = problem.unpack(x);
-        let ready = problem.ready(&values);
-        let blocks = samples.div_ceil(BLOCK);
-        let triangles: Vec<Vec<f64>> = (0..=blocks)
-            .into_par_iter()
-            .map(|block| {
-                let first = block * BLOCK;
-                let count = if block < blocks {
-                    BLOCK.min(samples - first)
-                } else {
-                    rest
-                };
-                let rows = count.max(n + 1);
-                let mut a = vec![0.0; rows * (n + 1)];
-                let (j, r) = a.split_at_mut(rows * n);
-                if block < blocks {
-                    let mut row = vec![0.0; n];
-                    for i in 0..count {
-                        r[i] = problem.sample_row(first + i, &ready, &values, &mut row);
-                        for (k, d) in row.iter().enumerate() {
-                            j[i + k * rows] = *d;
-                        }
-                    }
-                } else {
-                    problem.other_rows(&values, 0, rows, r, j);
-                }
-                triangle(a, rows, n + 1)
-            })
-            .collect();
-        let rows = (n + 1) * triangles.len();
-        let mut stacked = vec![0.0; rows * (n + 1)];
-        for (b, t) in triangles.iter().enumerate() {
-            for k in 0..=n {
-                let from = &t[k * (n + 1)..(k + 1) * (n + 1)];
-                stacked[k * rows + b * (n + 1)..][..=n].copy_from_slice(from);
-            }
-        }
-        let all = triangle(stacked, rows, n + 1);
-        jacobian.copy_from_slice(&all[..n * (n + 1)]);
-        residuals.copy_from_slice(&all[n * (n + 1)..]);
-    }
-}
-
-/// Computes the triangle R of a column-major m × n matrix, n × n. All entries are NaN if an entry is not finite or the
-/// squares of a column overflow. Reflections are orthogonal, so R is as well conditioned as the matrix; its normal
-/// equations would square the condition number.
-pub(super) fn triangle(mut a: Vec<f64>, m: usize, n: usize) -> Vec<f64> {
-    if !sum_of_squares(&a).is_finite() {
-        return vec![f64::NAN; n * n];
-    }
-    householder(&mut a, m, n, &mut vec![0.0; m]);
-    let mut r = vec![0.0; n * n];
-    for j in 0..n {
-        r[j * n..=j * n + j].copy_from_slice(&a[j * m..=j * m + j]);
-    }
-    if r.iter().any(|v| !v.is_finite()) {
-        return vec![f64::NAN; n * n];
-    }
-    r
 }
 
 #[cfg(test)]

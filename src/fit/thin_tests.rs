@@ -1,5 +1,10 @@
+use super::blocks::{BLOCK, Blocks};
+use super::everywhere::SMOOTH;
 use super::*;
 use crate::fit::estimate::free_quantities;
+use crate::fit::least_squares::LeastSquares;
+use crate::fit::problem::Values;
+use crate::fit::solver::Settings;
 use crate::geometry::RigGeometry;
 use crate::material::Material;
 use crate::model::{Optics, Surface, radiance};

@@ -9,26 +9,27 @@
 //!
 //! Call [`estimate_traced`]. It has no clock: the watcher decides when to stop, and the results until then count.
 
+mod accuracy;
+mod task;
+
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::budget::{Uncertainty, uncertainty};
+use super::budget::uncertainty;
 use super::estimate::Estimate;
 use super::misfit::{LEAST_WEIGHT, ROUNDS, discrepancy_of, freedom, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
-use super::search::AMBIGUOUS_RISE;
 use super::solver::{Minimum, Settings, minimise};
 use super::{FitOptions, Loss};
 use crate::material::Material;
 use crate::observation::ObservationSet;
 use crate::trace::facet_scattering::{DiffuseBody, Roughness};
-use crate::trace::pose_radiance::{RadianceOptions, RidgedSurface};
-use crate::trace::rng::{Purpose, RandomStream};
+use crate::trace::pose_radiance::RidgedSurface;
 use crate::trace::surface_profile::SurfaceProfile;
-use crate::trace::tally;
+use accuracy::{excess, is_still};
+use task::{Outcome, Task};
 
 /// Settings of the tracer.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -123,18 +124,10 @@ pub struct Tracing {
     pub end: TracingEnd,
 }
 
-/// Share of the peak below which the difference to the closed form is added instead of the ratio.
-const VANISHING: f64 = 0.02;
-/// Largest share of the combined uncertainty for which the tracer's line of the budget is small: it adds 3 % to it.
-const SMALL_SHARE: f64 = 0.25;
-/// A parameter stays if a pass moves it by less than this share of its combined uncertainty.
-const STILL: f64 = 0.05;
 /// Maximum number of passes.
 const PASSES_MAX: usize = 10;
 /// First passes, with the given number of paths, before the required number is known.
 const FIRST_PASSES: usize = 2;
-/// Maximum number of other surfaces that are traced.
-const RIVALS_TRACED: usize = 6;
 /// Smallest ridge angle that is traced, rad: below it the width of the riser is lost in rounding.
 const FLATTEST: f64 = 1e-4;
 
@@ -437,174 +430,6 @@ impl<'a> Run<'a> {
         let moved = minimise(&there, at, &there.bounds(), &settings, task.cancel);
         let steps = moved.parameters.iter().zip(at);
         Some(steps.map(|(a, b)| a - b).collect())
-    }
-}
-
-/// Deviation below which more accuracy is useless, in the units of the solver; `None` for quantities that are not
-/// reported as results.
-fn useless(quantity: Quantity, values: &Values) -> Option<f64> {
-    match quantity {
-        Quantity::ThetaR | Quantity::AzimuthOffset | Quantity::TiltOffset => {
-            Some(0.008f64.to_radians())
-        }
-        Quantity::AlphaU | Quantity::AlphaV => Some(0.002),
-        Quantity::RhoD => Some(0.002 * values.rho_d),
-        Quantity::Translucency | Quantity::Tail => Some(0.005),
-        Quantity::CrestRadius => Some(0.002),
-        Quantity::Scale | Quantity::Background | Quantity::Eta | Quantity::K => None,
-    }
-}
-
-/// Whether the last pass moved no parameter by more than a small share of its uncertainty.
-fn is_still(estimate: &Estimate<'_>, u: &Uncertainty) -> bool {
-    let steps = estimate.traced.iter().flat_map(|t| &t.last_step);
-    let free = estimate.problem.free();
-    steps.zip(&u.budgets).zip(free).all(|((step, budget), q)| {
-        useless(*q, &estimate.values)
-            .is_none_or(|useless| step.abs() <= useless.max(STILL * budget.combined()))
-    })
-}
-
-/// Ratio of the tracer's line to its limit, for the worst parameter.
-fn excess(estimate: &Estimate<'_>, u: &Uncertainty) -> f64 {
-    let free = estimate.problem.free();
-    let over = u.budgets.iter().zip(free).filter_map(|(budget, q)| {
-        let useless = useless(*q, &estimate.values)?;
-        Some(budget.tracer / useless.max(SMALL_SHARE * budget.combined()))
-    });
-    over.filter(|x| x.is_finite()).fold(0.0, f64::max)
-}
-
-struct Task<'a, 's> {
-    sawtooth: &'a Estimate<'s>,
-    seed: u64,
-    misfit: bool,
-    profile: Option<&'a SurfaceProfile>,
-    watch: Watch<'a>,
-    cancel: &'a AtomicBool,
-    polarised: bool,
-    paths: u64,
-    pass: usize,
-    done: Mutex<u64>,
-    planned: u64,
-}
-
-struct Traced {
-    factor: Vec<f64>,
-    added: Vec<f64>,
-    sigma: Vec<f64>,
-    error: f64,
-}
-
-enum Outcome {
-    Traced(Traced),
-    Stopped,
-    NotFinite,
-}
-
-impl Task<'_, '_> {
-    /// Returns the other surfaces that neither the closed form nor the tracer excludes, each traced at its own
-    /// parameters.
-    fn not_refuted(&mut self, best: &Estimate<'_>) -> Vec<Minimum> {
-        let sawtooth = self.sawtooth;
-        let rivals = &sawtooth.rivals[..sawtooth.rivals.len().min(RIVALS_TRACED)];
-        let poses = sawtooth.problem.set().observations.len() as u64;
-        self.planned = self.done() + rivals.len() as u64 * self.paths * poses;
-        let freedom = freedom(poses as usize, sawtooth.fitted);
-        let dispersion = best.chi2_reduced_without_model.max(1.0);
-        let stands = |rival: &Minimum| {
-            let values = sawtooth.problem.unpack(&rival.parameters);
-            let Outcome::Traced(traced) = self.trace(&sawtooth.problem, &values) else {
-                return Some(rival.clone());
-            };
-            let scatter = Scatter::new(sawtooth, &traced.sigma);
-            let problem = sawtooth.problem.clone().with_factor(traced.factor);
-            let mut there = Settled {
-                problem: problem.with_correction(traced.added),
-                minimum: rival.clone(),
-                discrepancy: best.discrepancy,
-            };
-            there.settle(&scatter, self);
-            let chi2 = there
-                .estimate(&scatter, sawtooth)
-                .chi2_reduced_without_model;
-            let rise = (chi2 - best.chi2_reduced_without_model) * freedom / dispersion;
-            (rise < AMBIGUOUS_RISE).then_some(there.minimum)
-        };
-        rivals.iter().filter_map(stands).collect()
-    }
-
-    /// Paths so far.
-    fn done(&self) -> u64 {
-        *self.done.lock().expect("no holder of this lock panics")
-    }
-
-    /// Traces every pose at `values` and compares it with the closed form there.
-    fn trace(&self, problem: &Problem<'_>, values: &Values) -> Outcome {
-        let set = problem.set();
-        let count = set.observations.len();
-        let ready = problem.ready(values);
-        let Some(surface) = ridged_surface(set, values, self.profile) else {
-            return Outcome::NotFinite;
-        };
-        let stopped = AtomicBool::new(false);
-        let found: Vec<Option<tally::MonteCarloEstimate>> = (0..count)
-            .into_par_iter()
-            .map(|i| {
-                if stopped.load(Ordering::Relaxed) || self.cancel.load(Ordering::Relaxed) {
-                    return None;
-                }
-                let options = RadianceOptions {
-                    paths: self.paths,
-                    seed: RandomStream::new(self.seed, Purpose::Batch, i as u64).bits(),
-                    cones: set.rig.cones,
-                    polarised: self.polarised,
-                };
-                let radiance = surface.radiance(&problem.directions(i, &ready).0, &options);
-                let mut done = self.done.lock().expect("no holder of this lock panics");
-                *done += self.paths;
-                let goes_on = (self.watch)(TracingProgress {
-                    pass: self.pass,
-                    done: *done,
-                    planned: self.planned.max(*done),
-                });
-                drop(done);
-                if !goes_on {
-                    stopped.store(true, Ordering::Relaxed);
-                }
-                Some(radiance)
-            })
-            .collect();
-        let Some(found) = found.into_iter().collect::<Option<Vec<_>>>() else {
-            return Outcome::Stopped;
-        };
-        // For a near rig both are taken at the centre of its views, because the ratio is smooth over them.
-        let closed: Vec<f64> = (0..count).map(|i| problem.at_centre(i, &ready)).collect();
-        let brightest = closed.iter().copied().fold(0.0, f64::max);
-        let mut traced = Traced {
-            factor: vec![1.0; count],
-            added: vec![0.0; count],
-            sigma: vec![0.0; count],
-            error: 0.0,
-        };
-        let mut largest = 0.0f64;
-        for (i, (t, c)) in found.iter().zip(&closed).enumerate() {
-            if !(t.value.is_finite() && t.std.is_finite() && c.is_finite()) {
-                return Outcome::NotFinite;
-            }
-            if *c > VANISHING * brightest {
-                traced.factor[i] = t.value / c;
-                let averaged = problem.gradient(i, &ready).value;
-                traced.sigma[i] = values.scale * averaged * t.std / c;
-            } else {
-                traced.added[i] = t.value - c;
-                traced.sigma[i] = values.scale * t.std;
-            }
-            largest = largest.max(t.value);
-            traced.error += t.std * t.std;
-        }
-        traced.error = (traced.error / count.max(1) as f64).sqrt() / largest.max(f64::MIN_POSITIVE);
-        Outcome::Traced(traced)
     }
 }
 

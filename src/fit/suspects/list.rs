@@ -1,0 +1,43 @@
+//! The deviations from an ideal sawtooth that are tried.
+
+use crate::fit::findings::Code;
+use crate::fit::problem::Quantity;
+
+/// One suspected deviation.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Suspect {
+    pub(super) code: Code,
+    pub(super) quantity: Quantity,
+    /// Starting values.
+    pub(super) starts: &'static [f64],
+    /// Below this value the quantity counts as absent.
+    pub(super) least: f64,
+}
+
+/// All of them.
+pub(super) const SUSPECTS: [Suspect; 4] = [
+    Suspect {
+        code: Code::Translucent,
+        quantity: Quantity::Translucency,
+        starts: &[0.4],
+        least: 0.04,
+    },
+    Suspect {
+        code: Code::Tails,
+        quantity: Quantity::Tail,
+        starts: &[0.3],
+        least: 0.02,
+    },
+    Suspect {
+        code: Code::RoundedCrests,
+        quantity: Quantity::CrestRadius,
+        starts: &[0.04, 0.1],
+        least: 0.01,
+    },
+    Suspect {
+        code: Code::Index,
+        quantity: Quantity::Eta,
+        starts: &[],
+        least: 0.0,
+    },
+];
