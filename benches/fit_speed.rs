@@ -13,8 +13,9 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use ridged::fit::covariance::{Scaling, covariance};
+use ridged::fit::estimate::StartReport;
 use ridged::fit::problem::{Problem, Quantity, Values};
-use ridged::fit::search::{StartReport, from_starts};
+use ridged::fit::search::from_starts;
 use ridged::fit::solver::Minimum;
 use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;

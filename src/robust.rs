@@ -24,6 +24,13 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
     Some(0.5 * (lower + upper))
 }
 
+/// Returns the median of the finite values; `None` if there are none.
+#[must_use]
+pub fn median_of_finite(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.filter(|x| x.is_finite()).collect();
+    median(&mut values)
+}
+
 /// Median, and standard deviation from the median absolute deviation; `None` if there are no
 /// values. Reorders `values`.
 #[must_use]

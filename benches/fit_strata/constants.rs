@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 use ridged::fit::FitOptions;
-use ridged::fit::estimate::estimate;
+use ridged::fit::one_variant::estimate;
 use ridged::fit::tuning::Tuning;
 
 use crate::Args;

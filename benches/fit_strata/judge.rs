@@ -4,8 +4,8 @@
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::DMatrix;
-use ridged::fit::estimate::free_quantities;
 use ridged::fit::least_squares::LeastSquares;
+use ridged::fit::opening::free_quantities;
 use ridged::fit::problem::{Problem, Quantity, Values};
 use ridged::fit::solver::{Minimum, Settings, minimise};
 use ridged::model::Variant;

@@ -9,8 +9,9 @@ use super::{CheckEffort, CheckRow};
 use crate::cases::{
     MIRROR, POLYMER, PaintedError, PaintedScan, PaintedSigma, SampleCase, pose_grid,
 };
-use crate::fit::estimate::{estimate, free_quantities};
 use crate::fit::loss::Loss;
+use crate::fit::one_variant::estimate;
+use crate::fit::opening::free_quantities;
 use crate::fit::problem::{Problem, Quantity, Values};
 use crate::fit::report::{FitReport, Status, VariantName};
 use crate::fit::reporting::report_of;

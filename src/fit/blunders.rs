@@ -174,7 +174,7 @@ mod tests {
     use std::sync::atomic::AtomicBool;
 
     use super::*;
-    use crate::fit::estimate::estimate;
+    use crate::fit::one_variant::estimate;
     use crate::fit::painted::{TRUTH, painted};
     use crate::fit::{FitOptions, VariantChoice};
     use crate::geometry::Pose;

@@ -14,6 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use pulp::{Arch, Simd, WithSimd};
 
 use super::full::Full;
+use super::lane_form::{Form, MOST};
 use super::lean::{self, COLUMNS, N, Optics, ROW, Row};
 use super::problem::{Problem, Values};
 use super::solver::Bounds;
@@ -29,19 +30,6 @@ const SMALL_GAIN: f64 = 1e-7;
 const HARDLY_DAMPED: f64 = 1e-3;
 /// Longest steps: rad, logarithms, ρd, a share of scale (see [`limit`]).
 const STEP_MAX: [f64; N] = [0.15, 0.7, 0.7, 0.5, 1.0, f64::INFINITY, 0.5, 0.1];
-
-/// A form of the model for a register of surfaces.
-pub(super) trait Form: Copy + Sync {
-    /// Number of values that describe a surface, up to [`MOST`].
-    const SHAPE: usize;
-    /// Writes them for a surface, from its values by [`COLUMNS`].
-    fn shape(&self, x: &[f64; N], to: &mut [f64; MOST]);
-    /// Evaluates one observation of one surface per lane.
-    fn row<S: Simd>(&self, simd: S, pose: &[Lane<S>; ROW], shape: &[Lane<S>; MOST]) -> Row<S>;
-}
-
-/// Largest number of values that describe a surface.
-pub(super) const MOST: usize = 32;
 
 impl Form for Optics {
     const SHAPE: usize = lean::SHAPE;

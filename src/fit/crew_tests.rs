@@ -3,8 +3,8 @@
 use pulp::Scalar;
 
 use super::*;
-use crate::fit::estimate::free_quantities;
 use crate::fit::least_squares::LeastSquares;
+use crate::fit::opening::free_quantities;
 use crate::fit::problem::Quantity;
 use crate::fit::solver::{Settings, minimise};
 use crate::geometry::{Pose, RigGeometry};

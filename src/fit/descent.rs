@@ -10,7 +10,7 @@ use argmin::core::{Error, IterState, KV, Problem, Solver, TerminationReason, Ter
 use nalgebra::{DMatrix, DVector};
 
 use super::least_squares::{LeastSquares, householder, norm, sum_of_squares};
-use super::solver::{Bounds, Ending, Minimum, Settings};
+use super::minimum::{Bounds, Ending, Minimum, Settings};
 use super::trust_region::{SmallSystem, Triangle};
 
 /// State of the solver in argmin: parameters, no gradient, Jacobian, no Hessian, residuals.

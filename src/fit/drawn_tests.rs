@@ -1,7 +1,7 @@
 //! Starts of a multistart.
 
 use super::*;
-use crate::fit::estimate::free_quantities;
+use crate::fit::opening::free_quantities;
 use crate::fit::painted::{TRUTH, painted};
 use crate::geometry::Pose;
 use crate::model::Variant;

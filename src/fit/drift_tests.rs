@@ -8,9 +8,10 @@ use rand_distr::StandardNormal;
 
 use super::*;
 use crate::fit::budget::uncertainty;
-use crate::fit::estimate::{Tier, estimate};
+use crate::fit::one_variant::estimate;
 use crate::fit::painted::{TRUTH, painted};
 use crate::fit::problem::{Quantity, Values};
+use crate::fit::tier::Tier;
 use crate::fit::{FitOptions, VariantChoice, fit, tier};
 use crate::geometry::Pose;
 use crate::model::Variant;

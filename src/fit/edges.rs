@@ -209,7 +209,8 @@ mod tests {
 
     use super::*;
     use crate::fit::FitOptions;
-    use crate::fit::estimate::{estimate, free_quantities};
+    use crate::fit::one_variant::estimate;
+    use crate::fit::opening::free_quantities;
     use crate::fit::painted::{TRUTH, painted};
     use crate::fit::problem::Values;
     use crate::fit::solver::{Ending, Settings, minimise};

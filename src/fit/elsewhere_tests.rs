@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::FitOptions;
 use super::budget::uncertainty;
-use super::estimate::estimate;
+use super::one_variant::estimate;
 use super::painted::{TRUTH, painted};
 use super::problem::{Quantity, Values};
 use crate::geometry::Pose;

@@ -2,12 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::blunders::{bad_block, bad_poses};
-use super::drift::Drift;
-use super::estimate::Estimate;
-use super::wedge::Across;
-use crate::wording::{counted, significant};
-
 /// A known cause. Scripts compare its code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -76,82 +70,6 @@ pub struct Finding {
     pub change_of_theta_r_deg: Option<f64>,
     /// What the user should do.
     pub advice: String,
-}
-
-/// Returns all findings of an estimate: of the surface, the detector, the lamp and single poses.
-pub(super) fn all(
-    e: &Estimate<'_>,
-    drift: Option<&Drift>,
-    across: Option<&Across>,
-) -> Vec<Finding> {
-    let mut found = e.findings.clone();
-    let set = e.problem.set();
-    if let Some(curve) = set.detector {
-        found.push(Finding {
-            code: Code::NonLinear,
-            explains: curve.explains,
-            change_of_theta_r_deg: None,
-            advice: format!(
-                "The camera reads {:.1} % low at full scale; the signals are corrected. Measure each pose at two or more exposures, or stay below half of full scale.",
-                100.0 * curve.c
-            ),
-        });
-    }
-    if let Some(Drift { lamp, .. }) = drift {
-        let moved = e.values.folded().theta_r - lamp.theta_r_before;
-        found.push(Finding {
-            code: Code::LampDrift,
-            explains: lamp.explains,
-            change_of_theta_r_deg: set.lamp.map(|_| moved.to_degrees()),
-            advice:
-                "Let the lamp warm up, or measure the white reference before and after the series."
-                    .to_owned(),
-        });
-    }
-    if let Some(poses) = bad_poses(e) {
-        found.push(Finding {
-            code: Code::BadPose,
-            explains: poses.explains,
-            change_of_theta_r_deg: None,
-            advice: format!(
-                "Check the frames of {}: {} robust standard deviations from the others.",
-                named(e, &poses.observations),
-                significant(poses.deviations)
-            ),
-        });
-    }
-    if let Some(block) = bad_block(e) {
-        found.push(Finding {
-            code: Code::BadBlock,
-            explains: block.explains,
-            change_of_theta_r_deg: None,
-            advice: format!(
-                "The {} starting at {} deviate by {} %, all in one direction. Find out what changed then, and measure them again.",
-                counted(block.observations.len(), "pose"),
-                named(e, &block.observations[..1]),
-                significant(100.0 * block.share)
-            ),
-        });
-    }
-    if let Some(across) = across.filter(|across| across.is_wedge()) {
-        found.push(Finding {
-            code: Code::WedgeAcross,
-            explains: 0.0,
-            change_of_theta_r_deg: None,
-            advice: across.message().unwrap_or_default(),
-        });
-    }
-    sorted(found)
-}
-
-/// Lists poses by their angles.
-fn named(e: &Estimate<'_>, observations: &[usize]) -> String {
-    let all = &e.problem.set().observations;
-    let each = observations.iter().map(|i| {
-        let pose = all[*i].pose;
-        format!("θc {:.2}°, φs {:.2}°", pose.theta_c.deg(), pose.phi_s.deg())
-    });
-    each.collect::<Vec<_>>().join("; ")
 }
 
 /// Sorts findings by the share of χ² that they explain, largest first.

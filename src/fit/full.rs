@@ -5,7 +5,7 @@
 
 use pulp::Simd;
 
-use super::crew::{Form, MOST};
+use super::lane_form::{Form, MOST};
 use super::lean::{N, ROW, Row};
 use super::problem::Problem;
 use crate::model::form::{self, Half, NUMBERS, Shape, Terms};

@@ -2,36 +2,14 @@
 
 use std::sync::atomic::AtomicBool;
 
-use serde::{Deserialize, Serialize};
-
 use super::FitOptions;
 use super::budget::Uncertainty;
 use super::coverage::{COVERAGE, COVERAGE_FACTOR};
 use super::estimate::Estimate;
 use super::problem::{Quantity, Values};
 use super::profile::{bootstrap, central, profile};
-use super::report::{FitReport, Parameter};
+use super::report::{FitReport, Interval, Parameter};
 use crate::units::Angle;
-
-/// Ends of an interval at the coverage of the report; null for an open end.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-#[schema(as = FitInterval)]
-pub struct Interval {
-    /// Lower end.
-    pub lower: Option<f64>,
-    /// Upper end.
-    pub upper: Option<f64>,
-}
-
-impl Interval {
-    /// The smallest interval that contains both.
-    fn with(self, other: Self) -> Self {
-        Interval {
-            lower: self.lower.zip(other.lower).map(|(a, b)| a.min(b)),
-            upper: self.upper.zip(other.upper).map(|(a, b)| a.max(b)),
-        }
-    }
-}
 
 /// Adds the requested intervals. A profile covers the other minima that the data do not exclude. No further bootstrap
 /// series is drawn once `enough` returns true. If a profile finds a better minimum, a warning is added and the report

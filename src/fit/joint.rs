@@ -18,15 +18,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::estimate::{Estimate, Tier, estimate_until};
+use super::estimate::Estimate;
 use super::misfit::{
     ROUNDS, discrepancy_of, explained, lightened, loss_weights, misfit_scale, peak,
 };
+use super::one_variant::estimate_until;
 use super::problem::{Problem, Quantity, Values};
 use super::report::FitReport;
 use super::search::Late;
 use super::solver::{Minimum, Settings, minimise};
 use super::suspects::agreed;
+use super::tier::Tier;
 use super::{FitOptions, Loss, VariantChoice};
 use crate::model::Variant;
 use crate::observation::ObservationSet;

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use super::*;
 use crate::fit::Constraint;
 use crate::fit::budget::uncertainty;
-use crate::fit::estimate::estimate;
+use crate::fit::one_variant::estimate;
 use crate::fit::painted::{TRUTH, painted};
 use crate::fit::report::Parameter;
 use crate::fit::report::Status;

@@ -10,14 +10,14 @@
 //!
 //! Modules:
 //!
-//! - The problem: [`least_squares`] (definition), [`solver`] (bounded Levenberg–Marquardt), [`quantity`] (what can be
+//! - The problem: [`least_squares`] (definition), [`solver`] (bounded Levenberg–Marquardt to a [`minimum`]), [`quantity`] (what can be
 //!   fitted), [`problem`] (observation model, with `known` inputs), [`loss`] (how residuals count).
 //! - The search: [`search`] (multistart with a stopping rule), [`start`] (starts that the bright spot suggests), `drawn`
-//!   (starts from the whole box), `crew` (descends from all starts at once, with the derivatives of `lean` or `full`),
-//!   [`tuning`] (its constants), `projection` (best amplitudes of a start).
-//! - One variant: [`estimate`], with `opening` (initial state), [`thin`] (very many observations), `misfit` (model
-//!   error), `settle` (its weights), [`tier`] (the costlier model as an offset), [`traced`] (the ray tracer in its
-//!   place).
+//!   (starts from the whole box), `crew` (descends from all starts at once, in the form of `lean` or `full`), [`tuning`]
+//!   (its constants), `projection` (best amplitudes of a start).
+//! - One variant: [`one_variant`] (the call), `pipeline` (its steps), with [`opening`] (initial state), [`thin`] (very many
+//!   observations), `misfit` (model error), `settle` (its weights), [`tier`] (the costlier model as an offset), [`traced`]
+//!   (the ray tracer in its place). The result is an [`estimate`].
 //! - The uncertainty: [`covariance`], [`budget`], `drift` (of the lamp), `blunders` (single poses and runs of them),
 //!   `leftover` (the residual that they use), [`profile`] and [`intervals`] (intervals without the linear
 //!   approximation).
@@ -52,14 +52,18 @@ mod full;
 pub mod intervals;
 pub mod joint;
 mod known;
+mod lane_form;
 mod lean;
 pub mod least_squares;
 mod leftover;
 pub mod loss;
+pub mod minimum;
 mod misfit;
-mod opening;
+pub mod one_variant;
+pub mod opening;
 pub mod outlook;
 mod parameter_covariance;
+mod pipeline;
 pub mod problem;
 pub mod profile;
 mod projection;

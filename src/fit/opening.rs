@@ -4,14 +4,14 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::estimate::free_quantities;
 use super::known::certified;
-use super::misfit::{flat_sigma, misfit_scale};
+use super::minimum::Minimum;
+use super::misfit::{flat_sigma, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
 use super::search::{Late, Search};
 use super::settle::{Settled, Weighing, sigma_at};
-use super::solver::Minimum;
 use super::{Constraint, FitOptions};
+use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::{ObservationSet, Prior};
 
@@ -145,4 +145,67 @@ fn without_held(
         fixed.set_natural(t.quantity, t.value);
     }
     (free, fixed)
+}
+
+/// Returns the free quantities of a variant on a set, and the values of the others.
+#[must_use]
+pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>, Values) {
+    let absolute = set.white_reference.is_some();
+    let metal = matches!(set.material, Material::Conductor { .. });
+    let peak = peak(set);
+    let (gain, background) = from_flats(set);
+    let fixed = Values {
+        theta_r: 0.0,
+        alpha_u: 0.1,
+        alpha_v: 0.1,
+        rho_d: 0.0,
+        scale: if absolute { gain } else { peak },
+        background,
+        azimuth_offset: 0.0,
+        tilt_offset: 0.0,
+        eta: set.material.index().0,
+        k: set.material.index().1,
+        real: crate::model::extended::Real::NONE,
+    };
+    let free = Quantity::ALL
+        .into_iter()
+        .filter(|q| match q {
+            // A metal returns no light from below. In the printed lobe, ρd and a free gain are one number.
+            Quantity::RhoD => !metal && (absolute || variant == Variant::Sawtooth),
+            // The flats determine the gain; a reference without flats fixes it at 1.
+            Quantity::Scale => !absolute || !set.flats.is_empty(),
+            _ => true,
+        })
+        .collect();
+    (free, fixed)
+}
+
+/// Computes gain and stray light from the flats and the prior on stray light, at a tilt zero of 0. Without flats the
+/// result is 1 and the mean of the prior.
+fn from_flats(set: &ObservationSet) -> (f64, f64) {
+    let prior = set.background;
+    let Some(white) = set.white_reference.filter(|_| !set.flats.is_empty()) else {
+        return (1.0, prior.mean);
+    };
+    // Normal equations of two unknowns.
+    let weight = 1.0 / (prior.std * prior.std);
+    let (mut aa, mut ab, mut bb) = (0.0, 0.0, weight);
+    let (mut ay, mut by) = (0.0, weight * prior.mean);
+    for flat in &set.flats {
+        let a = white.reflectance / std::f64::consts::PI * set.rig.cos_incidence(flat.theta_c);
+        let w = 1.0 / (flat.sigma * flat.sigma);
+        aa += w * a * a;
+        ab += w * a;
+        bb += w;
+        ay += w * a * flat.signal;
+        by += w * flat.signal;
+    }
+    let determinant = aa * bb - ab * ab;
+    let gain = (ay * bb - by * ab) / determinant;
+    let background = (aa * by - ab * ay) / determinant;
+    if gain.is_finite() && background.is_finite() && gain > 0.0 {
+        (gain, background)
+    } else {
+        (1.0, prior.mean)
+    }
 }

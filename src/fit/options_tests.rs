@@ -11,7 +11,8 @@ use rand_distr::StandardNormal;
 
 use super::budget::uncertainty;
 use super::coverage::coverage_factor;
-use super::estimate::{Estimate, estimate};
+use super::estimate::Estimate;
+use super::one_variant::estimate;
 use super::painted::{painted, painted_by};
 use super::problem::{Problem, Quantity, Values};
 use super::report::{ReferencePlane, VariantName};

@@ -8,13 +8,13 @@ use std::sync::atomic::AtomicBool;
 
 use super::covariance::{Scaling, covariance};
 use super::coverage::COVERAGE_FACTOR;
-use super::estimate::Tier;
 use super::opening::Opening;
 use super::problem::{Problem, Values};
 use super::profile::{bootstrap, profile};
 use super::search::RIVALS;
 use super::settle::{DOUBTFUL, NARROW_TRIALS, Settled, TRIALS};
 use super::thin;
+use super::tier::{Tier, dispensable};
 use super::variants::refused;
 use super::{FitOptions, VariantChoice};
 use crate::material::Material;
@@ -160,7 +160,7 @@ impl Look<'_> {
                 Material::Dielectric { .. } => 2.0,
                 Material::Conductor { .. } => 1.0,
             };
-            let passes = if thin::dispensable(&settled, tier, options).is_none() {
+            let passes = if dispensable(&settled.problem, &values, tier, options).is_none() {
                 ways * PASSES + TRIAL_PASSES * trials as f64
             } else {
                 1.0

@@ -1,7 +1,7 @@
 //! Best amplitudes of shapes, and the bound on them.
 
 use super::*;
-use crate::fit::estimate::free_quantities;
+use crate::fit::opening::free_quantities;
 use crate::fit::painted;
 use crate::geometry::{Cones, Pose, RigGeometry};
 use crate::material::Material;

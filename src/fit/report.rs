@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use super::budget::Budget;
 use super::coverage::coverage_factor;
 use super::findings::Finding;
-use super::intervals::Interval;
 use super::traced::TracingEnd;
 use super::trail::Iteration;
 pub use super::wedge::{Across, ReferencePlane};
@@ -147,6 +146,26 @@ impl Parameter {
             profile: None,
             bootstrap: None,
             note: None,
+        }
+    }
+}
+
+/// Ends of an interval at the coverage of the report; null for an open end.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FitInterval)]
+pub struct Interval {
+    /// Lower end.
+    pub lower: Option<f64>,
+    /// Upper end.
+    pub upper: Option<f64>,
+}
+
+impl Interval {
+    /// The smallest interval that contains both.
+    pub(super) fn with(self, other: Self) -> Self {
+        Interval {
+            lower: self.lower.zip(other.lower).map(|(a, b)| a.min(b)),
+            upper: self.upper.zip(other.upper).map(|(a, b)| a.max(b)),
         }
     }
 }

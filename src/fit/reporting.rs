@@ -3,6 +3,7 @@
 //! Call [`report_of`], or [`report_with`] if the uncertainties are known already. [`super::variants`] compares the
 //! variants and selects the one to report.
 
+mod causes;
 mod contradictions;
 mod omissions;
 mod status;
@@ -10,7 +11,6 @@ mod status;
 use super::budget::{Budget, Uncertainty, tied, uncertainty};
 use super::drift::{Drift, drift};
 use super::estimate::Estimate;
-use super::findings;
 use super::known::{drift_std, reference_std};
 use super::misfit::{self, LOUD, few, peak};
 use super::parameter_covariance::{self, per_solver_unit};
@@ -173,7 +173,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
     });
     let fitted = listed.collect();
     let peak = peak(set);
-    let across = wedge::of_report(set, &parameters);
+    let across = causes::across(set, &parameters);
     let is_absolute = set.white_reference.is_some();
     let covariance =
         parameter_covariance::of(e.problem.free(), u, &e.values, &parameters, is_absolute);
@@ -194,7 +194,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         notes: few_poses.into_iter().collect(),
         findings: match variant {
             VariantName::Paper => Vec::new(),
-            _ => findings::all(e, drift.as_ref(), across.as_ref()),
+            _ => causes::all(e, drift.as_ref(), across.as_ref()),
         },
         slope_distribution: (variant != VariantName::Paper)
             .then(|| slope_distribution(e, &parameters)),

@@ -17,10 +17,11 @@ use rayon::prelude::*;
 
 use super::covariance::{Scaling, covariance};
 use super::crew::{End, descend_together};
+use super::estimate::StartReport;
+use super::minimum::{Ending, Minimum, Settings};
 use super::problem::{Problem, Values};
 use super::quantity::Quantity;
-use super::settle::Settled;
-use super::solver::{Ending, Minimum, Settings, minimise};
+use super::solver::minimise;
 use super::start::{distance, starts};
 use super::tuning::Tuning;
 
@@ -53,19 +54,6 @@ const OPEN: f64 = 0.1;
 pub(super) const AMBIGUOUS_RISE: f64 = 4.0;
 /// Number of near minima that are kept.
 pub(super) const RIVALS: usize = 8;
-
-/// Outcomes of a run over several starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct StartReport {
-    /// Starts tried.
-    pub tried: usize,
-    /// Starts that ended at the best minimum.
-    pub at_minimum: usize,
-    /// Starts that converged to other minima.
-    pub elsewhere: usize,
-    /// Starts that did not converge.
-    pub not_converged: usize,
-}
 
 /// Returns the best minimum from given starts and their outcomes; `None` if no start has a finite cost.
 #[must_use]
@@ -253,15 +241,19 @@ impl<'p> Search<'p> {
     }
 
     /// Continues from a settled end with its weights and returns the best end; `None` if no more starts are allowed.
-    pub(super) fn continue_with(&mut self, settled: &Settled<'_>) -> Option<Minimum> {
+    pub(super) fn continue_with(
+        &mut self,
+        problem: &Problem<'_>,
+        settled: &Minimum,
+    ) -> Option<Minimum> {
         if self.started || self.over() {
             return None;
         }
-        self.carry_over(&settled.problem, &settled.problem);
-        self.runs.push(settled.minimum.clone());
-        self.multistart(&settled.problem, 0, self.tuning.first_round as u32);
-        self.images(&settled.problem);
-        self.creep(&settled.problem);
+        self.carry_over(problem, problem);
+        self.runs.push(settled.clone());
+        self.multistart(problem, 0, self.tuning.first_round as u32);
+        self.images(problem);
+        self.creep(problem);
         self.best().cloned()
     }
 

@@ -10,14 +10,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::estimate::Tier;
 use super::least_squares::sum_of_squares;
+use super::minimum::{Ending, Minimum, Settings};
 use super::misfit::{ROUNDS, discrepancy_of, discrepancy_of_few};
 use super::problem::Problem;
 use super::search::{AMBIGUOUS_RISE, FINE, Search, determined};
-use super::solver::{Ending, Minimum, Settings};
 use super::start::distance;
 use super::thin::minimise;
+use super::tier::Tier;
 use super::{FitOptions, Loss};
 use crate::material::Material;
 

@@ -14,7 +14,7 @@ use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
-use super::estimate::{Estimate, Tier};
+use super::estimate::Estimate;
 use super::findings::{Code, Finding, sorted};
 use super::misfit::{LEAST_WEIGHT, freedom, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
@@ -22,6 +22,7 @@ use super::search::{AMBIGUOUS_RISE, ONE_SURFACE, usable};
 use super::settle::{Settled, Weighing};
 use super::solver::{Minimum, Settings, minimise};
 use super::start::distance;
+use super::tier::Tier;
 use super::{FitOptions, Loss};
 use crate::material::Material;
 use crate::model::Variant;

@@ -2,8 +2,8 @@
 
 use super::budget::Budget;
 use super::coverage::{COVERAGE_FACTOR, other_factor};
-use super::intervals::Interval;
 use super::joint::{EACH_ITS_OWN, JointReport};
+use super::report::Interval;
 use super::report::{FitReport, Parameter, ReferencePlane, Status};
 use crate::wording::layout::{width, wrapped};
 use crate::wording::names::{self, QuantityName};

@@ -13,7 +13,7 @@
 //! - The costlier tier is integrated on a grid of poses and interpolated. The grid is refined until it agrees with
 //!   poses in between.
 //!
-//! Call [`estimate`]; [`Thinned`] records what was left out.
+//! [`super::one_variant`] does so, and [`Thinned`](super::estimate::Thinned) records what was left out.
 //!
 //! *Conditioning.* Repeats are merged with their weights as Σ w y/Σ w and keep Σ w (y − ȳ)² (a sum of squares of
 //! differences, not a difference of sums). The triangles of blocks are stacked and reduced again by QR, which is
@@ -23,47 +23,22 @@ mod blocks;
 mod everywhere;
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::estimate::{Estimate, Reached, Tier, conclude, whole};
-use super::misfit::{misfit_scale, peak};
-use super::problem::Problem;
-use super::search::Late;
-use super::settle::{Settled, Weighing};
-use super::solver::Minimum;
-use super::{FitOptions, Loss};
+use super::Loss;
 use crate::geometry::Pose;
-use crate::model::Variant;
-use crate::observation::{Observation, ObservationSet, Prior, SharedErrors};
+use crate::observation::{Observation, ObservationSet, SharedErrors};
 use crate::units::Angle;
 pub(super) use blocks::minimise;
 #[cfg(test)]
 pub(super) use blocks::triangle;
-use everywhere::everywhere;
+pub(super) use everywhere::everywhere;
 
 /// Number of observations up to which all are used.
 pub(super) const ALL: usize = 4096;
 /// Strata of the poses; two observations of each are kept.
 const SPREAD: usize = 1024;
-/// Poses at which the effect of a tier is tested.
-const PROBED: usize = 16;
-/// Rounds of tier and descent over all observations.
-const PASSES: usize = 2;
-/// Rise of the cost up to which another minimum is as good (see [`super::estimate`]).
-const AMBIGUOUS_RISE: f64 = 4.0;
-
-/// What a fit of very many observations left out.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Thinned {
-    /// Indices of the observations that the search used.
-    pub kept: Vec<usize>,
-    /// Number of poses at which the costlier tier was integrated, and the error of the interpolation (root mean square
-    /// over poses in between, as a share of the peak). `None` if no tier is in use or it was integrated at every pose.
-    pub interpolated: Option<(usize, f64)>,
-}
-
 /// Repeats merged into one observation each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Merged {
@@ -200,114 +175,6 @@ pub fn subset(set: &ObservationSet, kept: &[usize]) -> ObservationSet {
         few.views = kept.iter().map(|i| set.views[*i].clone()).collect();
     }
     few
-}
-
-/// Fits one variant to all observations, with the search on `kept` of them. Returns `None` if no point could be
-/// evaluated.
-pub(super) fn estimate<'a>(
-    set: &'a ObservationSet,
-    kept: Vec<usize>,
-    variant: Variant,
-    options: &FitOptions,
-    tier: Option<Tier<'_>>,
-    late: Late<'_>,
-    cancel: &AtomicBool,
-) -> Option<Estimate<'a>> {
-    let few = subset(set, &kept);
-    let found = whole(&few, variant, options, tier, late, cancel)?;
-    let own: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
-    let scale = misfit_scale(set);
-    let weighing = Weighing {
-        own: &own,
-        scale: &scale,
-        fitted: found.fitted,
-        options,
-        cancel,
-    };
-    let stated = options.constraints.iter().filter(|t| t.std > 0.0).map(|t| {
-        let (mean, std) = (t.value, t.std);
-        (t.quantity, Prior { mean, std })
-    });
-    let problem = Problem::new(set, variant, found.problem.free().to_vec(), found.values)
-        .with_sigma(weighing.sigma(found.discrepancy))
-        .with_flat_sigma(found.problem.flat_sigma().to_vec())
-        .with_priors(&stated.collect::<Vec<_>>())
-        .with_loss(options.loss)
-        .with_polarisation(found.problem.is_polarised());
-    let tier = tier.filter(|_| found.takes_tier());
-    let mut settled = Settled {
-        minimum: Minimum {
-            parameters: found.minimum.parameters.clone(),
-            ..found.minimum.clone()
-        },
-        discrepancy: found.discrepancy,
-        problem,
-    };
-    let mut interpolated = None;
-    for _ in 0..PASSES {
-        if let Some(tier) = tier {
-            let values = settled.problem.unpack(&settled.minimum.parameters);
-            let everywhere = everywhere(&settled.problem, &values, tier, &kept, cancel)?;
-            interpolated = everywhere.nodes.map(|n| (n, everywhere.error));
-            settled.problem = settled.problem.with_correction(everywhere.offsets);
-        }
-        settled.settle_sparingly(&weighing);
-        if tier.is_none() || cancel.load(Ordering::Relaxed) {
-            break;
-        }
-    }
-    let mut rivals: Vec<Minimum> = found
-        .rivals
-        .iter()
-        .map(|rival| settled.again(&rival.parameters, cancel))
-        .collect();
-    // A model error does not shrink with more poses; counting noise does.
-    if settled.discrepancy == 0.0 {
-        rivals.retain(|m| {
-            let (cost, rise) = (settled.minimum.cost, m.cost - settled.minimum.cost);
-            m.cost.is_finite() && rise < AMBIGUOUS_RISE && rise > 1e-6 * cost.max(1.0)
-        });
-    }
-    let reached = Reached {
-        cut_short: found.cut_short,
-        settled,
-        shift: found.tier_shift,
-        undecided: found.tier_undecided,
-        starts: found.starts,
-        rivals,
-        tier_left_out: found.tier_left_out,
-    };
-    let mut all = conclude(reached, variant, &weighing);
-    all.thinned = Some(Thinned { kept, interpolated });
-    Some(all)
-}
-
-/// Returns the effect of leaving out a tier, as a share of the peak, if the tolerance allows that.
-pub(super) fn dispensable(
-    settled: &Settled<'_>,
-    tier: Tier<'_>,
-    options: &FitOptions,
-) -> Option<f64> {
-    let tolerance = options.tolerance?;
-    tier_cost(settled, tier).filter(|cost| *cost <= tolerance)
-}
-
-/// Returns the effect of a tier at a settled minimum: its largest change over [`PROBED`] observations and the
-/// brightest, as a share of the peak. Returns `None` if the tier has no result.
-pub(super) fn tier_cost(settled: &Settled<'_>, tier: Tier<'_>) -> Option<f64> {
-    let (problem, set) = (&settled.problem, settled.problem.set());
-    let count = set.observations.len();
-    let mut probed: Vec<usize> = (0..PROBED).map(|k| k * count / PROBED).collect();
-    let signal = |i: &usize| set.observations[*i].signal;
-    probed.extend((0..count).max_by(|a, b| signal(a).total_cmp(&signal(b))));
-    probed.sort_unstable();
-    probed.dedup();
-    let few = subset(set, &probed);
-    let values = problem.unpack(&settled.minimum.parameters);
-    let problem = Problem::new(&few, problem.variant(), problem.free().to_vec(), values);
-    let offsets = tier(&problem, &values)?;
-    let largest = offsets.iter().map(|o| o.abs()).fold(0.0, f64::max);
-    Some(largest * values.scale.abs() / peak(set).max(f64::MIN_POSITIVE))
 }
 
 #[cfg(test)]

@@ -1,14 +1,17 @@
 use super::blocks::{BLOCK, Blocks};
 use super::everywhere::SMOOTH;
+use std::sync::atomic::AtomicBool;
+
 use super::*;
-use crate::fit::estimate::free_quantities;
 use crate::fit::least_squares::LeastSquares;
-use crate::fit::problem::Values;
+use crate::fit::misfit::peak;
+use crate::fit::opening::free_quantities;
+use crate::fit::problem::{Problem, Values};
 use crate::fit::solver::Settings;
 use crate::geometry::RigGeometry;
 use crate::material::Material;
-use crate::model::{Optics, Surface, radiance};
-use crate::observation::WhiteReference;
+use crate::model::{Optics, Surface, Variant, radiance};
+use crate::observation::{Prior, WhiteReference};
 
 /// A grid of `tilts` × `turns` poses, each `repeats` times, with a pseudo-random scatter of 1e-3.
 fn grid(tilts: usize, turns: usize, repeats: usize, alpha: f64) -> ObservationSet {

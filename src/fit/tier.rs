@@ -4,11 +4,21 @@
 //! quadrature and closed form at the fitted values to every observation and fits the closed form again. Two passes
 //! suffice, because the difference changes slowly with the parameters.
 
+use super::FitOptions;
+use super::misfit::peak;
 use super::problem::{Problem, Values};
+use super::thin::subset;
 use crate::model::quadrature::Quadrature;
 
 /// Integration tolerance, as a share of the brightest closed-form radiance.
 const TOLERANCE: f64 = 1e-5;
+
+/// Poses at which the effect of a tier is tested.
+const PROBED: usize = 16;
+
+/// A costlier tier of the model: radiances to add to those of the closed form at given values, one per observation;
+/// `None` if it has no result.
+pub type Tier<'t> = &'t (dyn Fn(&Problem<'_>, &Values) -> Option<Vec<f64>> + Sync);
 
 /// Computes what to add to the radiances of the closed form at `values`, one number per observation. Returns `None` if
 /// the integration gives a value that is not finite.
@@ -36,4 +46,35 @@ pub fn two_bounces(problem: &Problem<'_>, values: &Values) -> Option<Vec<f64>> {
         .map(|(q, c)| q.value - c)
         .collect();
     offsets.iter().all(|v| v.is_finite()).then_some(offsets)
+}
+
+/// Returns the effect of leaving out a tier, as a share of the peak, if the tolerance allows that.
+pub(super) fn dispensable(
+    problem: &Problem<'_>,
+    values: &Values,
+    tier: Tier<'_>,
+    options: &FitOptions,
+) -> Option<f64> {
+    let tolerance = options.tolerance?;
+    tier_cost(problem, values, tier).filter(|cost| *cost <= tolerance)
+}
+
+/// Returns the effect of a tier at given values: its largest change over [`PROBED`] observations and the
+/// brightest, as a share of the peak. Returns `None` if the tier has no result.
+pub(super) fn tier_cost(problem: &Problem<'_>, values: &Values, tier: Tier<'_>) -> Option<f64> {
+    let set = problem.set();
+    let count = set.observations.len();
+    let mut probed: Vec<usize> = (0..PROBED).map(|k| k * count / PROBED).collect();
+    let signal = |i: &usize| set.observations[*i].signal;
+    probed.extend((0..count).max_by(|a, b| signal(a).total_cmp(&signal(b))));
+    probed.sort_unstable();
+    probed.dedup();
+    let few = subset(set, &probed);
+    let free = problem.free().to_vec();
+    let offsets = tier(
+        &Problem::new(&few, problem.variant(), free, *values),
+        values,
+    )?;
+    let largest = offsets.iter().map(|o| o.abs()).fold(0.0, f64::max);
+    Some(largest * values.scale.abs() / peak(set).max(f64::MIN_POSITIVE))
 }

@@ -1,7 +1,7 @@
 //! Passes of the tracer on steel computed from the closed form.
 
 use super::*;
-use crate::fit::estimate::estimate;
+use crate::fit::one_variant::estimate;
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::{self, Surface, Variant};
 use crate::observation::{Observation, Prior};

@@ -8,14 +8,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::budget::{judged, uncertainty};
 use super::drift::{drift, without};
-use super::estimate::{Estimate, Tier, estimate_until, free_quantities};
+use super::estimate::Estimate;
 use super::intervals;
+use super::one_variant::estimate_until;
+use super::opening::free_quantities;
 use super::report::{
     FitReport, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing, TracerReport,
     VariantName,
 };
 use super::reporting::{build, program, report_with, status, summary};
 use super::suspects::investigated;
+use super::tier::Tier;
 use super::traced::{Watch, estimate_traced};
 use super::trail::{Time, retrace};
 use super::{FitOptions, VariantChoice};

@@ -14,8 +14,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::budget::Budget;
-use super::report::{Parameter, Parameters};
 use crate::observation::ObservationSet;
 use crate::units::Angle;
 
@@ -125,26 +123,6 @@ pub fn plane(set: &ObservationSet) -> ReferencePlane {
         Some(_) => ReferencePlane::Sample,
         None => ReferencePlane::Turntable,
     }
-}
-
-/// Calls [`across`] with the results of a fit, if it determined both angles.
-#[must_use]
-pub fn of_report(set: &ObservationSet, parameters: &Parameters) -> Option<Across> {
-    let angle = |p: &Parameter| p.value.filter(|_| p.identifiable).map(Angle::from_deg);
-    let azimuth = &parameters.azimuth_offset_deg;
-    let own = Budget {
-        wedge: 0.0,
-        ..azimuth.budget?
-    };
-    across(
-        angle(&parameters.theta_r_deg)?,
-        angle(azimuth)?,
-        Angle::from_deg(own.combined()),
-        Stated {
-            azimuth_zero: set.azimuth_zero_std,
-            wedge: set.wedge_std,
-        },
-    )
 }
 
 fn signed(deg: f64) -> String {

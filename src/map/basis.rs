@@ -4,10 +4,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::globals::Globals;
-use super::kernel::Parameters;
+use super::kernel::{FREE, Parameters};
 use super::layers::Layers;
-use super::settle::{self, Settled};
-use super::solve::FREE;
+use super::settle::Settled;
 use super::tiles::Tiles;
 use super::together::Together;
 use super::view::View;
@@ -16,6 +15,7 @@ use crate::geometry::turn_by_wedge;
 use crate::model::{LeftOut, left_out};
 use crate::observation::RejectedFrame;
 use crate::plan::Decision;
+use crate::robust;
 use crate::series::Manifest;
 use crate::units::Angle;
 
@@ -257,7 +257,7 @@ fn in_layer_units(std: &Parameters, layers: &Layers) -> [f64; FREE] {
 /// Returns the median of a layer's values.
 fn typical(layers: &Layers, k: usize) -> f64 {
     let values = layers.parameters[k].values.iter();
-    settle::median(values.map(|x| f64::from(*x))).unwrap_or(0.0)
+    robust::median_of_finite(values.map(|x| f64::from(*x))).unwrap_or(0.0)
 }
 
 /// Adds the wedge of the sample: its tilt along v to the ridge angle, its tilt along u, as a turn, to the lean

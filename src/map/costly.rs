@@ -19,8 +19,7 @@ use std::sync::{Arc, RwLock};
 use rustc_hash::FxHashMap;
 
 use super::integrated::Integrated;
-use super::kernel::{Geometry, Parameters, single};
-use super::solve::FREE;
+use super::kernel::{FREE, Geometry, Parameters, single};
 use crate::geometry::{Directions, Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::extended::{self, Real, Terms, Walls};

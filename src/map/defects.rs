@@ -9,10 +9,9 @@ use std::collections::VecDeque;
 
 use serde::Serialize;
 
+use super::kernel::FREE;
 use super::layers::{BORDER, DEFECT, Layers, MISFIT};
-use super::settle::median;
-use super::solve::FREE;
-use crate::robust::STD_PER_DEVIATION;
+use crate::robust::{self, STD_PER_DEVIATION};
 
 /// Deviation, in robust standard deviations, from which a pixel differs.
 pub const DEVIATION: f64 = 6.0;
@@ -194,12 +193,12 @@ const COMPARED: [usize; FREE - 1] = [0, 2, 3, 4];
 fn usual(layers: &Layers, parameter: usize) -> Option<(f64, f64)> {
     let inner = |p: &usize| layers.has_value(*p) && layers.flags[*p] & (BORDER | MISFIT) == 0;
     let values = &layers.parameters[parameter].values;
-    let centre = median(
+    let centre = robust::median_of_finite(
         (0..values.len())
             .filter(inner)
             .map(|p| f64::from(values[p])),
     )?;
-    let spread = median(
+    let spread = robust::median_of_finite(
         (0..values.len())
             .filter(inner)
             .map(|p| (f64::from(values[p]) - centre).abs()),
@@ -293,7 +292,7 @@ fn describe(
         high - low + pixel_mm[k]
     };
     let of_area = |k: usize| {
-        median(
+        robust::median_of_finite(
             area.iter()
                 .map(|p| f64::from(layers.parameters[k].values[*p])),
         )
@@ -352,7 +351,7 @@ fn median_direction(azimuths: impl Iterator<Item = f64> + Clone) -> Option<f64> 
         (sin + s, cos + c)
     });
     let mean = f64::atan2(sin, cos).to_degrees();
-    let off = median(finite.map(|azimuth| apart_deg(azimuth, mean)))?;
+    let off = robust::median_of_finite(finite.map(|azimuth| apart_deg(azimuth, mean)))?;
     Some(apart_deg(mean + off, 0.0))
 }
 

@@ -4,9 +4,9 @@ use proptest::prelude::*;
 use pulp::Scalar;
 
 use super::inverse::invert;
-use super::kernel::{Geometry, single};
+use super::kernel::{FREE, Geometry, PACKED, single};
 use super::pixels::{Instructions, PixelFitter};
-use super::solve::{FREE, LOWER, PACKED, UPPER};
+use super::solve::{LOWER, UPPER};
 use crate::extremes::{any_double, cases};
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;

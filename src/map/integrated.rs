@@ -5,8 +5,7 @@
 //! represent most pixels. Its difference from the closed form, which changes slowly, is added as a fixed offset to
 //! every pixel near one of these surfaces. A pixel far from all of them is fitted with the closed form only.
 
-use super::kernel::Parameters;
-use super::solve::FREE;
+use super::kernel::{FREE, Parameters};
 
 /// Distance up to which such a surface's offset is used: rad, rad, logarithms.
 const REACH: [f64; FREE - 1] = [0.06, 0.12, 0.4, 0.4];

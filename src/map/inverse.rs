@@ -4,7 +4,7 @@
 //! first. A pivot below 1e-9 fails the test. What passes has a scaled Jacobian with a condition below 3e4, and
 //! variances with six correct digits, as many as a map in float32 stores. Units do not affect the test.
 
-use super::solve::{FREE, PACKED, packed};
+use super::kernel::{FREE, PACKED, packed};
 
 /// Pivot of the column-scaled normal matrix below which the data do not determine the parameters.
 const PIVOT_MIN: f64 = 1e-9;

@@ -189,9 +189,19 @@ pub(super) fn row<S: Simd>(
     }
 }
 
+/// Free parameters per pixel.
+pub(super) const FREE: usize = 5;
+/// Numbers in a packed symmetric matrix of [`FREE`] rows.
+pub(super) const PACKED: usize = FREE * (FREE + 1) / 2;
+
+/// Returns the index of packed element (i, j ≤ i).
+pub(super) const fn packed(i: usize, j: usize) -> usize {
+    i * (i + 1) / 2 + j
+}
+
 /// One pixel's parameters in the order of the fit: θr and ψ in radians, ln αu, ln αv, and either ρd (dielectrics) or
 /// the amplitude (conductors).
-pub(super) type Parameters = [f64; 5];
+pub(super) type Parameters = [f64; FREE];
 
 /// Returns term (a) of one observation for one pixel: its value and its derivatives with respect to θr, ψ, ln αu, ln
 /// αv. `lamp` is R²/8.

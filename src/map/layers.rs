@@ -2,8 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::kernel::{FREE, packed};
 use super::settle::identifiable;
-use super::solve::{End, FREE, PixelFit, packed};
+use super::solve::{End, PixelFit};
 use crate::units::Angle;
 
 /// The descent did not end at a minimum.

@@ -5,10 +5,10 @@
 //! over whole tilts and azimuths then estimates its effect on such a pixel, as in the budget of `fit`. Call
 //! [`shared_misfit`].
 
-use super::globals::rows_of;
-use super::kernel::Parameters;
+use super::globals::step::rows_of;
+use super::kernel::{FREE, Parameters};
 use super::run::Run;
-use super::solve::{FREE, PixelFit};
+use super::solve::PixelFit;
 use crate::jackknife;
 
 /// Number of pixels used, and of those around which similar ones are gathered.

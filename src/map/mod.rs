@@ -52,11 +52,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use self::basis::{Basis, finished};
 pub use self::globals::Globals;
+use self::kernel::FREE;
 use self::layers::Layers;
 use self::observe::Light;
 use self::planes::Planes;
 use self::settle::{References, Settled};
-use self::solve::FREE;
 use self::tiles::{fit_tiles, sampled};
 use self::view::View;
 use crate::frame::FrameKind;

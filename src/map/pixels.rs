@@ -6,8 +6,9 @@
 use super::costly::Costly;
 use super::globals::Globals;
 use super::integrated::Integrated;
+use super::kernel::{FREE, packed};
 use super::run::{Batch, Run};
-use super::solve::{End, FREE, packed};
+use super::solve::End;
 use super::view::View;
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;

@@ -5,12 +5,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::beside::Beside;
 use super::costly::{Costly, RealSurface};
-use super::globals::{Globals, Second, shared_effects};
+use super::globals::Globals;
+use super::globals::step::{Second, shared_effects};
 use super::integrated::Integrated;
-use super::kernel::Parameters;
+use super::kernel::{FREE, Parameters, packed};
 use super::misfit::shared_misfit;
 use super::run::{Batch, Run, freedom};
-use super::solve::{End, FREE, PixelFit, packed};
+use super::solve::{End, PixelFit};
 use super::start::{Leaders, Templates, lambert};
 use super::view::View;
 use super::{MapError, Progress, Stage, plan};
@@ -264,7 +265,7 @@ impl<'a> Settling<'a> {
         let (run, templates) = (self.run(), self.templates());
         let n = self.batch.observations;
         let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
-        median(self.enough().filter_map(|index| {
+        robust::median_of_finite(self.enough().filter_map(|index| {
             run.read(index, &mut signal, &mut weight);
             templates.amplitude_of(&signal, &weight)
         }))
@@ -307,13 +308,13 @@ impl<'a> Settling<'a> {
     /// Sets the usual χ² of these fits, and keeps the fits near it.
     fn keep_the_usual(&mut self, fits: Vec<(usize, PixelFit)>) -> Result<(), MapError> {
         let reduced = |(_, fit): &(usize, PixelFit)| fit.chi2 / freedom(fit);
-        let left = median(fits.iter().map(reduced));
+        let left = robust::median_of_finite(fits.iter().map(reduced));
         let converged: Vec<(usize, PixelFit)> = fits
             .into_iter()
             .filter(|(_, fit)| fit.end == End::Converged && identifiable(fit, 1.0))
             .collect();
         // There are lobes, but these poses do not determine their parameters.
-        self.birge = median(converged.iter().map(reduced))
+        self.birge = robust::median_of_finite(converged.iter().map(reduced))
             .ok_or(MapError::NothingFitted {
                 poses: self.given.recorded.len(),
                 chi2: left.unwrap_or(f64::INFINITY),
@@ -440,7 +441,9 @@ impl<'a> Settling<'a> {
             let covariance = f.covariance.as_ref()?;
             Some(2.0 * covariance[0].sqrt() / super::costly::CELL[0])
         });
-        median(of_cells).unwrap_or(1.0).clamp(1.0, COARSENESS_MAX)
+        robust::median_of_finite(of_cells)
+            .unwrap_or(1.0)
+            .clamp(1.0, COARSENESS_MAX)
     }
 
     /// Returns the shift of the usual pixel due to the shared quantities and the model error.
@@ -497,13 +500,7 @@ fn shared_std(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option<Parameters> {
         .collect();
     let mut medians = [0.0; FREE];
     for (k, m) in medians.iter_mut().enumerate() {
-        *m = median(effects.iter().map(|e| e[k]))?;
+        *m = robust::median_of_finite(effects.iter().map(|e| e[k]))?;
     }
     Some(medians)
-}
-
-/// Returns the median of the finite values; `None` if there are none.
-pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.filter(|x| x.is_finite()).collect();
-    robust::median(&mut values)
 }

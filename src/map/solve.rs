@@ -15,14 +15,10 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::costly::{Met, Size};
 use super::inverse::invert;
-use super::kernel::{GEOMETRY, Geometry, Parameters};
+use super::kernel::{FREE, GEOMETRY, Geometry, PACKED, Parameters, packed};
 use crate::model::lanes::{Lane, Numbers};
 use step::step;
 
-/// Free parameters per pixel.
-pub(super) const FREE: usize = 5;
-/// Numbers in a packed symmetric matrix of [`FREE`] rows.
-pub(super) const PACKED: usize = FREE * (FREE + 1) / 2;
 /// Numbers per observation and lane: weight, weighted signal, weighted B.
 const ROW: usize = 3;
 /// A descent is over if the step after the next would lower the cost by less than this share of 1 + cost.
@@ -47,11 +43,6 @@ pub(super) const LOWER: [f64; FREE] = [0.0, f64::NEG_INFINITY, -6.9, -6.9, 0.0];
 /// Upper bounds: 75°, α = 1, ρd = 1. The bound of an amplitude is [`AMPLITUDE_MAX`].
 pub(super) const UPPER: [f64; FREE] = [1.309, f64::INFINITY, 0.0, 0.0, 1.0];
 pub(super) const AMPLITUDE_MAX: f64 = 20.0;
-
-/// Returns the index of packed element (i, j ≤ i).
-pub(super) const fn packed(i: usize, j: usize) -> usize {
-    i * (i + 1) / 2 + j
-}
 
 /// How a pixel's fit ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,9 +4,8 @@
 //! best template of each quarter turn is the start of a descent. The results are grouped, and a few leaders represent
 //! the groups. Every other pixel starts at the leader that fits it best or, if none does, at its own templates.
 
-use super::kernel::{Geometry, Parameters, single};
-use super::settle::median;
-use super::solve::FREE;
+use super::kernel::{FREE, Geometry, Parameters, single};
+use crate::robust;
 
 const THETA_R_DEG: [f64; 6] = [2.5, 6.0, 11.0, 18.0, 28.0, 42.0];
 const ALPHA: [f64; 3] = [0.05, 0.12, 0.25];
@@ -205,7 +204,7 @@ impl Leaders {
                         d
                     }
                 });
-                leader[k] + median(offsets).unwrap_or(0.0)
+                leader[k] + robust::median_of_finite(offsets).unwrap_or(0.0)
             })
         };
         self.points.iter().map(centre).collect()

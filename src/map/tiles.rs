@@ -6,12 +6,12 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
-use super::kernel::Parameters;
+use super::kernel::{FREE, Parameters};
 use super::layers::{Answer, FEW_OBSERVATIONS, Layers, NOT_IDENTIFIABLE};
 use super::planes::Planes;
 use super::run::{Batch, Run, better, freedom, usual_chi2_max};
 use super::settle::{LOBE_SIGNIFICANCE, Settled};
-use super::solve::{End, FREE};
+use super::solve::End;
 use super::start::{self, lambert_chi2};
 use super::{MapError, Progress, REFRESHES, Stage, doubt};
 use crate::shard::Shard;

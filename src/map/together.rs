@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 
 use super::costly::RealSurface;
 use super::globals::Globals;
+use super::kernel::FREE;
 use super::layers::Layers;
-use super::solve::FREE;
 use super::{Progress, Stage};
 use crate::fit::report::{Parameter, Status};
 use crate::fit::{FitOptions, FitReport, VariantChoice, fit};

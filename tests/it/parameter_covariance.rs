@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
-use ridged::fit::estimate::estimate;
+use ridged::fit::one_variant::estimate;
 use ridged::fit::problem::{Problem, Quantity, Values};
 use ridged::fit::report::{FitReport, VariantName};
 use ridged::fit::reporting::report_of;

@@ -6,9 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use super::{ALL, key, subset};
-use crate::fit::estimate::Tier;
 use crate::fit::misfit::peak;
 use crate::fit::problem::{Problem, Values};
+use crate::fit::tier::Tier;
 use crate::geometry::Pose;
 use crate::observation::{Observation, ObservationSet};
 use crate::units::Angle;
@@ -21,17 +21,17 @@ const CHECKED: usize = 128;
 pub(super) const SMOOTH: f64 = 1e-4;
 
 /// A tier at every observation.
-pub(super) struct Everywhere {
-    pub(super) offsets: Vec<f64>,
+pub(in crate::fit) struct Everywhere {
+    pub(in crate::fit) offsets: Vec<f64>,
     /// Nodes of the grid; `None` if every pose was integrated.
-    pub(super) nodes: Option<usize>,
+    pub(in crate::fit) nodes: Option<usize>,
     /// Error of the interpolation, root mean square as a share of the peak.
-    pub(super) error: f64,
+    pub(in crate::fit) error: f64,
 }
 
 /// Evaluates the tier at every pose: by integration if there are few poses, otherwise by interpolation between the
 /// nodes of a grid. Returns `None` if the tier has no result or the fit was cancelled.
-pub(super) fn everywhere(
+pub(in crate::fit) fn everywhere(
     problem: &Problem<'_>,
     values: &Values,
     tier: Tier<'_>,

@@ -1,0 +1,164 @@
+//! Fits one variant to one set of observations.
+//!
+//! Call [`estimate`]. `pipeline` has the steps. A set of very many observations goes through them in part (see
+//! [`super::thin`]), and a stated value is kept from posing as a model error.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::covariance::{Scaling, covariance};
+use super::estimate::{Estimate, Thinned};
+use super::minimum::Minimum;
+use super::misfit::misfit_scale;
+use super::pipeline::{FAR_LESS, Reached, conclude, whole};
+use super::problem::Problem;
+use super::search::{AMBIGUOUS_RISE, Late};
+use super::settle::{Settled, Weighing};
+use super::thin::{everywhere, representative, subset};
+use super::tier::Tier;
+use super::{Constraint, FitOptions};
+use crate::model::Variant;
+use crate::observation::{ObservationSet, Prior};
+
+/// Rounds of tier and descent over all observations.
+const PASSES: usize = 2;
+
+/// Fits one variant. Returns `None` if no point could be evaluated.
+#[must_use]
+pub fn estimate<'a>(
+    set: &'a ObservationSet,
+    variant: Variant,
+    options: &FitOptions,
+    tier: Option<Tier<'_>>,
+    cancel: &AtomicBool,
+) -> Option<Estimate<'a>> {
+    estimate_until(set, variant, options, tier, &|| false, cancel)
+}
+
+/// Like [`estimate`]. Once `late` returns true, the search for other explanations of the data ends and the best result
+/// so far is returned.
+#[must_use]
+pub fn estimate_until<'a>(
+    set: &'a ObservationSet,
+    variant: Variant,
+    options: &FitOptions,
+    tier: Option<Tier<'_>>,
+    late: Late<'_>,
+    cancel: &AtomicBool,
+) -> Option<Estimate<'a>> {
+    let fitted = |options: &FitOptions| match representative(set) {
+        Some(kept) => estimate_thinned(set, kept, variant, options, tier, late, cancel),
+        None => whole(set, variant, options, tier, late, cancel),
+    };
+    let found = fitted(options)?;
+    let stated = options.constraints.iter().any(|one| one.std > 0.0);
+    let may = options.misfit && options.misfit_most.is_none() && found.discrepancy > 0.0;
+    if !(stated && may) || late() {
+        return Some(found);
+    }
+    // A statement that contradicts the data must not be taken for a model error, which would reduce the weight of the
+    // data and hide the contradiction. The model error is therefore determined from the data only, if they determine a
+    // surface.
+    let held = |stated: &&Constraint| stated.std == 0.0;
+    let alone = fitted(&FitOptions {
+        constraints: options.constraints.iter().filter(held).copied().collect(),
+        ..options.clone()
+    });
+    let bounded = alone
+        .filter(|alone| FAR_LESS * alone.discrepancy < found.discrepancy && is_determined(alone))
+        .and_then(|alone| {
+            fitted(&FitOptions {
+                misfit_most: Some(alone.discrepancy),
+                ..options.clone()
+            })
+        });
+    Some(bounded.unwrap_or(found))
+}
+
+/// Whether the data leave no direction undetermined.
+fn is_determined(e: &Estimate<'_>) -> bool {
+    let end = &e.minimum;
+    let rows = end.residuals.len();
+    covariance(&end.jacobian, rows, &end.residuals, Scaling::Absolute)
+        .null_directions
+        .is_empty()
+}
+
+/// Fits one variant to all observations, with the search on `kept` of them. Returns `None` if no point could be
+/// evaluated.
+fn estimate_thinned<'a>(
+    set: &'a ObservationSet,
+    kept: Vec<usize>,
+    variant: Variant,
+    options: &FitOptions,
+    tier: Option<Tier<'_>>,
+    late: Late<'_>,
+    cancel: &AtomicBool,
+) -> Option<Estimate<'a>> {
+    let few = subset(set, &kept);
+    let found = whole(&few, variant, options, tier, late, cancel)?;
+    let own: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
+    let scale = misfit_scale(set);
+    let weighing = Weighing {
+        own: &own,
+        scale: &scale,
+        fitted: found.fitted,
+        options,
+        cancel,
+    };
+    let stated = options.constraints.iter().filter(|t| t.std > 0.0).map(|t| {
+        let (mean, std) = (t.value, t.std);
+        (t.quantity, Prior { mean, std })
+    });
+    let problem = Problem::new(set, variant, found.problem.free().to_vec(), found.values)
+        .with_sigma(weighing.sigma(found.discrepancy))
+        .with_flat_sigma(found.problem.flat_sigma().to_vec())
+        .with_priors(&stated.collect::<Vec<_>>())
+        .with_loss(options.loss)
+        .with_polarisation(found.problem.is_polarised());
+    let tier = tier.filter(|_| found.takes_tier());
+    let mut settled = Settled {
+        minimum: Minimum {
+            parameters: found.minimum.parameters.clone(),
+            ..found.minimum.clone()
+        },
+        discrepancy: found.discrepancy,
+        problem,
+    };
+    let mut interpolated = None;
+    for _ in 0..PASSES {
+        if let Some(tier) = tier {
+            let values = settled.problem.unpack(&settled.minimum.parameters);
+            let everywhere = everywhere(&settled.problem, &values, tier, &kept, cancel)?;
+            interpolated = everywhere.nodes.map(|n| (n, everywhere.error));
+            settled.problem = settled.problem.with_correction(everywhere.offsets);
+        }
+        settled.settle_sparingly(&weighing);
+        if tier.is_none() || cancel.load(Ordering::Relaxed) {
+            break;
+        }
+    }
+    let mut rivals: Vec<Minimum> = found
+        .rivals
+        .iter()
+        .map(|rival| settled.again(&rival.parameters, cancel))
+        .collect();
+    // A model error does not shrink with more poses; counting noise does.
+    if settled.discrepancy == 0.0 {
+        rivals.retain(|m| {
+            let (cost, rise) = (settled.minimum.cost, m.cost - settled.minimum.cost);
+            m.cost.is_finite() && rise < AMBIGUOUS_RISE && rise > 1e-6 * cost.max(1.0)
+        });
+    }
+    let reached = Reached {
+        cut_short: found.cut_short,
+        settled,
+        shift: found.tier_shift,
+        undecided: found.tier_undecided,
+        starts: found.starts,
+        rivals,
+        tier_left_out: found.tier_left_out,
+    };
+    let mut all = conclude(reached, variant, &weighing);
+    all.thinned = Some(Thinned { kept, interpolated });
+    Some(all)
+}

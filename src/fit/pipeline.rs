@@ -1,0 +1,311 @@
+//! The steps of the fit of one variant on all observations of a set: search, weights, edges, costlier tier, estimate.
+//!
+//! `misfit` determines the model error and with it the weights; `settle` makes the weights consistent with the fit that
+//! they are computed from.
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+
+use super::edges;
+use super::estimate::{Estimate, StartReport};
+use super::minimum::{Ending, Minimum, Settings};
+use super::misfit::{explained, freedom, lightened, loss_weights, peak};
+use super::opening::Opening;
+use super::search::{AMBIGUOUS_RISE, Late, ONE_SURFACE, Search, same, usable};
+use super::settle::{Settled, Weighing, with_tier};
+use super::start::distance;
+use super::thin;
+use super::tier::{Tier, dispensable};
+use super::{FitOptions, Loss};
+use crate::model::Variant;
+use crate::observation::ObservationSet;
+
+/// Rise of the cost up to which the near minima of a search are compared again with the final weights.
+const RIVAL_RISE: f64 = 25.0;
+/// Number of edges of the closed form that are crossed one after the other.
+const EDGES_CROSSED: usize = 8;
+/// How often a surface with a much smaller model error is looked for.
+const LESS_MISFIT: usize = 3;
+/// Factor by which the model error of another end must be smaller for that end to be better.
+pub(super) const FAR_LESS: f64 = 4.0;
+
+/// Like [`estimate_until`], with every step on all observations.
+pub(super) fn whole<'a>(
+    set: &'a ObservationSet,
+    variant: Variant,
+    options: &FitOptions,
+    tier: Option<Tier<'_>>,
+    late: Late<'_>,
+    cancel: &AtomicBool,
+) -> Option<Estimate<'a>> {
+    let opening = Opening::new(set, variant, options);
+    let weighing = opening.weighing(options, cancel);
+    let mut search = looked_for(&opening, options, late, cancel);
+    let mut settled = opening.settling(search.best()?.clone(), options);
+    settled.settle(&weighing);
+    if options.misfit {
+        settled = with_less_misfit(settled, &mut search, &weighing);
+    }
+    if options.loss != Loss::Linear {
+        settled = of_most_observations(settled, variant, &weighing, late);
+    }
+    let starts = search.report();
+    let candidates = search.rivals(&settled.problem, &settled.minimum, RIVAL_RISE);
+    let mut narrow: Vec<Minimum> = Vec::new();
+    if options.misfit && tier.is_some() && settled.narrow() && !search.over() {
+        narrow = search.look_again(&settled.problem, &settled.minimum);
+    }
+    // The weights of the starts may rank near minima wrongly; the final weights decide.
+    let mut rivals: Vec<Minimum> = Vec::new();
+    let mut weights_moved = false;
+    for other in &candidates {
+        if search.over() {
+            break;
+        }
+        let again = settled.again(&other.parameters, cancel);
+        if again.cost < settled.minimum.cost && again.ending != Ending::NotFinite {
+            rivals.push(std::mem::replace(&mut settled.minimum, again));
+            settled.settle(&weighing);
+            weights_moved = true;
+        } else {
+            rivals.push(again);
+        }
+    }
+    for _ in 0..EDGES_CROSSED {
+        if search.over() {
+            break;
+        }
+        let behind = edges::beyond(&settled.problem, &settled.minimum);
+        let ends = behind.par_iter().map(|x| settled.again(x, cancel));
+        let deepest = ends.filter(usable).min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let Some(deeper) = deepest.filter(|m| !same(settled.minimum.cost, m.cost)) else {
+            break;
+        };
+        rivals.push(std::mem::replace(&mut settled.minimum, deeper));
+        settled.settle(&weighing);
+        weights_moved = true;
+    }
+    if weights_moved {
+        for rival in &mut rivals {
+            *rival = settled.again(&rival.parameters, cancel);
+        }
+    }
+    let surface = |m: &Minimum| settled.problem.unpack(&m.parameters).folded();
+    let here = surface(&settled.minimum);
+    rivals.retain(|m| {
+        let rise = m.cost - settled.minimum.cost;
+        m.cost.is_finite() && rise < AMBIGUOUS_RISE && distance(&surface(m), &here) > ONE_SURFACE
+    });
+    let mut shift = vec![0.0; settled.minimum.parameters.len()];
+    let mut undecided = false;
+    let tier_left_out = tier.and_then(|tier| {
+        let values = settled.problem.unpack(&settled.minimum.parameters);
+        dispensable(&settled.problem, &values, tier, options)
+    });
+    if let Some(tier) = tier.filter(|_| tier_left_out.is_none()) {
+        let found = with_tier(settled, tier, &search, &narrow, &weighing);
+        settled = found.settled;
+        (shift, undecided) = (found.shift, found.undecided);
+        if found.elsewhere {
+            rivals.clear();
+        }
+        rivals.extend(found.rivals);
+    }
+    let reached = Reached {
+        cut_short: search.is_cut_short(),
+        settled,
+        shift,
+        undecided,
+        starts,
+        rivals,
+        tier_left_out,
+    };
+    Some(conclude(reached, variant, &weighing))
+}
+
+/// Runs a search to its end.
+fn looked_for<'s>(
+    opening: &'s Opening<'_>,
+    options: &FitOptions,
+    late: Late<'s>,
+    cancel: &'s AtomicBool,
+) -> Search<'s> {
+    let mut search = opening.search(options, late, cancel);
+    opening.extend(&mut search, options);
+    search.images(&opening.problem);
+    search.creep(&opening.problem);
+    search
+}
+
+/// Chooses between the end under a robust loss and the end of a descent from the fit without one: the end that
+/// describes most observations better. A robust loss can ignore whole groups of observations, so a surface that fits
+/// half of them and misses the others by far is also a minimum.
+fn of_most_observations<'a>(
+    settled: Settled<'a>,
+    variant: Variant,
+    weighing: &Weighing<'_>,
+    late: Late<'_>,
+) -> Settled<'a> {
+    let set = settled.problem.set();
+    let plain = FitOptions {
+        loss: Loss::Linear,
+        ..weighing.options.clone()
+    };
+    let opening = Opening::new(set, variant, &plain);
+    let mut search = looked_for(&opening, &plain, late, weighing.cancel);
+    let Some(best) = search.best() else {
+        return settled;
+    };
+    let mut guide = opening.settling(best.clone(), &plain);
+    let without_loss = opening.weighing(&plain, weighing.cancel);
+    guide.settle(&without_loss);
+    if plain.misfit {
+        guide = with_less_misfit(guide, &mut search, &without_loss);
+    }
+    let mut other = settled.clone();
+    other.problem = other.problem.with_sigma(weighing.sigma(guide.discrepancy));
+    other.settle_from(&guide.minimum.parameters, weighing);
+    match usable(&other.minimum) && other.of_more_observations(&settled, weighing) {
+        true => other,
+        false => settled,
+    }
+}
+
+/// Looks for a surface with no model error, or a much smaller one.
+///
+/// The weights of the first search allow every end an error of a few per cent of the peak. If few poses meet the lobe,
+/// surfaces far from the true one pass, so this looks for ends that need less. Once noise alone explains the data, the
+/// search continues with its weights.
+fn with_less_misfit<'a>(
+    mut settled: Settled<'a>,
+    search: &mut Search<'_>,
+    weighing: &Weighing<'_>,
+) -> Settled<'a> {
+    let cancel = weighing.cancel;
+    for _ in 0..LESS_MISFIT {
+        if !settled.doubted() || search.over() {
+            break;
+        }
+        let less = settled.discrepancy / FAR_LESS;
+        let mut demanding = settled.clone();
+        demanding.problem = demanding.problem.with_sigma(weighing.sigma(less));
+        demanding.minimum = demanding.again(&settled.minimum.parameters, cancel);
+        let ends = search.look_again(&demanding.problem, &demanding.minimum);
+        let better = ends.into_par_iter().find_map_first(|end| {
+            if search.over() {
+                return None;
+            }
+            let mut other = settled.clone();
+            // Most ends are no better and creep along a valley, which shows long before convergence.
+            other.settle_from(&end.parameters, weighing);
+            if other.discrepancy >= less {
+                return None;
+            }
+            other.settle(weighing);
+            (other.minimum.ending != Ending::NotFinite && other.discrepancy < less).then_some(other)
+        });
+        match better {
+            Some(other) => settled = other,
+            None => break,
+        }
+    }
+    if settled.discrepancy == 0.0
+        && let Some(best) = search.continue_with(&settled.problem, &settled.minimum)
+    {
+        settled.minimum = best;
+    }
+    settled
+}
+
+/// State after a search and its descents.
+pub(super) struct Reached<'a> {
+    /// Whether the time limit ended the search.
+    pub cut_short: bool,
+    pub settled: Settled<'a>,
+    pub shift: Vec<f64>,
+    pub undecided: bool,
+    pub starts: StartReport,
+    pub rivals: Vec<Minimum>,
+    pub tier_left_out: Option<f64>,
+}
+
+/// Builds the estimate at a settled minimum.
+pub(super) fn conclude<'a>(
+    reached: Reached<'a>,
+    variant: Variant,
+    weighing: &Weighing<'_>,
+) -> Estimate<'a> {
+    let Reached {
+        cut_short,
+        settled,
+        shift,
+        undecided,
+        starts,
+        rivals,
+        tier_left_out,
+    } = reached;
+    let Weighing {
+        own,
+        scale,
+        fitted,
+        options,
+        cancel,
+    } = *weighing;
+    let Settled {
+        mut problem,
+        mut minimum,
+        discrepancy,
+    } = settled;
+    let set = problem.set();
+    minimum = edges::cleared(&problem, minimum);
+    let values = problem.unpack(&minimum.parameters);
+    let predicted = problem.predicted(&values);
+    let loss_weights = loss_weights(&problem, &values, options.loss);
+    if options.loss != Loss::Linear {
+        // The same point as the minimum of least squares, which is the form that the budget uses.
+        let sigma = lightened(&problem, &loss_weights);
+        problem = problem.with_loss(Loss::Linear).with_sigma(sigma);
+        let bounds = problem.bounds();
+        let settings = Settings::default();
+        minimum = thin::minimise(&problem, &minimum.parameters, &bounds, &settings, cancel);
+    }
+    let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
+        let pairs = predicted.iter().zip(&set.observations).enumerate();
+        pairs
+            .map(|(i, (p, o))| loss_weights[i] * ((p - o.signal) * weight(i)).powi(2))
+            .sum()
+    };
+    let count = set.observations.len();
+    let freedom = freedom(count, fitted);
+    let explained = explained(variant, options, discrepancy, minimum.cost, freedom);
+    let peak = peak(set);
+    Estimate {
+        chi2_reduced_without_model: squares(&|i| 1.0 / own[i]) / freedom,
+        rms_residual: (squares(&|_| 1.0 / peak) / count as f64).sqrt(),
+        misfit: scale.iter().map(|s| discrepancy * s).collect(),
+        discrepancy,
+        fitted,
+        starts,
+        values,
+        minimum,
+        problem,
+        tier_shift: shift,
+        tier_undecided: undecided,
+        loss_weights,
+        explained,
+        held: options
+            .constraints
+            .iter()
+            .filter(|t| t.std == 0.0)
+            .map(|t| t.quantity)
+            .collect(),
+        rivals,
+        traced: None,
+        tier_left_out,
+        cut_short,
+        thinned: None,
+        findings: Vec::new(),
+        investigated: false,
+    }
+}
