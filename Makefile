@@ -30,7 +30,7 @@ test-dist: dist  ## The package in a fresh Debian folder: installed, used, upgra
 test: setup-build setup-test web  ## Everything that must hold
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target build-tests test-page check-python docs
 	@$(MAKE) --no-print-directory test-rust
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-vendor test-python test-api day test-e2e
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-e2e test-api test-python day test-vendor
 	@echo "all tests passed"
 
 build-tests: check
