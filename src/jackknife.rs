@@ -32,14 +32,33 @@ pub fn axes(poses: impl Iterator<Item = Pose>) -> [Labels; 2] {
         .map(|groups| groups.into_iter().map(|group| Some(group as i64)).collect())
 }
 
-/// Returns the standard uncertainty of each parameter when the groups of each axis are left out in turn; all axes
-/// with three groups or more are combined in quadrature. Also returns the least degrees of freedom (infinite if no
-/// axis has three groups). `jacobian` is column-major, `residuals` are model less observation at the minimum, both
+/// Changes of an estimate when the groups of each axis are left out in turn; all axes with three groups or more are
+/// combined in quadrature.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ByGroups {
+    /// Standard uncertainty of each parameter that the changes show.
+    pub std: Vec<f64>,
+    /// The same as errors that are independent from row to row, with a standard deviation of 1, are expected to show it.
+    pub by_chance: Vec<f64>,
+    /// Least degrees of freedom; infinite if no axis has three groups.
+    pub freedom: f64,
+}
+
+impl ByGroups {
+    /// Returns the part of the standard uncertainty of parameter `j` that independent errors do not account for.
+    #[must_use]
+    pub fn beyond_chance(&self, j: usize) -> f64 {
+        let variance = self.std[j].powi(2) - self.by_chance[j].powi(2);
+        variance.max(0.0).sqrt()
+    }
+}
+
+/// Leaves the groups out. `jacobian` is column-major, `residuals` are model less observation at the minimum, both
 /// weighted.
 #[must_use]
-pub fn by_groups(labels: &[Labels], jacobian: &[f64], residuals: &[f64]) -> (Vec<f64>, f64) {
+pub fn by_groups(labels: &[Labels], jacobian: &[f64], residuals: &[f64]) -> ByGroups {
     let n = jacobian.len() / residuals.len().max(1);
-    let mut largest = vec![0.0_f64; n];
+    let (mut variance, mut by_chance) = (vec![0.0_f64; n], vec![0.0_f64; n]);
     let mut freedom = f64::INFINITY;
     for (axis, labels_of) in labels.iter().enumerate() {
         let mut groups: BTreeMap<Option<i64>, Vec<usize>> = BTreeMap::new();
@@ -56,18 +75,28 @@ pub fn by_groups(labels: &[Labels], jacobian: &[f64], residuals: &[f64]) -> (Vec
         for group in &mut groups {
             group.sort_by_key(|row| across[*row]);
         }
-        let mut sums = vec![0.0; n];
+        let share = (count - 1.0) / count;
         for step in steps_without(jacobian, residuals, &groups, &always) {
-            for (sum, p) in sums.iter_mut().zip(&step) {
-                *sum += p * p;
+            for j in 0..n {
+                variance[j] += share * step.change[j].powi(2);
+                by_chance[j] += share * step.by_chance[j];
             }
-        }
-        for (all, sum) in largest.iter_mut().zip(&sums) {
-            *all = all.hypot(((count - 1.0) / count * sum).sqrt());
         }
         freedom = freedom.min(count - 1.0);
     }
-    (largest, freedom)
+    ByGroups {
+        std: variance.into_iter().map(f64::sqrt).collect(),
+        by_chance: by_chance.into_iter().map(f64::sqrt).collect(),
+        freedom,
+    }
+}
+
+/// The step of the parameters when some rows are left out.
+#[derive(Debug)]
+struct Step {
+    change: Vec<f64>,
+    /// Variance of the change by independent errors with a standard deviation of 1.
+    by_chance: Vec<f64>,
 }
 
 /// Least share of a direction's information that must remain for a step along it to be meaningful; with less, noise
@@ -84,7 +113,7 @@ fn steps_without(
     residuals: &[f64],
     groups: &[Vec<usize>],
     always: &[usize],
-) -> Vec<Vec<f64>> {
+) -> Vec<Step> {
     let m = residuals.len();
     let n = jacobian.len() / m.max(1);
     let rows = Rows {
@@ -103,9 +132,7 @@ fn steps_without(
     for (k, group) in groups.iter().enumerate() {
         let others = stacked(&before, &behind[k + 1], n);
         let everywhere = DMatrix::identity(scale.ncols(), scale.ncols());
-        let mut found = Vec::new();
-        rows.leave(group, &others, &scale, &everywhere, &mut found);
-        steps.extend(found.into_iter().map(|z| (&scale * z).as_slice().to_vec()));
+        rows.leave(group, &others, &scale, &everywhere, &mut steps);
         before = stacked(&before, &own[k], n);
     }
     steps
@@ -194,7 +221,7 @@ impl Rows<'_> {
         others: &[f64],
         scale: &DMatrix<f64>,
         within: &DMatrix<f64>,
-        steps: &mut Vec<DVector<f64>>,
+        steps: &mut Vec<Step>,
     ) {
         let n = self.n;
         let directions = scale * within;
@@ -207,17 +234,32 @@ impl Rows<'_> {
         let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
             return;
         };
-        let mut step = DVector::zeros(within.ncols());
-        let mut open = Vec::new();
+        // Of a step in the scaled directions, row by row: what the residuals give, and the errors that they are made of.
+        let whole = derivatives(others, n) * scale;
+        let (mut step, mut from) = (Vec::new(), Vec::new());
+        let (mut taken, mut open) = (Vec::new(), Vec::new());
         for (k, s) in svd.singular_values.iter().enumerate() {
-            let along = v_t.row(k).transpose();
+            let along = within * v_t.row(k).transpose();
             if s * s >= STAYS {
-                step.axpy(u.column(k).dot(&target) / s, &along, 1.0);
+                step.push(u.column(k).dot(&target) / s);
+                from.push(u.column(k) / *s);
+                taken.push(scale * along);
             } else {
-                open.push(within * along);
+                open.push(along);
             }
         }
-        steps.push(within * step);
+        if !taken.is_empty() {
+            let (taken, from) = (DMatrix::from_columns(&taken), DMatrix::from_columns(&from));
+            // The estimate of all rows has errors of its own, of which the part by these rows is the same.
+            let both = whole.tr_mul(&from);
+            let covariance = from.tr_mul(&from) - both.tr_mul(&both);
+            steps.push(Step {
+                change: (&taken * DVector::from_vec(step)).as_slice().to_vec(),
+                by_chance: (0..n)
+                    .map(|j| (taken.row(j) * &covariance * taken.row(j).transpose())[0].max(0.0))
+                    .collect(),
+            });
+        }
         if open.is_empty() || group.len() < 2 {
             return;
         }
@@ -260,7 +302,7 @@ mod tests {
             let j = DMatrix::from_fn(25, 2, |i, k| jacobian[others[i] + 30 * k]);
             let r = DVector::from_fn(25, |i, _| -residuals[others[i]]);
             let expected = j.svd(true, true).solve(&r, 1e-14).unwrap();
-            for (a, b) in step.iter().zip(&expected) {
+            for (a, b) in step.change.iter().zip(&expected) {
                 assert!((a - b).abs() < 1e-12, "{a} {b}");
             }
         }
@@ -274,7 +316,11 @@ mod tests {
         assert!(steps.len() > 3);
         let j = DMatrix::from_column_slice(24, 2, &jacobian);
         let std = (j.tr_mul(&j).try_inverse().unwrap()[(1, 1)] / 12.0).sqrt();
-        let spread = steps.iter().map(|s| s[1] * s[1]).sum::<f64>().sqrt();
+        let spread = steps
+            .iter()
+            .map(|s| s.change[1].powi(2))
+            .sum::<f64>()
+            .sqrt();
         assert!(spread > 0.1 * std && spread < 4.0 * std, "{spread} {std}");
     }
 
@@ -285,6 +331,7 @@ mod tests {
         let twice: Vec<f64> = jacobian[12..24].to_vec();
         jacobian.extend(twice);
         for step in steps_without(&jacobian, &residuals, &groups, &[]) {
+            let step = step.change;
             assert!(
                 step.iter().all(|p| p.is_finite()) && step[2] == 0.0,
                 "{step:?}"
@@ -292,5 +339,62 @@ mod tests {
             // Two parameters of which only the sum is determined share it.
             assert!((step[1] - step[3]).abs() < 1e-12, "{step:?}");
         }
+    }
+
+    #[test]
+    fn independent_errors_change_the_estimate_as_much_as_expected() {
+        // Where the others determine the estimate, and where information of one group is tested by its halves.
+        for slopes in [[-1.0, -0.4, 0.3, 1.0], [0.0, 1e-6, 1.0, 1e-3]] {
+            let (jacobian, residuals, groups) = line(&slopes, 6);
+            let m = residuals.len();
+            let j = DMatrix::from_column_slice(m, 2, &jacobian);
+            let pull = j.clone().pseudo_inverse(1e-14).unwrap();
+            let squares = |residuals: &[f64]| -> [f64; 2] {
+                let steps = steps_without(&jacobian, residuals, &groups, &[]);
+                [0, 1].map(|k| steps.iter().map(|s| s.change[k].powi(2)).sum())
+            };
+            // The changes are linear in the errors, so the squares for unit errors of single rows add up.
+            let mut found = [0.0; 2];
+            for row in 0..m {
+                let mut error = DVector::zeros(m);
+                error[row] = 1.0;
+                let left = &error - &j * (&pull * &error);
+                for (sum, of_row) in found.iter_mut().zip(squares(left.as_slice())) {
+                    *sum += of_row;
+                }
+            }
+            let expected = steps_without(&jacobian, &residuals, &groups, &[]);
+            for (k, found) in found.into_iter().enumerate() {
+                let by_chance: f64 = expected.iter().map(|s| s.by_chance[k]).sum();
+                let ratio = found / by_chance;
+                assert!((ratio - 1.0).abs() < 1e-9, "{ratio}");
+            }
+        }
+    }
+
+    #[test]
+    fn errors_that_a_group_shares_exceed_chance_and_alternating_ones_do_not() {
+        let (jacobian, _, groups) = line(&[-1.0, -0.6, -0.2, 0.2, 0.6, 1.0], 8);
+        let m = 48;
+        let j = DMatrix::from_column_slice(m, 2, &jacobian);
+        let pull = j.clone().pseudo_inverse(1e-14).unwrap();
+        let beyond = |error: &dyn Fn(usize) -> f64| {
+            let error = DVector::from_fn(m, |row, _| error(row));
+            let left = &error - &j * (&pull * &error);
+            let label = |row: usize| groups.iter().position(|g: &Vec<usize>| g.contains(&row));
+            let labels = (0..m).map(|row| label(row).map(|g| g as i64)).collect();
+            let changes = by_groups(&[labels, vec![Some(0); m]], &jacobian, left.as_slice());
+            [0, 1].map(|k| changes.beyond_chance(k))
+        };
+        let alternating = beyond(&|row| if row % 2 == 0 { 1.0 } else { -1.0 });
+        assert_eq!(alternating, [0.0, 0.0]);
+        // The mean of 48 rows with errors of 1 is known to 1/√48; of 6 groups with one error each, to 1/√6.
+        let common = [1.0, -1.0, -1.0, 1.0, 1.0, -1.0];
+        let shared = beyond(&|row| common[row / 8]);
+        let expected = (1.0 / 6.0 - 1.0 / 48.0_f64).sqrt();
+        assert!(
+            (expected..2.0 * expected).contains(&shared[0]),
+            "{shared:?} {expected}"
+        );
     }
 }

@@ -22,10 +22,11 @@
 //! - *model*: the model error of the closed form. It is smooth over the poses, so treating the scatter of the residuals
 //!   as independent would understate it. Whole tilts and whole azimuths are therefore left out in turn (a grouped
 //!   jackknife, which keeps the correlation within a group; a group that alone determines a parameter is split in
-//!   halves, and so on). This part, the independent part and a share of the change by the costlier tier combine in
-//!   quadrature.
+//!   halves, and so on). Independent errors, which have lines of their own, change the estimate as well when rows are left
+//!   out, so only what exceeds their expected change counts. This part, the independent part and a share of the change
+//!   by the costlier tier combine in quadrature.
 //! - *tracer*: the standard errors of traced radiances, independent. With the tracer, no light path of the geometry is
-//!   left out. Instead of a share of the tier's shift, `model` then contains the last step of the passes and the
+//!   left out. Instead of a share of the tier's shift, `model` then contains the steps that lie ahead of the passes and the
 //!   distance from the `sawtooth` estimate, because the two descriptions of light under rough facets agree only at low
 //!   roughness.
 //!
@@ -229,7 +230,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
         let std = 1.0 / (left + 12.0).sqrt();
         taken_up * std
     });
-    let (by_group, model_freedom) = jackknife::by_groups(&groups(parts), jacobian, residuals);
+    let by_group = jackknife::by_groups(&groups(parts), jacobian, residuals);
     let sets = || parts.iter().map(|p| p.estimate.problem.set());
     let alike = |same: &dyn Fn(&ObservationSet, &ObservationSet) -> bool| -> bool {
         sets().zip(sets().skip(1)).all(|(a, b)| same(a, b))
@@ -304,8 +305,9 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                         }
                     }
                     tier = tier.max(match &estimate.traced {
-                        Some(traced) => traced.last_step[local]
-                            .hypot(SHARE_OF_DISAGREEMENT * traced.apart[local]),
+                        Some(traced) => {
+                            traced.ahead[local].hypot(SHARE_OF_DISAGREEMENT * traced.apart[local])
+                        }
                         None if estimate.tier_undecided => {
                             (SHARE_OF_DISAGREEMENT * estimate.tier_shift[local]).abs()
                         }
@@ -314,7 +316,9 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                     // If counting noise explains the scatter, so does the scatter of groups. The error of the tier
                     // remains.
                     if estimate.discrepancy > 0.0 && samples > 0 {
-                        floored = by_group[j].hypot(floor(quantity, &estimate.values));
+                        floored = by_group
+                            .beyond_chance(j)
+                            .hypot(floor(quantity, &estimate.values));
                     } else if estimate.takes_tier() {
                         floored = floor(quantity, &estimate.values);
                     }
@@ -357,7 +361,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
         budgets,
         covariance,
         propagated,
-        model_freedom,
+        model_freedom: by_group.freedom,
     }
 }
 

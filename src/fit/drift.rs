@@ -194,7 +194,7 @@ pub fn fitted(estimate: &Estimate<'_>) -> Option<LampDrift> {
     for labels in &mut groups {
         labels.resize(rest.len(), None);
     }
-    let (by_groups, _) = jackknife::by_groups(&groups, &jacobian, rest.as_slice());
+    let by_groups = jackknife::by_groups(&groups, &jacobian, rest.as_slice()).std;
     let by_groups = &by_groups[by_groups.len() - degrees..];
     let (square, open) = (raw[0].norm_squared(), columns[0].norm_squared());
     let mut lamp = LampDrift {

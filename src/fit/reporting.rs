@@ -248,7 +248,7 @@ fn ambiguity(e: &Estimate<'_>, rival: &Minimum) -> String {
 }
 
 /// Returns the name of a parameter as users know it.
-fn spoken(quantity: Quantity) -> &'static str {
+pub(super) fn spoken(quantity: Quantity) -> &'static str {
     match quantity {
         Quantity::ThetaR => "θr",
         Quantity::AlphaU => "αu",

@@ -3,8 +3,9 @@
 //! The tracer costs a hundred thousand closed forms per pose and has no derivatives, so the solver does not call it.
 //! Every observed pose is traced at the fitted parameters. The closed form is multiplied by the ratio traced/closed
 //! (where it nearly vanishes, the difference is added) and fitted again, until the parameters stay. A pose keeps its
-//! random numbers from pass to pass, so the passes converge to one point in spite of the noise of the tracer. The
-//! standard uncertainty of that point is propagated from the standard errors of the radiances and is a line of the
+//! random numbers from pass to pass, so the passes converge to one point in spite of the noise of the tracer: each step is
+//! a fraction c of the one before, and what lies ahead is c/(1 − c) of the last one ([`Run::shrinkage`]). The standard
+//! uncertainty of that point is propagated from the standard errors of the radiances and is a line of the
 //! budget. The number of paths is increased until that line is small compared with the others.
 //!
 //! Call [`estimate_traced`]. It has no clock: the watcher decides when to stop, and the results until then count.
@@ -27,7 +28,7 @@ use crate::observation::ObservationSet;
 use crate::trace::facet_scattering::{DiffuseBody, Roughness};
 use crate::trace::pose_radiance::RidgedSurface;
 use crate::trace::surface_profile::SurfaceProfile;
-use accuracy::{excess, is_still};
+use accuracy::{excess, length};
 use task::{Outcome, Task};
 pub use types::{Tracing, TracingEnd, TracingOptions, TracingProgress, Watch};
 
@@ -73,6 +74,9 @@ pub fn estimate_traced<'a>(
             discrepancy: sawtooth.discrepancy,
         },
         reached: None,
+        excess: 0.0,
+        before: None,
+        shrinkage: None,
         end: TracingEnd::MostPasses,
     };
     let mut run = first.clone();
@@ -221,6 +225,12 @@ impl<'a> Settled<'a> {
 struct Run<'a> {
     settled: Settled<'a>,
     reached: Option<Estimate<'a>>,
+    /// Factor by which the error of the tracer was too large in the last pass.
+    excess: f64,
+    /// Paths and length of the step of the last pass.
+    before: Option<(u64, f64)>,
+    /// Largest ratio of the steps of two passes with the same paths.
+    shrinkage: Option<f64>,
     end: TracingEnd,
 }
 
@@ -237,6 +247,7 @@ impl<'a> Run<'a> {
         let poses = set.observations.len() as u64;
         self.end = TracingEnd::MostPasses;
         while task.pass < last {
+            task.raise_paths(self.excess, options);
             task.pass += 1;
             let before = self.settled.minimum.parameters.clone();
             let values = self.settled.problem.unpack(&before);
@@ -277,45 +288,50 @@ impl<'a> Run<'a> {
                         .map(|(a, b)| a - b)
                         .collect(),
                 },
-                last_step: moved.map(|(a, b)| a - b).collect(),
+                ahead: moved.map(|(a, b)| a - b).collect(),
                 passes: task.pass,
                 paths: task.paths,
                 error: traced.error,
                 polarised: task.polarised,
                 end: self.end,
             });
+            let ahead = self.share_ahead(length(&estimate, &uncertainty(&estimate)), task.paths);
+            for step in estimate.traced.iter_mut().flat_map(|t| &mut t.ahead) {
+                *step *= ahead;
+            }
             let u = uncertainty(&estimate);
-            let still = is_still(&estimate, &u);
-            // Factor by which the error is too large.
-            let excess = match options.target_error {
+            let still = length(&estimate, &u) <= 1.0;
+            self.excess = match options.target_error {
                 Some(target) => traced.error / target,
                 None => excess(&estimate, &u),
             };
             self.reached = Some(estimate);
-            let most = task.paths >= options.paths_max;
-            if still && (excess <= 1.0 || most) {
-                self.end = if excess <= 1.0 {
+            if still && (self.excess <= 1.0 || task.paths >= options.paths_max) {
+                self.end = if self.excess <= 1.0 {
                     TracingEnd::Settled
                 } else {
                     TracingEnd::MostPaths
                 };
                 break;
             }
-            if excess > 1.0 && !most && (still || task.pass >= FIRST_PASSES) {
-                // The error falls at least with the square root of the paths; a fifth more paths are certain to
-                // suffice.
-                let needed = task.paths as f64 * 1.2 * excess * excess;
-                let needed = if needed < options.paths_max as f64 {
-                    needed as u64
-                } else {
-                    options.paths_max
-                };
-                task.paths = needed.max(2 * task.paths).min(options.paths_max);
-            }
             let next = if task.pass < FIRST_PASSES { 2 } else { 1 };
             task.planned = task.planned.max(task.done() + next * task.paths * poses);
         }
         Some(())
+    }
+
+    /// Returns the share of a step that further passes would add, from the steps so far.
+    fn share_ahead(&mut self, step: f64, paths: u64) -> f64 {
+        if let Some((same, before)) = self.before.replace((paths, step))
+            && same == paths
+            && before > 0.0
+        {
+            let ratio = step / before;
+            self.shrinkage = Some(self.shrinkage.map_or(ratio, |largest| largest.max(ratio)));
+        }
+        // Steps that shrink by less than half may belong to no sequence.
+        self.shrinkage
+            .map_or(1.0, |c| (c / (1.0 - c.min(0.5))).min(1.0))
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::fit::one_variant::estimate;
+use crate::fit::{VariantChoice, fit};
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::{self, Surface, Variant};
 use crate::observation::{Observation, Prior};
@@ -100,4 +101,22 @@ fn a_watcher_may_stop_the_tracing_and_the_results_until_then_count() {
     );
     assert!((a.alpha_u / b.alpha_u - 1.0).abs() < 0.03, "{a:?} {b:?}");
     assert!((a.alpha_v / b.alpha_v - 1.0).abs() < 0.03, "{a:?} {b:?}");
+}
+
+#[test]
+fn where_the_noise_of_few_paths_makes_it_less_certain_the_report_says_so() {
+    let options = FitOptions {
+        starts: 2,
+        variant: VariantChoice::Traced,
+        tracer: TracingOptions {
+            paths: 64,
+            paths_max: 64,
+            target_error: None,
+        },
+        ..FitOptions::default()
+    };
+    let report = fit(&set(), &options, &AtomicBool::new(false));
+    let said =
+        |note: &String| note.contains("less certain about θr") && note.contains("--tracer-error");
+    assert!(report.notes.iter().any(said), "{:?}", report.notes);
 }

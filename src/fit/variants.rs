@@ -6,17 +6,18 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::budget::{judged, uncertainty};
+use super::budget::{Uncertainty, judged, uncertainty};
 use super::drift::{drift, without};
 use super::estimate::Estimate;
 use super::intervals;
 use super::one_variant::estimate_until;
 use super::opening::free_quantities;
+use super::quantity::Quantity;
 use super::report::{
     FitReport, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing, TracerReport,
     VariantName,
 };
-use super::reporting::{build, program, report_with, status, summary};
+use super::reporting::{build, program, report_with, spoken, status, summary};
 use super::suspects::investigated;
 use super::tier::Tier;
 use super::traced::{Watch, estimate_traced};
@@ -32,6 +33,8 @@ use crate::wording::counted;
 const CLEAR_GAIN: f64 = 10.0;
 /// ĉ above which no variant is adequate.
 const INADEQUATE: f64 = 4.0;
+/// Factor by which `traced` has to be less certain than `sawtooth` for the report to say why.
+const LESS_CERTAIN: f64 = 1.2;
 
 /// Inputs of the ray tracer beside the options.
 pub struct Tracer<'t> {
@@ -267,6 +270,9 @@ fn fit_each(
             _ => report.notes.extend(comparison(paper, sawtooth)),
         }
     }
+    if let (VariantName::Traced, Some(sawtooth)) = (chosen, &sawtooth) {
+        report.notes.extend(less_certain(main, &u, sawtooth));
+    }
     if dispersion > INADEQUATE {
         report.notes.push(format!(
             "No variant explains the data to their counting noise (reduced χ² {dispersion:.3} for {best}). The budget \
@@ -287,6 +293,57 @@ fn comparison(paper: &Estimate<'_>, sawtooth: &Estimate<'_>) -> Option<String> {
             100.0 * sawtooth.rms_residual
         )
     })
+}
+
+/// Names the results that the tracer leaves less certain than the closed form, and the cause.
+fn less_certain(
+    traced: &Estimate<'_>,
+    of_traced: &Uncertainty,
+    sawtooth: &Estimate<'_>,
+) -> Option<String> {
+    let results = [
+        Quantity::ThetaR,
+        Quantity::AlphaU,
+        Quantity::AlphaV,
+        Quantity::RhoD,
+    ];
+    let of_sawtooth = uncertainty(sawtooth);
+    let place = |e: &Estimate<'_>, q: Quantity| e.problem.free().iter().position(|f| *f == q);
+    let mut names = Vec::new();
+    let (mut line, mut most) = ("", 0.0);
+    for q in results {
+        let (Some(i), Some(j)) = (place(traced, q), place(sawtooth, q)) else {
+            continue;
+        };
+        let (mine, its) = (&of_traced.budgets[i], &of_sawtooth.budgets[j]);
+        if mine.combined() <= LESS_CERTAIN * its.combined() {
+            continue;
+        }
+        names.push(spoken(q));
+        for ((name, part), (_, other)) in mine.named().into_iter().zip(its.named()) {
+            let growth = (part - other) / mine.combined();
+            if growth > most {
+                (line, most) = (name, growth);
+            }
+        }
+    }
+    if names.is_empty() {
+        return None;
+    }
+    let error = 100.0 * traced.traced.as_ref()?.error;
+    let [own, closed] = [traced, sawtooth].map(|e| 100.0 * e.rms_residual);
+    let cause = if error > closed {
+        format!(
+            "The standard error of the traced radiances ({error:.3} % of the peak) exceeds the residual of sawtooth \
+             ({closed:.3} %). A smaller one (--tracer-error) costs time."
+        )
+    } else {
+        format!("Its residual is {own:.3} % of the peak, and that of sawtooth {closed:.3} %.")
+    };
+    Some(format!(
+        "Variant traced is less certain about {} than sawtooth, mostly by the budget line `{line}`. {cause}",
+        names.join(", ")
+    ))
 }
 
 /// Why a set cannot be fitted.

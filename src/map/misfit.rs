@@ -9,7 +9,7 @@ use super::globals::step::rows_of;
 use super::kernel::{FREE, Parameters};
 use super::run::Run;
 use super::solve::PixelFit;
-use crate::jackknife;
+use crate::jackknife::{self, ByGroups};
 
 /// Number of pixels used, and of those around which similar ones are gathered.
 const LOOKED_AT: usize = 1000;
@@ -61,7 +61,7 @@ pub(super) fn shared_misfit(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option
         }
     }
     let axes = jackknife::axes(run.poses.iter().copied());
-    let (std, freedom) = jackknife::by_groups(&axes, &jacobian, &residuals);
+    let ByGroups { std, freedom, .. } = jackknife::by_groups(&axes, &jacobian, &residuals);
     freedom.is_finite().then(|| std::array::from_fn(|k| std[k]))
 }
 

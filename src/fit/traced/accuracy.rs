@@ -6,7 +6,7 @@ use crate::fit::problem::{Quantity, Values};
 
 /// Largest share of the combined uncertainty for which the tracer's line of the budget is small: it adds 3 % to it.
 const SMALL_SHARE: f64 = 0.25;
-/// A parameter stays if a pass moves it by less than this share of its combined uncertainty.
+/// A parameter stays if further passes would move it by less than this share of its combined uncertainty.
 const STILL: f64 = 0.05;
 
 /// Deviation below which more accuracy is useless, in the units of the solver; `None` for quantities that are not
@@ -24,14 +24,18 @@ fn useless(quantity: Quantity, values: &Values) -> Option<f64> {
     }
 }
 
-/// Whether the last pass moved no parameter by more than a small share of its uncertainty.
-pub(super) fn is_still(estimate: &Estimate<'_>, u: &Uncertainty) -> bool {
-    let steps = estimate.traced.iter().flat_map(|t| &t.last_step);
+/// Longest of the steps ahead, relative to the step of a parameter that stays.
+pub(super) fn length(estimate: &Estimate<'_>, u: &Uncertainty) -> f64 {
+    let steps = estimate.traced.iter().flat_map(|t| &t.ahead);
     let free = estimate.problem.free();
-    steps.zip(&u.budgets).zip(free).all(|((step, budget), q)| {
-        useless(*q, &estimate.values)
-            .is_none_or(|useless| step.abs() <= useless.max(STILL * budget.combined()))
-    })
+    let relative = steps
+        .zip(&u.budgets)
+        .zip(free)
+        .filter_map(|((step, budget), q)| {
+            let useless = useless(*q, &estimate.values)?;
+            Some(step.abs() / useless.max(STILL * budget.combined()))
+        });
+    relative.fold(0.0, f64::max)
 }
 
 /// Ratio of the tracer's line to its limit, for the worst parameter.

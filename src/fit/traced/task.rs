@@ -5,7 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::{Scatter, Settled, TracingProgress, Watch, ridged_surface};
+use super::{
+    FIRST_PASSES, Scatter, Settled, TracingOptions, TracingProgress, Watch, ridged_surface,
+};
 use crate::fit::estimate::Estimate;
 use crate::fit::misfit::freedom;
 use crate::fit::problem::{Problem, Values};
@@ -78,6 +80,16 @@ impl Task<'_, '_> {
             (rise < AMBIGUOUS_RISE).then_some(there.minimum)
         };
         rivals.iter().filter_map(stands).collect()
+    }
+
+    /// Increases the number of paths after the first passes if the error was `excess` times too large.
+    pub(super) fn raise_paths(&mut self, excess: f64, options: &TracingOptions) {
+        let most = options.paths_max;
+        if excess > 1.0 && self.paths < most && self.pass >= FIRST_PASSES {
+            // The error falls at least with the square root of the paths; a fifth more paths are certain to suffice.
+            let needed = (self.paths as f64 * 1.2 * excess * excess).min(most as f64) as u64;
+            self.paths = needed.max(2 * self.paths).min(most);
+        }
     }
 
     /// Paths so far.

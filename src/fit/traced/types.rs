@@ -81,8 +81,9 @@ pub struct Tracing {
     /// It is then the change of the ridge angle by the errors of the measurement, and the change of all parameters by
     /// what the measurement leaves open.
     pub apart: Vec<f64>,
-    /// Change of each free parameter by the last pass (units of the solver).
-    pub last_step: Vec<f64>,
+    /// Expected change of each free parameter by further passes (units of the solver): the step of the last pass, less
+    /// where earlier passes show how fast the steps shrink.
+    pub ahead: Vec<f64>,
     /// Number of passes.
     pub passes: usize,
     /// Paths per pose in the last pass.
