@@ -148,10 +148,9 @@ async fn page(
     if index == stack.n_pages() {
         return Ok(None);
     }
-    let read = tokio::task::spawn_blocking(move || stack.page(index)).await;
-    let bytes = read.map_err(|_| LabError::Panicked)?;
+    let read = stack.page_to_send(index).await;
     let bytes =
-        bytes.inspect_err(|error| tracing::warn!("a stack of frames ends early: {error}"))?;
+        read.inspect_err(|error| tracing::warn!("a stack of frames ends early: {error}"))?;
     Ok(Some((bytes, Some(index + 1))))
 }
 

@@ -1,10 +1,12 @@
 //! Files that other programs read, made of a stored scan: its frames as one TIFF, its observations as BRDF, its fitted surface
 //! as a material.
 
+use std::sync::Arc;
+
 use serde_json::{Value, json};
 
 use super::chosen_fit::{ReportChoice, chosen};
-use super::tasks::blocking;
+use super::tasks::for_a_download;
 use super::{Lab, LabError, StoredSeries};
 use crate::fit::FitReport;
 use crate::fit::fitted_surface::fitted_surface;
@@ -65,6 +67,14 @@ impl FrameStack {
     #[must_use]
     pub fn header(&self) -> Vec<u8> {
         self.layout.header()
+    }
+
+    /// As [`page`](Self::page), for a download.
+    ///
+    /// # Errors
+    /// As there.
+    pub async fn page_to_send(self: Arc<Self>, index: usize) -> Result<Vec<u8>, LabError> {
+        for_a_download(move || self.page(index)).await?
     }
 
     /// Reads a frame and returns the bytes of its page. Blocks on the disk.
@@ -132,7 +142,7 @@ pub async fn surface_file(
     let wavelength_nm = manifest.rig.wavelength_nm;
     let description = described(&scan, job.number, &report, wavelength_nm);
     let wavelength_nm = wavelength_nm.unwrap_or(WAVELENGTH_NM);
-    let bytes = blocking(move || rgl_out::file(&brdf, wavelength_nm, &description)).await?;
+    let bytes = for_a_download(move || rgl_out::file(&brdf, wavelength_nm, &description)).await?;
     Ok(SurfaceFile {
         fit_id: job.number,
         bytes,

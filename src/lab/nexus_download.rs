@@ -5,7 +5,7 @@ use std::io::Read;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::nexus::NexusFile;
-use super::tasks::blocking;
+use super::tasks::{blocking, for_a_download};
 use super::{Lab, LabError};
 
 /// Bytes of a part of a file that is sent.
@@ -54,7 +54,7 @@ impl Lab {
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
         let name = format!(".nexus-{}-{number}.part", std::process::id());
         let path = self.store().folder().join(name);
-        blocking(move || {
+        for_a_download(move || {
             let mut opened = None;
             // The name goes at once: a daemon that is killed leaves nothing behind.
             let created = || {

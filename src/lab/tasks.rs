@@ -1,8 +1,9 @@
 //! Work on its own threads and tasks.
 //!
-//! [`blocking`] computes on a thread for blocking work; [`to_the_end`] continues when its caller is dropped. A panic in
-//! either becomes [`LabError::Panicked`], so that a waiting caller gets an answer.
+//! [`blocking`] computes on a thread for blocking work; [`for_a_download`] does so one at a time; [`to_the_end`] continues
+//! when its caller is dropped. A panic in any becomes [`LabError::Panicked`], so that a waiting caller gets an answer.
 
+use tokio::sync::Semaphore;
 use tokio::task::JoinError;
 
 use super::LabError;
@@ -12,6 +13,16 @@ pub(super) async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, LabError> {
     tokio::task::spawn_blocking(work).await.map_err(panicked)
+}
+
+/// Runs a part of a large download. Only one runs at a time, so that downloads leave a processor to the rig and to other
+/// requests, however many there are.
+pub(super) async fn for_a_download<T: Send + 'static>(
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, LabError> {
+    static TURN: Semaphore = Semaphore::const_new(1);
+    let _turn = TURN.acquire().await;
+    blocking(work).await
 }
 
 /// Completes work that must not stop half-way: a client that disconnects drops its request's future at any `.await`.
@@ -28,6 +39,9 @@ fn panicked(error: JoinError) -> LabError {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
     use super::*;
     use futures::FutureExt;
     use tokio::sync::oneshot;
@@ -40,6 +54,22 @@ mod tests {
         assert!(error.to_string().contains("log"), "{error}");
         let broken = to_the_end::<()>(async { panic!("no such row") }).await;
         assert!(matches!(broken, Err(LabError::Panicked)), "{broken:?}");
+    }
+
+    #[tokio::test]
+    async fn one_part_of_a_download_is_made_at_a_time() {
+        let (busy, most) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
+        let parts = (0..8).map(|_| {
+            let (busy, most) = (Arc::clone(&busy), Arc::clone(&most));
+            for_a_download(move || {
+                most.fetch_max(busy.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
+                std::thread::yield_now();
+                busy.fetch_sub(1, Ordering::SeqCst);
+            })
+        });
+        let made = futures::future::join_all(parts).await;
+        assert!(made.iter().all(Result::is_ok));
+        assert_eq!(most.load(Ordering::SeqCst), 1);
     }
 
     #[tokio::test]
