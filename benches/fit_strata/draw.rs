@@ -32,15 +32,15 @@ impl Draw {
         low + (high - low) * self.0.random::<f64>()
     }
 
-    fn log_between(&mut self, low: f64, high: f64) -> f64 {
+    pub fn log_between(&mut self, low: f64, high: f64) -> f64 {
         self.between(low.ln(), high.ln()).exp()
     }
 
-    fn chance(&mut self, share: f64) -> bool {
+    pub fn chance(&mut self, share: f64) -> bool {
         self.0.random::<f64>() < share
     }
 
-    fn normal(&mut self) -> f64 {
+    pub fn normal(&mut self) -> f64 {
         self.0.sample(StandardNormal)
     }
 }

@@ -1,14 +1,14 @@
 //! The fit against random synthetic series: does it find the minimum, is its status
 //! true, do its intervals cover (in the stiff stratum: the profiles)?
 //!
-//! `cargo bench --bench fit_strata -- --stratum ordinary|stiff|paper|both --cases N --seed S`; the whole
+//! `cargo bench --bench fit_strata -- --stratum ordinary|stiff|paper|both|traced --cases N --seed S`; the whole
 //! proof is `--stratum both --cases 5000`, some hours on two cores, most of them stiff (it prints the time left); runs of fewer
 //! cases with other seeds add up to it. `--identifiable --crowd 1` looks at coverage alone, `--constants` at the constants of the
 //! search, at half and at twice their values. It ends with one line per requirement
 //! and fails (exit 1) where one is not met.
 //!
-//! The series are painted by the closed form that is fitted, so the model is exact and the
-//! observations' own uncertainties are the whole truth.
+//! These series are painted by the closed form that is fitted, so the model is exact and the
+//! observations' own uncertainties are the whole truth. `--stratum traced` has the light of the ray tracer instead.
 
 #![expect(
     clippy::print_stderr,
@@ -19,6 +19,7 @@
 mod constants;
 mod draw;
 mod judge;
+mod traced;
 
 use std::collections::BTreeMap;
 use std::process::ExitCode;
@@ -28,7 +29,6 @@ use std::time::{Duration, Instant};
 
 use clap::Parser;
 use rayon::prelude::*;
-use ridged::fit::FitOptions;
 use ridged::fit::budget::uncertainty;
 use ridged::fit::intervals;
 use ridged::fit::one_variant::estimate;
@@ -36,6 +36,7 @@ use ridged::fit::opening::free_quantities;
 use ridged::fit::problem::Quantity;
 use ridged::fit::report::{Parameter, Status, VariantName};
 use ridged::fit::reporting::report_of;
+use ridged::fit::{FitOptions, VariantChoice};
 use ridged::model::Variant;
 
 use draw::Stratum;
@@ -47,6 +48,23 @@ enum Wanted {
     Paper,
     /// First ordinary, then stiff.
     Both,
+    /// Path-traced light of ideal ridges, at 15 and at 108 poses: coverage alone.
+    Traced,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum WantedVariant {
+    Auto,
+    Traced,
+}
+
+impl From<WantedVariant> for VariantChoice {
+    fn from(wanted: WantedVariant) -> Self {
+        match wanted {
+            WantedVariant::Auto => VariantChoice::Auto,
+            WantedVariant::Traced => VariantChoice::Traced,
+        }
+    }
 }
 
 #[derive(Debug, Parser)]
@@ -82,6 +100,9 @@ struct Args {
     /// Runs the search with each constant of `fit::tuning` at half and at twice its value and prints a table.
     #[arg(long)]
     constants: bool,
+    /// Variant whose coverage on traced light is counted.
+    #[arg(long, value_enum, default_value_t = WantedVariant::Auto)]
+    variant: WantedVariant,
     /// Given by cargo.
     #[arg(long)]
     bench: bool,
@@ -111,6 +132,12 @@ fn main() -> ExitCode {
         Wanted::Stiff => vec![Stratum::Stiff],
         Wanted::Paper => vec![Stratum::Paper],
         Wanted::Both => vec![Stratum::Ordinary, Stratum::Stiff],
+        Wanted::Traced => {
+            return match traced::run(args.cases, args.seed, args.variant.into()) {
+                true => ExitCode::SUCCESS,
+                false => ExitCode::FAILURE,
+            };
+        }
     };
     let mut met = true;
     for stratum in strata {
