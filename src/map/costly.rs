@@ -14,6 +14,9 @@
 //! offset itself is the full form less the kernel's reflection, two numbers of the signal's size: 1e-16 of the
 //! signal, 1e-14 of the offset. Cells end at the parameters' bounds, so no centre is out of bounds.
 
+mod expansion;
+mod few;
+
 use std::sync::{Arc, RwLock};
 
 use rustc_hash::FxHashMap;
@@ -26,6 +29,9 @@ use crate::model::extended::{self, Real, Terms, Walls};
 use crate::model::prepared::{OpticsTable, Prepared};
 use crate::model::quadrature::Quadrature;
 use crate::model::{Optics, Surface, Variant};
+pub(super) use expansion::Cell;
+use expansion::{Expanded, Expansion};
+use few::few_of;
 
 /// Widths of a cell: rad, rad, logarithms, ρd or amplitude. Within half a width the second order is below 1e-3 of the
 /// offset, which is a few percent of the signal. A kink of the diffuse light (at a direction perpendicular to a facet's
@@ -33,26 +39,6 @@ use crate::model::{Optics, Surface, Variant};
 pub(super) const CELL: [f64; FREE] = [0.005, 0.0175, 0.1, 0.1, 0.05];
 /// Factor by which the cells used far from the minimum are wider.
 const LARGE: f64 = 3.0;
-/// Least number of observations used far from the minimum.
-const FEW_MIN: usize = 36;
-/// Least number of observations from which a subset of them is used far from the minimum.
-const MANY_MIN: usize = 2 * FEW_MIN;
-/// Of very many observations, one in this number is used far from the minimum.
-const FEW_SHARE: usize = 4;
-
-/// Selects the subset of `count` observations used far from the minimum; empty if all are used.
-///
-/// Steps of the golden section leave no row of tilts and no row of azimuths empty, whatever the rows' length.
-fn few_of(count: usize) -> Vec<usize> {
-    if count < MANY_MIN {
-        return Vec::new();
-    }
-    let share = FEW_MIN.max(count / FEW_SHARE) as f64 / count as f64;
-    let section = 0.5 * (5.0_f64.sqrt() - 1.0);
-    (0..count)
-        .filter(|j| (section * *j as f64).fract() < share)
-        .collect()
-}
 /// ψ cells widen below this ridge angle (rad), where a turn has less effect.
 const SHALLOW: f64 = 0.1;
 
@@ -135,70 +121,6 @@ pub(super) struct Costly {
 pub(super) struct RealSurface {
     pub(super) real: Real,
     pub(super) walls: Walls,
-}
-
-/// A first-order expansion, one element per observation.
-struct Expansion {
-    centre: Parameters,
-    offset: Vec<f64>,
-    basis: Vec<f64>,
-    /// Derivatives of the offset, per parameter.
-    slopes: [Vec<f64>; FREE],
-    /// ∂L/∂θc.
-    tilt: Vec<f64>,
-}
-
-/// One cell's expansion, stored compactly and contiguously: there are many cells, and the time to fetch them from
-/// memory dominates. Single precision is 6e-8 of an offset.
-pub(super) struct Cell {
-    centre: Parameters,
-    /// Offset, B, and the offset's slopes, concatenated.
-    numbers: Vec<f32>,
-    /// ∂L/∂θc, for the tilt offset.
-    pub(super) tilt: Vec<f64>,
-}
-
-impl From<Expansion> for Cell {
-    fn from(full: Expansion) -> Self {
-        let columns = [&full.offset, &full.basis].into_iter().chain(&full.slopes);
-        Cell {
-            centre: full.centre,
-            numbers: columns.flatten().map(|x| *x as f32).collect(),
-            tilt: full.tilt,
-        }
-    }
-}
-
-/// Evaluates a cell's expansion at a distance from its centre. It is a type and not a closure: a closure of this size
-/// is not inlined, and what is not inlined is not compiled for the wider instructions.
-struct Expanded<'a> {
-    numbers: &'a [f32],
-    away: [f32; FREE],
-    offset: &'a mut [f64],
-    basis: &'a mut [f64],
-}
-
-impl pulp::WithSimd for Expanded<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let n = self.offset.len();
-        let (own, slopes) = self.numbers.split_at(2 * n);
-        let (offset, basis) = own.split_at(n);
-        for (to, b) in self.basis.iter_mut().zip(basis) {
-            *to = f64::from(*b);
-        }
-        let [a, b, c, d, e] = self.away;
-        let (s0, rest) = slopes.split_at(n);
-        let (s1, rest) = rest.split_at(n);
-        let (s2, rest) = rest.split_at(n);
-        let (s3, s4) = rest.split_at(n);
-        for j in 0..n {
-            let sum = offset[j] + (a * s0[j] + b * s1[j]) + (c * s2[j] + d * s3[j]) + e * s4[j];
-            self.offset[j] = f64::from(sum);
-        }
-    }
 }
 
 /// Cells that one thread has used, so that it finds them without a lock.
@@ -566,6 +488,7 @@ pub(super) mod near {
 
 #[cfg(test)]
 mod tests {
+    use super::few::{FEW_MIN, MANY_MIN};
     use super::*;
 
     #[test]

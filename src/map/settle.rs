@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::beside::Beside;
 use super::costly::{Costly, RealSurface};
 use super::globals::Globals;
-use super::globals::step::{Second, shared_effects};
+use super::globals::step::{Second, shared_std};
 use super::integrated::Integrated;
 use super::kernel::{FREE, Parameters, packed};
 use super::misfit::shared_misfit;
@@ -484,23 +484,4 @@ fn costly_at(
         coarseness,
         integrated.clone(),
     )
-}
-
-fn shared_std(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option<Parameters> {
-    let every = good.len().div_ceil(200).max(1);
-    let effects: Vec<Parameters> = good
-        .iter()
-        .step_by(every)
-        .filter_map(|(index, fit)| {
-            let parts = shared_effects(run, *index, fit)?;
-            Some(std::array::from_fn(|k| {
-                parts.iter().map(|p| p[k] * p[k]).sum::<f64>().sqrt()
-            }))
-        })
-        .collect();
-    let mut medians = [0.0; FREE];
-    for (k, m) in medians.iter_mut().enumerate() {
-        *m = robust::median_of_finite(effects.iter().map(|e| e[k]))?;
-    }
-    Some(medians)
 }

@@ -9,6 +9,7 @@
 //! 1e-7 for all pixels that pass the rank test of [`super::inverse`]. A descent ends if the step after its last would
 //! gain 1e-6 of its cost. QR in lanes would cost twice as much for digits that are not used.
 
+mod pixel_fit;
 mod step;
 
 use pulp::{Arch, Simd, WithSimd};
@@ -17,6 +18,10 @@ use super::costly::{Met, Size};
 use super::inverse::invert;
 use super::kernel::{FREE, GEOMETRY, Geometry, PACKED, Parameters, packed};
 use crate::model::lanes::{Lane, Numbers};
+#[cfg(test)]
+pub(super) use pixel_fit::UPPER;
+use pixel_fit::upper;
+pub(super) use pixel_fit::{End, LOWER, PixelFit};
 use step::step;
 
 /// Numbers per observation and lane: weight, weighted signal, weighted B.
@@ -38,53 +43,6 @@ const EARLY: u16 = 2;
 const STALE2: f64 = 1.0;
 /// Evaluations after which a descent is abandoned.
 const EVALUATIONS_MAX: u16 = 80;
-/// Lower bounds; ψ has none.
-pub(super) const LOWER: [f64; FREE] = [0.0, f64::NEG_INFINITY, -6.9, -6.9, 0.0];
-/// Upper bounds: 75°, α = 1, ρd = 1. The bound of an amplitude is [`AMPLITUDE_MAX`].
-pub(super) const UPPER: [f64; FREE] = [1.309, f64::INFINITY, 0.0, 0.0, 1.0];
-pub(super) const AMPLITUDE_MAX: f64 = 20.0;
-
-/// How a pixel's fit ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum End {
-    /// The next step would be far below a standard deviation.
-    Converged,
-    /// No step lowers the cost, or the limit of evaluations was reached.
-    Stalled,
-    /// Fewer observations than [`FREE`] + 1.
-    TooFew,
-}
-
-/// One pixel's fit.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct PixelFit {
-    pub(super) p: Parameters,
-    /// Packed covariance for weights 1/σ; `None` if the normal matrix is singular.
-    pub(super) covariance: Option<[f64; PACKED]>,
-    pub(super) chi2: f64,
-    pub(super) n_used: usize,
-    /// Evaluations of all observations; an evaluation of a subset counts as its share.
-    pub(super) evaluations: f32,
-    pub(super) end: End,
-}
-
-impl PixelFit {
-    /// Whether αu, αv or the fifth parameter is at a bound, or θr at its upper one.
-    pub(super) fn at_bound(&self, amplitude: bool) -> bool {
-        let upper = upper(amplitude);
-        (2..FREE).any(|k| self.p[k] <= LOWER[k] + 1e-9 || self.p[k] >= upper[k] - 1e-9)
-            || self.p[0] >= upper[0] - 1e-9
-    }
-}
-
-fn upper(amplitude: bool) -> Parameters {
-    let mut upper = UPPER;
-    if amplitude {
-        upper[4] = AMPLITUDE_MAX;
-    }
-    upper
-}
-
 /// The source of pixels. Slices have one element per observation.
 pub(super) trait Pixels: Sync {
     /// Pixels to fit.

@@ -20,79 +20,21 @@
 //! The form omits the mutual masking of slopes on single reflection, the second order of R, and a draft of the riser.
 
 pub(super) mod crest;
+mod real;
 pub mod slopes;
 
 use super::dual::Dual;
 use super::gauss::LEGENDRE_4;
 use super::number::Number;
-use super::prepared::{OpticsTable, Partials};
-use super::rough_boundary::RoughBoundary;
+use super::prepared::Partials;
 use super::sawtooth::{RETRO_TILT_MAX, RETRO_TILT_MIN};
 use super::{Optics, Surface};
 use crate::geometry::Directions;
+pub use real::{Real, Walls};
 use slopes::Slopes;
 
 /// Largest crest radius of a search, as a share of the riser.
 pub const CREST_MAX: f64 = 0.8;
-
-/// The deviations of real samples from an ideal [`Surface`].
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Real {
-    /// Share τ of the body's light that leaves uniformly over the ridges, 0 to 1.
-    pub translucency: f64,
-    /// Tail ι of the slopes: 0 Beckmann, 1 GGX.
-    pub tail: f64,
-    /// Radius of the crests over the facet's length.
-    pub crest: f64,
-}
-
-impl Real {
-    /// An ideal sawtooth.
-    pub const NONE: Real = Real {
-        translucency: 0.0,
-        tail: 0.0,
-        crest: 0.0,
-    };
-}
-
-/// The walls' numbers that do not depend on the pose; computed once per roughness.
-#[derive(Debug, Clone)]
-pub struct Walls {
-    boundary: RoughBoundary,
-    /// 1/(π T̃(1) T̃(cos θl)) with its slope with respect to the real index.
-    diffuse: [f64; 2],
-    /// π T̄² with its slope with respect to the real index.
-    exchange: [f64; 2],
-}
-
-impl Walls {
-    /// Returns the walls of a surface; they are smooth for a metal or a body without diffuse light.
-    #[must_use]
-    pub fn new(surface: &Surface, real: &Real, table: &OpticsTable) -> Self {
-        let optics = &table.optics;
-        let boundary = if optics.k == 0.0 && surface.rho_d > 0.0 {
-            RoughBoundary::new(surface.alpha_u, surface.alpha_v, real.tail, optics.eta)
-        } else {
-            RoughBoundary::smooth()
-        };
-        let more = boundary.per_entrance(optics);
-        Walls {
-            diffuse: [more * table.diffuse[0], more * table.diffuse[1]],
-            boundary,
-            ..Walls::smooth(table)
-        }
-    }
-
-    /// Smooth walls.
-    #[must_use]
-    pub fn smooth(table: &OpticsTable) -> Self {
-        Walls {
-            diffuse: [table.diffuse[0], table.diffuse[1]],
-            exchange: [table.exchange[0], table.exchange[1]],
-            boundary: RoughBoundary::smooth(),
-        }
-    }
-}
 
 /// A surface's parameters over any [`Number`]; angles in radians.
 #[derive(Debug, Clone, Copy)]

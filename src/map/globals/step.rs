@@ -9,6 +9,7 @@ use super::{Globals, TILT_PRIOR_RAD};
 use crate::map::kernel::{FREE, Parameters, packed, single};
 use crate::map::run::Run;
 use crate::map::solve::PixelFit;
+use crate::robust;
 use crate::units::Angle;
 
 /// A tilt offset with a larger standard uncertainty is not applied.
@@ -231,11 +232,7 @@ impl Pulls {
 
 /// Returns the shift of a pixel's parameters by one standard uncertainty of each shared quantity:
 /// [gain, stray, tilt][parameter].
-pub(in crate::map) fn shared_effects(
-    run: &Run<'_>,
-    pixel: usize,
-    fit: &PixelFit,
-) -> Option<[[f64; FREE]; 3]> {
+fn shared_effects(run: &Run<'_>, pixel: usize, fit: &PixelFit) -> Option<[[f64; FREE]; 3]> {
     let covariance = fit.covariance.as_ref()?;
     let pulls = Pulls::of(run, pixel, &fit.p, Second::Gain);
     let mut stray = [0.0; FREE];
@@ -264,4 +261,24 @@ pub(in crate::map) fn shared_effects(
             globals.tilt_offset_std.rad(),
         ),
     ])
+}
+
+/// Returns the median effect of the shared quantities on the parameters of pixels, all combined.
+pub(in crate::map) fn shared_std(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option<Parameters> {
+    let every = good.len().div_ceil(200).max(1);
+    let effects: Vec<Parameters> = good
+        .iter()
+        .step_by(every)
+        .filter_map(|(index, fit)| {
+            let parts = shared_effects(run, *index, fit)?;
+            Some(std::array::from_fn(|k| {
+                parts.iter().map(|p| p[k] * p[k]).sum::<f64>().sqrt()
+            }))
+        })
+        .collect();
+    let mut medians = [0.0; FREE];
+    for (k, m) in medians.iter_mut().enumerate() {
+        *m = robust::median_of_finite(effects.iter().map(|e| e[k]))?;
+    }
+    Some(medians)
 }

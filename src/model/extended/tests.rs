@@ -2,6 +2,7 @@ use super::slopes::half_width_over_alpha;
 use super::*;
 use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::model::lanes::Lane;
+use crate::model::prepared::OpticsTable;
 use crate::model::prepared::Prepared;
 use crate::model::{Variant, sawtooth};
 use crate::units::Angle;
