@@ -128,12 +128,17 @@ impl Stratum {
     }
 }
 
+/// The true pose where a recorded one is off by zeros of tilt and azimuth, rad.
+pub fn displaced(pose: Pose, tilt_offset: f64, azimuth_offset: f64) -> Pose {
+    Pose {
+        theta_c: pose.theta_c + Angle::from_rad(tilt_offset),
+        phi_s: pose.phi_s + Angle::from_rad(azimuth_offset),
+    }
+}
+
 /// Radiance of a surface at a recorded pose, offsets added.
 pub fn painted(variant: Variant, set: &ObservationSet, pose: Pose, truth: &Truth) -> f64 {
-    let pose = Pose {
-        theta_c: pose.theta_c + Angle::from_rad(truth.tilt_offset),
-        phi_s: pose.phi_s + Angle::from_rad(truth.azimuth_offset),
-    };
+    let pose = displaced(pose, truth.tilt_offset, truth.azimuth_offset);
     let optics = Optics::new(&set.rig, &set.material);
     let directions = set.rig.directions(pose);
     truth.scale * radiance(variant, &directions, &truth.surface, &optics) + truth.background

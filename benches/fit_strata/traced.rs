@@ -16,7 +16,7 @@ use ridged::observation::{Observation, ObservationSet, Prior, WhiteReference};
 use ridged::trace::pose_radiance::RadianceOptions;
 use ridged::units::Angle;
 
-use super::draw::Draw;
+use super::draw::{Draw, displaced};
 
 /// Paths per pose of the light: their noise is below that of a camera.
 const PATHS: u64 = 1 << 17;
@@ -84,10 +84,7 @@ fn case(
         .iter()
         .enumerate()
         .map(|(i, pose)| {
-            let turned = Pose {
-                theta_c: pose.theta_c + Angle::from_rad(truth.tilt_offset),
-                phi_s: pose.phi_s + Angle::from_rad(truth.azimuth_offset),
-            };
+            let turned = displaced(*pose, truth.tilt_offset, truth.azimuth_offset);
             let options = RadianceOptions {
                 paths: PATHS,
                 seed: seed.wrapping_mul(1000).wrapping_add(i as u64),

@@ -6,6 +6,7 @@
 
 use super::{Constraint, Quantity};
 use crate::material::Material;
+use crate::observation::Prior;
 
 /// Names as in the report, the quantity, whether the value is in degrees, and the valid range. Surfaces are limited to
 /// the domain of the model; gains and stray light to magnitudes whose squares fit in a double.
@@ -32,6 +33,17 @@ const NAMES: [(&str, Quantity, bool, (f64, f64)); 12] = [
 const DIELECTRIC: (f64, f64) = (1.0, 10.0);
 /// Smallest standard uncertainty of a prior, as a share of its range or of its value, whichever is smaller.
 const STD_MIN: f64 = 1e-9;
+
+/// The statements with an uncertainty, as priors of the problem; the others hold their values.
+pub(super) fn priors(stated: &[Constraint]) -> Vec<(Quantity, Prior)> {
+    let uncertain = stated.iter().filter(|t| t.std > 0.0);
+    uncertain
+        .map(|t| {
+            let (mean, std) = (t.value, t.std);
+            (t.quantity, Prior { mean, std })
+        })
+        .collect()
+}
 
 /// The reason why a statement is refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -5,6 +5,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::constraints::priors;
 use super::covariance::{Scaling, covariance};
 use super::estimate::{Estimate, Thinned};
 use super::minimum::Minimum;
@@ -17,7 +18,7 @@ use super::thin::{everywhere, representative, subset};
 use super::tier::Tier;
 use super::{Constraint, FitOptions};
 use crate::model::Variant;
-use crate::observation::{ObservationSet, Prior};
+use crate::observation::ObservationSet;
 
 /// Rounds of tier and descent over all observations.
 const PASSES: usize = 2;
@@ -105,22 +106,15 @@ fn estimate_thinned<'a>(
         options,
         cancel,
     };
-    let stated = options.constraints.iter().filter(|t| t.std > 0.0).map(|t| {
-        let (mean, std) = (t.value, t.std);
-        (t.quantity, Prior { mean, std })
-    });
     let problem = Problem::new(set, variant, found.problem.free().to_vec(), found.values)
         .with_sigma(weighing.sigma(found.discrepancy))
         .with_flat_sigma(found.problem.flat_sigma().to_vec())
-        .with_priors(&stated.collect::<Vec<_>>())
+        .with_priors(&priors(&options.constraints))
         .with_loss(options.loss)
         .with_polarisation(found.problem.is_polarised());
     let tier = tier.filter(|_| found.takes_tier());
     let mut settled = Settled {
-        minimum: Minimum {
-            parameters: found.minimum.parameters.clone(),
-            ..found.minimum.clone()
-        },
+        minimum: found.minimum.clone(),
         discrepancy: found.discrepancy,
         problem,
     };

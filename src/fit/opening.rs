@@ -4,6 +4,7 @@
 
 use std::sync::atomic::AtomicBool;
 
+use super::constraints::priors;
 use super::known::certified;
 use super::minimum::Minimum;
 use super::misfit::{flat_sigma, misfit_scale, peak};
@@ -13,7 +14,7 @@ use super::settle::{Settled, Weighing, sigma_at};
 use super::{Constraint, FitOptions};
 use crate::material::Material;
 use crate::model::Variant;
-use crate::observation::{ObservationSet, Prior};
+use crate::observation::ObservationSet;
 
 /// Discrepancy for the starts, before it is estimated from the data.
 const FIRST_DISCREPANCY: f64 = 0.03;
@@ -33,15 +34,6 @@ pub(super) struct Opening<'a> {
 impl<'a> Opening<'a> {
     pub(super) fn new(set: &'a ObservationSet, variant: Variant, options: &FitOptions) -> Self {
         let (free, fixed) = without_held(free_quantities(set, variant), &options.constraints);
-        let priors: Vec<(Quantity, Prior)> = options
-            .constraints
-            .iter()
-            .filter(|t| t.std > 0.0)
-            .map(|t| {
-                let (mean, std) = (t.value, t.std);
-                (t.quantity, Prior { mean, std })
-            })
-            .collect();
         let scale = misfit_scale(set);
         let own: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
         let fitted = free.len();
@@ -53,7 +45,7 @@ impl<'a> Opening<'a> {
         let first = Problem::new(set, variant, free, fixed)
             .with_sigma(sigma_at(&own, &scale, FIRST_DISCREPANCY))
             .with_flat_sigma(loose.collect())
-            .with_priors(&priors)
+            .with_priors(&priors(&options.constraints))
             .with_loss(options.loss);
         // The starts use the nominal index; from here on it is free.
         let mut free = first.free().to_vec();

@@ -30,7 +30,8 @@ const LESS_MISFIT: usize = 3;
 /// Factor by which the model error of another end must be smaller for that end to be better.
 pub(super) const FAR_LESS: f64 = 4.0;
 
-/// Like [`estimate_until`], with every step on all observations.
+/// Fits one variant with every step on all observations, until `late` or `cancel` end it. Returns `None` if no point could
+/// be evaluated.
 pub(super) fn whole<'a>(
     set: &'a ObservationSet,
     variant: Variant,

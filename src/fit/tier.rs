@@ -12,7 +12,6 @@ use crate::model::quadrature::Quadrature;
 
 /// Integration tolerance, as a share of the brightest closed-form radiance.
 const TOLERANCE: f64 = 1e-5;
-
 /// Poses at which the effect of a tier is tested.
 const PROBED: usize = 16;
 
@@ -61,7 +60,7 @@ pub(super) fn dispensable(
 
 /// Returns the effect of a tier at given values: its largest change over [`PROBED`] observations and the
 /// brightest, as a share of the peak. Returns `None` if the tier has no result.
-pub(super) fn tier_cost(problem: &Problem<'_>, values: &Values, tier: Tier<'_>) -> Option<f64> {
+fn tier_cost(problem: &Problem<'_>, values: &Values, tier: Tier<'_>) -> Option<f64> {
     let set = problem.set();
     let count = set.observations.len();
     let mut probed: Vec<usize> = (0..PROBED).map(|k| k * count / PROBED).collect();

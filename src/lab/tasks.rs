@@ -62,8 +62,12 @@ mod tests {
         let parts = (0..8).map(|_| {
             let (busy, most) = (Arc::clone(&busy), Arc::clone(&most));
             for_a_download(move || {
-                most.fetch_max(busy.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
-                std::thread::yield_now();
+                busy.fetch_add(1, Ordering::SeqCst);
+                // Long enough for the others to be seen if they were here.
+                for _ in 0..1000 {
+                    most.fetch_max(busy.load(Ordering::SeqCst), Ordering::SeqCst);
+                    std::thread::yield_now();
+                }
                 busy.fetch_sub(1, Ordering::SeqCst);
             })
         });
