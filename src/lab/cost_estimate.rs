@@ -44,10 +44,6 @@ impl Lab {
             (work, forecast)
         })
         .await?;
-        // The forecast reduced the frames; the work merges the same sums.
-        if let Err(error) = self.store().store_reductions().await {
-            tracing::warn!(%error, "the sums of frames could not be stored: {error}");
-        }
         if let Some(forecast) = forecast.filter(|_| !cancel.load(Ordering::Relaxed)) {
             progress.set_forecast(&forecast);
             let ForecastSubject {

@@ -330,7 +330,6 @@ impl Lab {
             let set = blocking(move || reduction::reduce(&series, name.as_deref(), &cancel))
                 .await?
                 .map_err(AnalysisError::Reduction)?;
-            store.store_reductions().await?;
             if complete {
                 store.add_observations(scan_id, last_frame_id, &set).await?;
             }

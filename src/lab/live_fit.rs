@@ -144,10 +144,6 @@ impl Follower {
                     tracing::debug!(scan_id = self.scan_id, %error, "no live fit yet: {error}");
                 }
             }
-            // What the look measured counts, also where it gave no fit.
-            if let Err(error) = self.sink.store.store_reductions().await {
-                tracing::warn!(%error, "the sums of new frames could not be stored: {error}");
-            }
             let rest = (REST * started.elapsed()).max(REST_MIN);
             tokio::select! {
                 () = ending.cancelled() => return,

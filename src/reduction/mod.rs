@@ -4,8 +4,8 @@
 //! and their defects (`flats`). Each sample frame becomes sums over the pixels of each segment (`measure`, `levels`), which a
 //! [`ReductionCache`] keeps: the next reduction of the same frames merges the sums and reads nothing. Exposures of one pose
 //! determine the camera's curve (`detector`), which is applied to the sums (`scale`); then the frames of each pose are merged
-//! (`merge`). Frames are read and dropped one by one on all cores, so memory does not grow with the series; only the dark and
-//! flat frames of one calibration are held, up to 256 MB.
+//! (`merge`). Frames are read and dropped one by one on all cores, and the sums of a long series stay in the store, so memory
+//! hardly grows with the series; only the dark and flat frames of one calibration are held, up to 256 MB.
 //!
 //! The signal is in units of radiance for a lamp irradiance of 1 on a surface facing it, under the
 //! provisional assumption that the flats contain no stray light: signal = gain · (L + s), flat = gain ·
@@ -39,7 +39,7 @@ mod viewing;
 
 use std::sync::atomic::AtomicBool;
 
-pub use self::cache::{CalibrationText, FrameText, ReductionCache, ReductionTexts};
+pub use self::cache::{CalibrationText, FrameText, ReductionCache, ReductionTexts, TextStore};
 pub use self::camera_calibration::{CameraCalibration, DarkLevel, calibrate};
 pub use self::remembering::Remembering;
 pub use self::series_context::calibration_keys;
@@ -260,30 +260,29 @@ pub fn reduce(
     let far = series.viewing.is_far();
     let own = ReductionCache::default();
     let mut kept = source.reductions().unwrap_or(&own).lock();
-    let seen = look(&calls, &series, &mut kept, region, segments)?;
-    drop(kept);
     let Look {
         segments,
         calibration,
         outcomes,
         scale,
         log: of_board,
-    } = seen;
+    } = look(&calls, &series, &mut kept, region, segments)?;
 
     let mut log = ReductionLog::default();
     warn_of_unread_times(source.rows(), &mut log);
     scale::log_calibration(source, &series, &calibration, &scale.detector, &mut log);
     log.extend(&of_board);
-    let mut measured = Vec::with_capacity(outcomes.sums.len());
-    for (index, outcome) in &outcomes.sums {
-        if log.has_rejected(*index) {
-            continue;
+    let mut measured = Vec::new();
+    outcomes.each(&calls, &series, &kept, |index, outcome| {
+        if log.has_rejected(index) {
+            return;
         }
-        match scale.measured(source.rows(), *index, outcome) {
+        match scale.measured(source.rows(), index, outcome) {
             Ok(frame) => measured.push(frame),
-            Err(rejection) => log.reject(*index, rejection),
+            Err(rejection) => log.reject(index, rejection),
         }
-    }
+    })?;
+    drop(kept);
     load::refuse_impossible(&calls, FrameKind::Sample, &log)?;
     if far && matches!(segments, Segments::Whole) {
         let clean = measured.iter().filter(|m| m.is_clean());

@@ -52,6 +52,7 @@ pub(super) fn calibration(
     let rows = calls.source.rows();
     let frames = [FrameKind::Dark, FrameKind::Flat].map(|kind| series.ids_of(rows, kind));
     kept.keep_calibration(&key, frames, &sums);
+    kept.save();
     kept.keep_planes(&key, &prepared);
     Ok(Calibration { key, sums, judged })
 }
@@ -138,11 +139,38 @@ struct UnitResult {
 /// What was computed of all sample frames.
 #[derive(Default)]
 pub(super) struct Outcomes {
-    /// By place in the list, in its order.
-    pub(super) sums: Vec<(usize, Arc<FrameOutcome>)>,
+    /// Key of the calibration and part by which the cache has the outcomes.
+    key: String,
+    part: String,
+    /// Sample frames that could not be read, which no cache keeps.
+    unread: HashMap<usize, FrameOutcome>,
     pub(super) pictures: Vec<(usize, Arc<Option<Picture>>)>,
     /// The visits that are compared, flats included, in the order of the list.
     exposures: Vec<Arc<Exposures>>,
+}
+
+impl Outcomes {
+    /// Calls `each` with the outcome of every sample frame, those that could not be read first, the others in the order of the
+    /// list.
+    pub(super) fn each(
+        &self,
+        calls: &Calls<'_>,
+        series: &SeriesContext,
+        kept: &Kept,
+        mut each: impl FnMut(usize, &FrameOutcome),
+    ) -> Result<(), ReductionError> {
+        let samples = calls.rows_of(FrameKind::Sample);
+        for index in &samples {
+            if let Some(outcome) = self.unread.get(index) {
+                each(*index, outcome);
+            }
+        }
+        let read = samples.iter().filter(|i| !self.unread.contains_key(i));
+        let ids: Vec<i64> = read.map(|index| series.ids[*index]).collect();
+        kept.each_outcome((&self.key, &self.part), &ids, |id, outcome| {
+            each(series.places[&id], outcome);
+        })
+    }
 }
 
 /// Reads and measures what the cache lacks. Visits of the sample are kept under the key of `base`, whose darks they rest on.
@@ -159,8 +187,8 @@ pub(super) fn outcomes(
     let shown: Vec<&Vec<usize>> = detector::shown(&groups).collect();
     let ids = |group: &[usize]| -> Vec<i64> { group.iter().map(|i| series.ids[*i]).collect() };
     let of_sample = |group: &&Vec<usize>| rows[group[0]].kind == FrameKind::Sample;
-    let lacks_exposures = |group: &&Vec<usize>| kept.exposures(&base.key, &ids(group)).is_none();
-    let all: Vec<&Vec<usize>> = match kept.is_stored {
+    let lacks_exposures = |group: &&Vec<usize>| !kept.has_exposures(&base.key, &ids(group));
+    let all: Vec<&Vec<usize>> = match kept.is_stored() {
         true => groups.iter().collect(),
         false => shown.clone(),
     };
@@ -178,8 +206,7 @@ pub(super) fn outcomes(
     let lacks = |index: usize| {
         let id = series.ids[index];
         let sums = wanted.sums.is_some_and(|(segments, part)| {
-            let outcome = kept.outcome(&calibration.key, part, id);
-            !outcome.is_some_and(|outcome| outcome.is_of(segments.len()))
+            !kept.has_outcome(&calibration.key, part, id, segments.len())
         });
         let picture = wanted.pictures && kept.picture(&base.key, id).is_none();
         (sums, picture)
@@ -191,8 +218,8 @@ pub(super) fn outcomes(
         frames: vec![*index],
         compared: false,
     }));
-    let mut failed: HashMap<usize, Arc<FrameOutcome>> = HashMap::new();
-    let mut unread: HashMap<Vec<usize>, Arc<Exposures>> = HashMap::new();
+    let mut unread: HashMap<usize, FrameOutcome> = HashMap::new();
+    let mut unread_visits: HashMap<Vec<usize>, Arc<Exposures>> = HashMap::new();
     if !units.is_empty() {
         let prepared = planes(calls, series, kept, calibration)?;
         let reader = Reader {
@@ -217,20 +244,19 @@ pub(super) fn outcomes(
                     }
                 };
                 for (index, outcome) in result.outcomes {
-                    let outcome = Arc::new(outcome);
-                    match (&*outcome, wanted.sums) {
+                    match (&outcome, wanted.sums) {
                         (FrameOutcome::LeftOut(why), _) if !is_of_counts(why) => {
-                            failed.insert(index, outcome);
+                            unread.insert(index, outcome);
                         }
                         (_, Some((_, part))) => {
                             let id = series.ids[index];
-                            kept.keep_outcome(&calibration.key, part, id, &outcome);
+                            kept.keep_outcome(&calibration.key, part, id, outcome);
                         }
                         _ => {}
                     }
                 }
                 for (index, picture) in result.pictures {
-                    if !failed.contains_key(&index) {
+                    if !unread.contains_key(&index) {
                         kept.keep_picture(&base.key, series.ids[index], picture);
                     }
                 }
@@ -238,42 +264,42 @@ pub(super) fn outcomes(
                     let exposures = Arc::new(exposures);
                     match result.is_readable {
                         true => kept.keep_exposures(&base.key, ids(&group), &exposures),
-                        false => drop(unread.insert(group, exposures)),
+                        false => drop(unread_visits.insert(group, exposures)),
                     }
                 }
             }
+            kept.save();
             if let Some(error) = stopped.take() {
                 return Err(error);
             }
         }
     }
-    let sums = samples.iter().filter_map(|index| {
-        let (_, part) = wanted.sums?;
-        let outcome = failed.get(index).cloned();
-        let of_cache = || kept.outcome(&calibration.key, part, series.ids[*index]);
-        Some((*index, outcome.or_else(of_cache)?))
-    });
     let pictures = samples
         .iter()
         .filter(|_| wanted.pictures)
         .filter_map(|index| Some((*index, kept.picture(&base.key, series.ids[*index])?)));
-    let exposures = shown.iter().filter_map(|group| {
+    let mut exposures = Vec::new();
+    for group in &shown {
         let ids = ids(group);
         let of_flats = || {
-            let flats = base.sums.exposures.iter();
-            let same = flats.clone().find(|(frames, _)| *frames == ids);
+            let mut flats = base.sums.exposures.iter();
+            let same = flats.find(|(frames, _)| *frames == ids);
             same.map(|(_, exposures)| Arc::new(exposures.clone()))
         };
-        unread
-            .get(*group)
-            .cloned()
-            .or_else(|| kept.exposures(&base.key, &ids))
-            .or_else(of_flats)
-    });
+        let visit = match unread_visits.get(*group) {
+            Some(visit) => Some(Arc::clone(visit)),
+            None => kept.exposures(&base.key, &ids)?.or_else(of_flats),
+        };
+        exposures.extend(visit);
+    }
     Ok(Outcomes {
-        sums: sums.collect(),
+        key: calibration.key.clone(),
+        part: wanted
+            .sums
+            .map_or_else(String::new, |(_, part)| part.to_owned()),
+        unread,
         pictures: pictures.collect(),
-        exposures: exposures.collect(),
+        exposures,
     })
 }
 

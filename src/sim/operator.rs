@@ -10,8 +10,10 @@ use crate::lab::{Lab, LabError};
 use crate::material::Material;
 use crate::model::{Surface, Variant};
 use crate::scan::runner::ScanCommand;
-use crate::scan::{Event, OperatorAction};
+use crate::scan::{Event, OperatorAction, ScanState};
+use crate::store::PageRequest;
 use crate::store::samples::{NewSample, SimulatedSurface};
+use crate::store::scans::ScanFilter;
 
 /// Name of the path-traced sample that a fresh store gets beside a simulated rig.
 pub const TRACED_SAMPLE: &str = "traced polymer";
@@ -53,7 +55,8 @@ impl SimulatedRig {
     }
 
     /// Starts the operator: before a scan waits, it does in the world what the scan asks for. With `and_continue` it also
-    /// confirms the step; otherwise the scan waits for a person's confirmation.
+    /// confirms the step; otherwise the scan waits for a person's confirmation. A step that was asked for before the operator
+    /// came is done first.
     pub fn operate(&self, lab: &Lab, and_continue: bool) -> tokio::task::JoinHandle<()> {
         let world = std::sync::Arc::clone(&self.world);
         let on_table = self.on_table.clone();
@@ -61,6 +64,12 @@ impl SimulatedRig {
         let calls = lab.operator_calls();
         let mut events = lab.events();
         tokio::spawn(async move {
+            for (scan_id, action) in waiting(&lab).await {
+                act(&lab, &world, &on_table, scan_id, action).await;
+                if and_continue {
+                    confirm(&lab, scan_id).await;
+                }
+            }
             let acting = async {
                 let Ok(mut calls) = calls else { return };
                 while let Some(call) = calls.recv().await {
@@ -85,13 +94,37 @@ impl SimulatedRig {
                         Err(RecvError::Lagged(_)) => continue,
                         Err(RecvError::Closed) => return,
                     };
-                    if let Err(error) = lab.order(scan_id, ScanCommand::Continue).await {
-                        tracing::debug!(scan_id, %error, "nothing to continue: {error}");
-                    }
+                    confirm(&lab, scan_id).await;
                 }
             };
             tokio::join!(acting, continuing);
         })
+    }
+}
+
+async fn confirm(lab: &Lab, scan_id: i64) {
+    if let Err(error) = lab.order(scan_id, ScanCommand::Continue).await {
+        tracing::debug!(scan_id, %error, "nothing to continue: {error}");
+    }
+}
+
+/// Scans that wait for a step now.
+async fn waiting(lab: &Lab) -> Vec<(i64, OperatorAction)> {
+    let filter = ScanFilter {
+        state: Some(ScanState::WaitingForOperator),
+        ..ScanFilter::default()
+    };
+    match lab.store().scans(filter, PageRequest::default()).await {
+        Ok(scans) => {
+            let steps = scans.items.into_iter();
+            steps
+                .filter_map(|scan| Some((scan.id, scan.operator?)))
+                .collect()
+        }
+        Err(error) => {
+            tracing::warn!(%error, "whether a scan waits is not known: {error}");
+            Vec::new()
+        }
     }
 }
 

@@ -1,9 +1,12 @@
-//! What reductions computed of the frames: stored as rows, and shared in memory by all readers of a scan.
+//! What reductions computed of the frames: stored as rows, and shared by all readers of a scan.
 
-use std::sync::{Arc, PoisonError};
+use std::sync::{Arc, PoisonError, Weak};
 
-use super::{PROGRAM, Store, StoreError};
-use crate::reduction::{CalibrationText, FrameText, ReductionCache, ReductionTexts};
+use futures::TryStreamExt;
+use tokio::runtime::Handle;
+
+use super::{Inner, PROGRAM, Store, StoreError};
+use crate::reduction::{FrameText, ReductionCache, ReductionTexts, TextStore};
 
 /// Scans whose sums stay in memory: one that runs, and one that is looked at.
 const SCANS: usize = 2;
@@ -24,8 +27,15 @@ impl Store {
         if let Some(cache) = self.shared_reductions(scan_id, None) {
             return Ok(cache);
         }
-        let cache = ReductionCache::to_be_stored();
-        cache.restore(self.reduction_texts(scan_id, keys).await?);
+        let cache = match self.inner.place {
+            Some(_) => ReductionCache::stored_in(Arc::new(Texts {
+                store: Arc::downgrade(&self.inner),
+                runtime: Handle::current(),
+            })),
+            // A reader stores nothing, and may be closed before its series is reduced.
+            None => ReductionCache::default(),
+        };
+        self.restore_reductions(scan_id, keys, &cache).await?;
         let cache = self.shared_reductions(scan_id, Some(Arc::new(cache)));
         Ok(cache.unwrap_or_default())
     }
@@ -51,11 +61,12 @@ impl Store {
         Some(cache)
     }
 
-    async fn reduction_texts(
+    async fn restore_reductions(
         &self,
         scan_id: i64,
         keys: &[String],
-    ) -> Result<ReductionTexts, StoreError> {
+        cache: &ReductionCache,
+    ) -> Result<(), StoreError> {
         // A folder of an older program that is opened for reading only lacks the tables.
         let tables: i64 = sqlx::query_scalar(
             "SELECT COUNT(*) FROM sqlite_master WHERE type = 'table' AND name IN ('calibration_sums', 'frame_sums')",
@@ -63,11 +74,39 @@ impl Store {
         .fetch_one(self.readers())
         .await?;
         if tables < 2 {
-            return Ok(ReductionTexts::default());
+            return Ok(());
         }
+        for (key, body) in self.calibration_bodies(scan_id, keys).await? {
+            cache.restore_calibration(&key, &body);
+        }
+        // One by one: together they may be larger than all that stays in memory.
+        let mut frames = sqlx::query_as::<_, (String, i64, String, String)>(
+            "SELECT c.key, s.frame_id, s.part, s.body FROM frame_sums s
+               JOIN frames f ON f.id = s.frame_id JOIN calibration_sums c ON c.id = s.calibration_id
+             WHERE f.scan_id = ?",
+        )
+        .bind(scan_id)
+        .fetch(self.readers());
+        while let Some((calibration, frame_id, part, body)) = frames.try_next().await? {
+            cache.restore_frame(&FrameText {
+                calibration,
+                frame_id,
+                part,
+                body,
+            });
+        }
+        Ok(())
+    }
+
+    /// Bodies of calibrations by key: those of these keys, and those that the frames of the scan were measured with.
+    async fn calibration_bodies(
+        &self,
+        scan_id: i64,
+        keys: &[String],
+    ) -> Result<Vec<(String, String)>, StoreError> {
         let keys =
             serde_json::to_string(keys).map_err(|e| StoreError::bad_row("calibration_sums", e))?;
-        let calibrations: Vec<(String, String)> = sqlx::query_as(
+        let bodies = sqlx::query_as(
             "SELECT key, body FROM calibration_sums WHERE key IN (SELECT value FROM json_each(?1)) OR id IN
                (SELECT calibration_id FROM frame_sums s JOIN frames f ON f.id = s.frame_id WHERE f.scan_id = ?2)",
         )
@@ -75,60 +114,32 @@ impl Store {
         .bind(scan_id)
         .fetch_all(self.readers())
         .await?;
-        let frames: Vec<(String, i64, String, String)> = sqlx::query_as(
-            "SELECT c.key, s.frame_id, s.part, s.body FROM frame_sums s
-               JOIN frames f ON f.id = s.frame_id JOIN calibration_sums c ON c.id = s.calibration_id
-             WHERE f.scan_id = ?",
+        Ok(bodies)
+    }
+
+    async fn reduction_bodies(
+        &self,
+        calibration: &str,
+        part: &str,
+        frame_ids: &[i64],
+    ) -> Result<Vec<(i64, String)>, StoreError> {
+        let ids =
+            serde_json::to_string(frame_ids).map_err(|e| StoreError::bad_row("frame_sums", e))?;
+        let bodies = sqlx::query_as(
+            "SELECT frame_id, body FROM frame_sums
+             WHERE calibration_id = (SELECT id FROM calibration_sums WHERE key = ?) AND part = ?
+               AND frame_id IN (SELECT value FROM json_each(?))",
         )
-        .bind(scan_id)
+        .bind(calibration)
+        .bind(part)
+        .bind(ids)
         .fetch_all(self.readers())
         .await?;
-        Ok(ReductionTexts {
-            calibrations: calibrations
-                .into_iter()
-                .map(|(key, body)| CalibrationText {
-                    key,
-                    dark_frames: Vec::new(),
-                    flat_frames: Vec::new(),
-                    body,
-                })
-                .collect(),
-            frames: frames
-                .into_iter()
-                .map(|(calibration, frame_id, part, body)| FrameText {
-                    calibration,
-                    frame_id,
-                    part,
-                    body,
-                })
-                .collect(),
-        })
+        Ok(bodies)
     }
 
-    /// Stores the sums that were computed since the last call, of all scans. What cannot be stored is computed again after
-    /// a restart.
-    ///
-    /// # Errors
-    /// What the database says.
-    pub async fn store_reductions(&self) -> Result<(), StoreError> {
-        let caches: Vec<Arc<ReductionCache>> = {
-            let shared = self
-                .inner
-                .reductions
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner);
-            shared.iter().map(|(_, cache)| Arc::clone(cache)).collect()
-        };
-        for cache in caches {
-            let new = cache.take_new();
-            if !new.is_empty() {
-                self.add_reductions(&new).await?;
-            }
-        }
-        Ok(())
-    }
-
-    async fn add_reductions(&self, new: &ReductionTexts) -> Result<(), StoreError> {
+    /// Adds texts, and returns for each frame's whether it was added.
+    async fn add_reductions(&self, new: &ReductionTexts) -> Result<Vec<bool>, StoreError> {
         let list = |frames: &[i64]| {
             serde_json::to_string(frames).map_err(|e| StoreError::bad_row("calibration_sums", e))
         };
@@ -147,8 +158,9 @@ impl Store {
             .execute(&mut *transaction)
             .await?;
         }
+        let mut added = Vec::with_capacity(new.frames.len());
         for text in &new.frames {
-            sqlx::query(
+            let done = sqlx::query(
                 "INSERT OR IGNORE INTO frame_sums (calibration_id, frame_id, part, body)
                  SELECT id, ?, ?, ? FROM calibration_sums WHERE key = ?",
             )
@@ -158,9 +170,45 @@ impl Store {
             .bind(&text.calibration)
             .execute(&mut *transaction)
             .await?;
+            added.push(done.rows_affected() == 1);
         }
         transaction.commit().await?;
-        Ok(())
+        Ok(added)
+    }
+}
+
+/// The rows as a cache uses them, from a thread that may wait. Once the store is dropped there are none.
+#[derive(Debug)]
+struct Texts {
+    store: Weak<Inner>,
+    runtime: Handle,
+}
+
+impl Texts {
+    fn store(&self) -> Result<Store, String> {
+        let inner = self.store.upgrade().ok_or("the database is closed")?;
+        Ok(Store { inner })
+    }
+}
+
+impl TextStore for Texts {
+    fn add(&self, texts: &ReductionTexts) -> Result<Vec<bool>, String> {
+        let store = self.store()?;
+        let added = self.runtime.block_on(store.add_reductions(texts));
+        added.map_err(|error| error.to_string())
+    }
+
+    fn bodies(
+        &self,
+        calibration: &str,
+        part: &str,
+        frame_ids: &[i64],
+    ) -> Result<Vec<(i64, String)>, String> {
+        let store = self.store()?;
+        let bodies = store.reduction_bodies(calibration, part, frame_ids);
+        self.runtime
+            .block_on(bodies)
+            .map_err(|error| error.to_string())
     }
 }
 
@@ -168,6 +216,7 @@ impl Store {
 mod tests {
     use super::*;
     use crate::clock::SteppedClock;
+    use crate::reduction::CalibrationText;
     use crate::store::disk::RealDisk;
     use crate::store::frames::tests::commit;
     use crate::store::scans::tests::planned;
@@ -190,6 +239,12 @@ mod tests {
         }
     }
 
+    async fn sums_of(store: &Store, texts: &ReductionTexts) -> Vec<String> {
+        let ids: Vec<i64> = texts.frames.iter().map(|text| text.frame_id).collect();
+        let bodies = store.reduction_bodies("abc", "sums", &ids).await.unwrap();
+        bodies.into_iter().map(|(_, body)| body).collect()
+    }
+
     async fn frame_id(store: &Store, scan_id: i64) -> i64 {
         store.frames_for_reduction(scan_id).await.unwrap()[0].id
     }
@@ -201,15 +256,16 @@ mod tests {
         let scan = planned(&store).await.id;
         commit(&store, scan, 0).await;
         let new = texts(frame_id(&store, scan).await);
-        store.add_reductions(&new).await.unwrap();
+        assert_eq!(store.add_reductions(&new).await.unwrap(), [true]);
         // Rows that are there stay as they are.
-        store.add_reductions(&new).await.unwrap();
-        let found = store.reduction_texts(scan, &[]).await.unwrap();
-        assert_eq!(found.frames, new.frames);
-        assert_eq!(found.calibrations.len(), 1);
+        assert_eq!(store.add_reductions(&new).await.unwrap(), [false]);
+        assert_eq!(sums_of(&store, &new).await, ["[]"]);
+        let calibration = [("abc".to_owned(), "{}".to_owned())];
+        let found = store.calibration_bodies(scan, &[]).await.unwrap();
+        assert_eq!(found, calibration);
         // Another scan with the same darks and flats finds the calibration.
-        let found = store.reduction_texts(99, &["abc".into()]).await.unwrap();
-        assert_eq!((found.calibrations.len(), found.frames.len()), (1, 0));
+        let found = store.calibration_bodies(99, &["abc".into()]).await.unwrap();
+        assert_eq!(found, calibration);
         for change in [
             "UPDATE calibration_sums SET body = ''",
             "DELETE FROM calibration_sums",
@@ -244,13 +300,11 @@ mod tests {
         let clock = Arc::new(SteppedClock::new());
         let reader = Store::open_for_reading(folder.path(), Arc::new(RealDisk), clock).await;
         let reader = reader.unwrap();
-        let found = reader.reduction_texts(scan, &[]).await.unwrap();
-        assert!(found.is_empty());
+        reader.reductions(scan, &[]).await.unwrap();
         reader.close().await;
         let (store, _) = open(folder.path()).await.unwrap();
         let new = texts(frame_id(&store, scan).await);
         store.add_reductions(&new).await.unwrap();
-        let found = store.reduction_texts(scan, &[]).await.unwrap();
-        assert_eq!(found.frames, new.frames);
+        assert_eq!(sums_of(&store, &new).await, ["[]"]);
     }
 }

@@ -88,21 +88,25 @@ impl BenchInABox {
 
     /// Waits until a scan is over or interrupted.
     pub async fn finish(&self, scan_id: i64) -> Scan {
-        self.lab.wait_for_scan(scan_id, 0, |_| false).await.unwrap()
+        let over = self.lab.wait_for_scan(scan_id, 0, |_| false);
+        in_time(over).await.unwrap()
     }
 
     /// Waits until a scan has come to a state.
     pub async fn until(&self, scan_id: i64, state: ScanState) {
         let mut events = self.lab.events();
-        loop {
-            let scan = self.lab.store().scan(scan_id).await.unwrap();
-            if scan.state == state {
-                return;
+        let waiting = async {
+            loop {
+                let scan = self.lab.store().scan(scan_id).await.unwrap();
+                if scan.state == state {
+                    return;
+                }
+                assert!(!scan.state.is_end(), "{}: {:?}", scan.state, scan.reason);
+                // Whatever wakes this, the store has the whole story.
+                events.recv().await.ok();
             }
-            assert!(!scan.state.is_end(), "{}: {:?}", scan.state, scan.reason);
-            // Whatever wakes this, the store has the whole story.
-            events.recv().await.ok();
-        }
+        };
+        in_time(waiting).await;
     }
 
     /// Ends it as a daemon ends.
@@ -113,6 +117,12 @@ impl BenchInABox {
         }
         drop(self.folder);
     }
+}
+
+/// Waits for what comes in seconds, on a busy machine in minutes: a test that waits for something that never comes fails.
+pub async fn in_time<T>(work: impl Future<Output = T>) -> T {
+    let in_time = tokio::time::timeout(Duration::from_secs(600), work).await;
+    in_time.expect("what the test waits for did not come")
 }
 
 /// A plan of these poses with one exposure, one dark frame and the white reference at its tilts.

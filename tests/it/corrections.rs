@@ -12,7 +12,7 @@ use ridged::store::disk::RealDisk;
 use ridged::store::jobs::{Job, JobFilter};
 use ridged::store::samples::NewSample;
 
-use crate::bench_in_a_box::{BenchInABox, small};
+use crate::bench_in_a_box::{BenchInABox, in_time, small};
 
 /// A bench whose settings are the default: completed scans are fitted.
 async fn bench(folder: &tempfile::TempDir) -> BenchInABox {
@@ -38,13 +38,16 @@ async fn fits(lab: &Lab) -> Vec<Job> {
 /// Waits for a number of fits in the store, and for their ends.
 async fn until_fits(lab: &Lab, n: usize) -> Vec<Job> {
     let mut events = lab.events();
-    loop {
-        let all = fits(lab).await;
-        if all.len() >= n && all.iter().all(|fit| fit.ended_at.is_some()) {
-            return all;
+    let waiting = async {
+        loop {
+            let all = fits(lab).await;
+            if all.len() >= n && all.iter().all(|fit| fit.ended_at.is_some()) {
+                return all;
+            }
+            events.recv().await.unwrap();
         }
-        events.recv().await.unwrap();
-    }
+    };
+    in_time(waiting).await
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -22,7 +22,7 @@ use ridged::store::PageRequest;
 use ridged::store::disk::{Disk, RealDisk};
 use ridged::units::Angle;
 
-use crate::bench_in_a_box::{BenchInABox, small};
+use crate::bench_in_a_box::{BenchInABox, in_time, small};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_scan_is_planned_run_kept_reported_and_fitted() {
@@ -95,13 +95,16 @@ async fn a_scan_is_planned_run_kept_reported_and_fitted() {
         .await
         .unwrap();
     let mut events = lab.events();
-    let fit = loop {
-        let fit = lab.store().job(id).await.unwrap();
-        if fit.state != JobState::Running {
-            break fit;
+    let waiting = async {
+        loop {
+            let fit = lab.store().job(id).await.unwrap();
+            if fit.state != JobState::Running {
+                break fit;
+            }
+            events.recv().await.unwrap();
         }
-        events.recv().await.unwrap();
     };
+    let fit = in_time(waiting).await;
     assert_eq!(fit.state, JobState::Completed, "{:?}", fit.error_detail);
     let report = fit.result.unwrap();
     // The OpenAPI document also has the fields that the lab adds to a report.
@@ -143,7 +146,7 @@ async fn a_scan_is_fitted_while_it_runs_and_its_uncertainty_falls() {
     let mut poses = 0;
     while fitted_at.len() < LOOKS_AT.len() {
         let looks_at = LOOKS_AT[fitted_at.len()];
-        match &events.recv().await.unwrap().event {
+        match &in_time(events.recv()).await.unwrap().event {
             Event::Frame { kind, .. } => {
                 poses += usize::from(*kind == ridged::frame::FrameKind::Sample);
                 disk.let_in(usize::from(poses < looks_at));
@@ -237,6 +240,17 @@ async fn a_scan_that_was_stopped_while_it_waited_says_so() {
         assert_eq!(paused.reason.as_deref(), reason);
         bench.lab.order(scan.id, ScanCommand::Resume).await.unwrap();
     }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_simulated_operator_who_comes_late_does_the_step_that_a_scan_waits_for() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let scan = bench.start(small(&[0.0], &[0.0, 90.0])).await;
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    let hands = bench.rig.operate(&bench.lab, true);
+    assert_eq!(bench.finish(scan.id).await.state, ScanState::Completed);
+    hands.abort();
     bench.end().await;
 }
 
@@ -345,7 +359,7 @@ async fn an_order_that_is_given_as_the_rig_says_idle_is_taken() {
         // The end of the previous motion may be reported only now.
         let mut begun = false;
         loop {
-            match &events.recv().await.unwrap().event {
+            match &in_time(events.recv()).await.unwrap().event {
                 Event::Rig { activity, .. } if *activity == RigActivity::Moving => begun = true,
                 Event::Rig { activity, .. } if begun && *activity == RigActivity::Idle => break,
                 _ => {}
@@ -660,7 +674,8 @@ async fn a_recorded_series_comes_out_as_it_went_in() {
     let cancel = std::sync::atomic::AtomicBool::new(false);
     let region = options.region.as_deref();
     let one = ridged::reduction::reduce(&direct, region, &cancel).unwrap();
-    let two = ridged::reduction::reduce(&series, region, &cancel).unwrap();
+    let reduce = || ridged::reduction::reduce(&series, region, &cancel);
+    let two = tokio::task::block_in_place(reduce).unwrap();
     assert_eq!(one.observations, two.observations);
     bench.end().await;
 }

@@ -17,7 +17,7 @@ use ridged::sim::rig::{Construction, SimulatedRig, Simulation};
 use ridged::store::disk::RealDisk;
 use ridged::units::Angle;
 
-use crate::bench_in_a_box::small;
+use crate::bench_in_a_box::{in_time, small};
 
 fn sawtooth() -> FitOptions {
     FitOptions {
@@ -94,7 +94,9 @@ async fn a_simulated_rig_with_the_same_errors_is_measured_right() {
     let plan = small(&[-10.0, 0.0, 10.0], &[0.0, 90.0, 180.0, 270.0]);
     let request = ScanRequest::of(2, plan);
     let scan = lab.start_scan(&request).await.unwrap();
-    lab.wait_for_scan(scan.id, 0, |_| false).await.unwrap();
+    in_time(lab.wait_for_scan(scan.id, 0, |_| false))
+        .await
+        .unwrap();
     let request = FitRequest {
         scan_id: scan.id,
         variant: VariantChoice::Sawtooth,
@@ -102,14 +104,17 @@ async fn a_simulated_rig_with_the_same_errors_is_measured_right() {
     };
     let id = lab.start_job(request).await.unwrap();
     let mut events = lab.events();
-    let report = loop {
-        let fit = lab.store().job(id).await.unwrap();
-        if let Some(report) = fit.result {
-            break report;
+    let waiting = async {
+        loop {
+            let fit = lab.store().job(id).await.unwrap();
+            if let Some(report) = fit.result {
+                break report;
+            }
+            assert!(fit.error_detail.is_none(), "{:?}", fit.error_detail);
+            events.recv().await.ok();
         }
-        assert!(fit.error_detail.is_none(), "{:?}", fit.error_detail);
-        events.recv().await.ok();
     };
+    let report = in_time(waiting).await;
     lab.shut_down().await;
     hands.abort();
     let reported: Value = serde_json::from_str(&report).unwrap();

@@ -13,15 +13,16 @@ use ridged::lab::{Lab, LabError, RigParts, ScanRequest};
 use ridged::scan::event::RigActivity;
 use ridged::scan::plan::{DarkRequest, FlatRequest};
 use ridged::scan::runner::ScanCommand;
-use ridged::scan::{Event, PlanRequest, Rig, ScanState, StageLink};
+use ridged::scan::{Event, PlanRequest, RecordedEvent, Rig, ScanState, StageLink};
 use ridged::sim::faults::{LineFault, ScriptedFaults};
 use ridged::sim::rig::{SimulatedRig, Simulation};
 use ridged::sim::world::AxisFault;
 use ridged::store::disk::RealDisk;
 use ridged::units::Angle;
+use tokio::sync::broadcast::Receiver;
 use tower::ServiceExt;
 
-use crate::bench_in_a_box::{BenchInABox, small};
+use crate::bench_in_a_box::{BenchInABox, in_time, small};
 use crate::cut_short::by_hand;
 use crate::http::{is_problem, opened, request, router_of, send};
 
@@ -46,16 +47,36 @@ pub async fn disturbed_on(
     (lab, rig, folder)
 }
 
-/// Waits until a motion has ended, without asking the stages.
-pub async fn idle(events: &mut tokio::sync::broadcast::Receiver<Arc<ridged::scan::RecordedEvent>>) {
-    loop {
-        let event = events.recv().await.unwrap();
-        if let Event::Rig { activity, .. } = event.event
-            && activity == RigActivity::Idle
-        {
-            return;
+/// Waits for an event, also for one that the store cannot record.
+pub async fn next(
+    events: &mut Receiver<Arc<RecordedEvent>>,
+    wanted: impl Fn(&Event) -> bool,
+) -> Arc<RecordedEvent> {
+    let waiting = async {
+        loop {
+            let event = events.recv().await.unwrap();
+            if wanted(&event.event) {
+                return event;
+            }
         }
-    }
+    };
+    in_time(waiting).await
+}
+
+/// Waits for the events in the store: an answer comes before they are recorded.
+async fn recorded(lab: &Lab, enough: impl Fn(&[RecordedEvent]) -> bool) {
+    let waiting = async {
+        while !enough(&lab.store().events_after(0, 1000).await.unwrap()) {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    };
+    in_time(waiting).await;
+}
+
+/// Waits until a motion has ended, without asking the stages.
+pub async fn idle(events: &mut Receiver<Arc<RecordedEvent>>) {
+    let is_idle = |event: &Event| matches!(event, Event::Rig { activity, .. } if *activity == RigActivity::Idle);
+    next(events, is_idle).await;
 }
 
 /// A lab whose line went as an axis began to move.
@@ -98,15 +119,8 @@ async fn a_stop_reaches_what_moves_on_after_its_link_was_lost() {
             .contains("use the hardware emergency switch"),
         "{refused}"
     );
-    // The store has it a moment after the answer.
-    loop {
-        let reported = lab.store().events_after(0, 1000).await.unwrap();
-        let alarm = matches!(&reported.last().unwrap().event, Event::Alarm { message, .. } if message.contains("did not reach"));
-        if alarm {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(5)).await;
-    }
+    let is_alarm = |event: &Event| matches!(event, Event::Alarm { message, .. } if message.contains("did not reach"));
+    recorded(&lab, |all| all.iter().any(|e| is_alarm(&e.event))).await;
     faults.plug_in();
     lab.stop().await.unwrap();
     lab.shut_down().await;
@@ -271,7 +285,9 @@ async fn a_plug_that_is_pulled_for_a_moment_does_not_end_the_night() {
     let mut events = lab.events();
     let scan = lab.start_scan(&request).await.unwrap();
     let hands = rig.operate(&lab, true);
-    let scan = lab.wait_for_scan(scan.id, 0, |_| false).await.unwrap();
+    let scan = in_time(lab.wait_for_scan(scan.id, 0, |_| false))
+        .await
+        .unwrap();
     assert_eq!(scan.state, ScanState::Completed, "{:?}", scan.reason);
     let mut codes = Vec::new();
     while let Ok(event) = events.try_recv() {
@@ -402,19 +418,18 @@ async fn a_scan_that_cannot_be_recorded_leaves_nothing_moving() {
     let request = ScanRequest::of(2, plan);
     let scan = lab.start_scan(&request).await.unwrap();
     let hands = rig.operate(&lab, true);
-    loop {
-        if let Event::Frame { .. } = events.recv().await.unwrap().event {
-            break;
-        }
-    }
+    next(&mut events, |event| matches!(event, Event::Frame { .. })).await;
     by_hand(
         folder.path(),
         "CREATE TRIGGER full BEFORE INSERT ON scan_states BEGIN SELECT RAISE(ABORT, 'full'); END",
     )
     .await;
-    while !rig.world.is_moving() {
-        tokio::task::yield_now().await;
-    }
+    let moves = async {
+        while !rig.world.is_moving() {
+            tokio::task::yield_now().await;
+        }
+    };
+    in_time(moves).await;
     let refused = lab.order(scan.id, ScanCommand::Pause).await.unwrap_err();
     assert_eq!(refused.code(), "store-failed", "{refused}");
     assert!(!rig.world.is_moving());
@@ -436,13 +451,8 @@ async fn no_key_and_no_body_keeps_a_stop_from_stopping() {
         assert_eq!(answer.status, 200, "{}", answer.body);
     }
     let stopped = |event: &Event| matches!(event, Event::Rig { activity, .. } if *activity == RigActivity::Stopped);
-    loop {
-        let reported = bench.lab.store().events_after(0, 100).await.unwrap();
-        if reported.iter().filter(|e| stopped(&e.event)).count() == 3 {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(5)).await;
-    }
+    let three = |all: &[RecordedEvent]| all.iter().filter(|e| stopped(&e.event)).count() == 3;
+    recorded(&bench.lab, three).await;
     bench.end().await;
 }
 
@@ -454,16 +464,7 @@ async fn who_hangs_up_right_after_a_stop_has_said_it() {
     // As the listener does it: what is asked begins, then the connection is gone and the answer with it.
     assert!(futures::poll!(call.as_mut()).is_pending());
     drop(call);
-    let stopped = async {
-        loop {
-            let reported = bench.lab.store().events_after(0, 100).await.unwrap();
-            if reported.iter().any(|e| matches!(&e.event, Event::Rig { activity, .. } if *activity == RigActivity::Stopped)) {
-                break;
-            }
-            tokio::time::sleep(Duration::from_millis(5)).await;
-        }
-    };
-    let in_time = tokio::time::timeout(Duration::from_secs(60), stopped).await;
-    in_time.expect("the stages were not stopped");
+    let stopped = |event: &Event| matches!(event, Event::Rig { activity, .. } if *activity == RigActivity::Stopped);
+    recorded(&bench.lab, |all| all.iter().any(|e| stopped(&e.event))).await;
     bench.end().await;
 }

@@ -16,9 +16,9 @@ use ridged::units::Angle;
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
 use tokio::sync::broadcast::Receiver;
 
-use crate::bench_in_a_box::{BenchInABox, small};
+use crate::bench_in_a_box::{BenchInABox, in_time, small};
 use crate::http::{request, router_of, send};
-use crate::stop::{disturbed_on, idle};
+use crate::stop::{disturbed_on, idle, next};
 
 /// Holds the write lock of the database, as another program does.
 async fn lock(folder: &Path) -> SqliteConnection {
@@ -29,19 +29,6 @@ async fn lock(folder: &Path) -> SqliteConnection {
         .await
         .unwrap();
     connection
-}
-
-/// Waits for an event, also for one that the store cannot record.
-async fn next(
-    events: &mut Receiver<Arc<RecordedEvent>>,
-    wanted: impl Fn(&Event) -> bool,
-) -> Arc<RecordedEvent> {
-    loop {
-        let event = events.recv().await.unwrap();
-        if wanted(&event.event) {
-            return event;
-        }
-    }
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -97,9 +84,12 @@ async fn an_abort_stops_the_stages_before_it_waits_for_a_locked_database() {
     let scan = lab.start_scan(&request).await.unwrap();
     let hands = rig.operate(&lab, true);
     next(&mut events, |event| matches!(event, Event::Frame { .. })).await;
-    while !rig.world.is_moving() {
-        tokio::task::yield_now().await;
-    }
+    let moves = async {
+        while !rig.world.is_moving() {
+            tokio::task::yield_now().await;
+        }
+    };
+    in_time(moves).await;
     let locked = lock(folder.path()).await;
     let its_lab = lab.clone();
     let aborting = tokio::spawn(async move { its_lab.order(scan.id, ScanCommand::Abort).await });

@@ -1,6 +1,7 @@
 //! Every frame is read once, whatever is asked of it afterwards.
 
 use std::sync::atomic::AtomicUsize;
+use std::sync::{Arc, Mutex};
 
 use super::super::synthetic::{Made, Memory};
 use super::*;
@@ -13,21 +14,79 @@ fn lobe(tilt: f64, azimuth: f64) -> f64 {
     0.03 + 0.35 * (-(tilt / 15.0).powi(2) + azimuth.to_radians().cos() - 1.0).exp()
 }
 
+/// Texts as a store keeps them.
+#[derive(Debug, Default)]
+struct Texts(Mutex<ReductionTexts>);
+
+impl Texts {
+    fn get(&self) -> ReductionTexts {
+        self.0.lock().unwrap().clone()
+    }
+}
+
+impl TextStore for Texts {
+    fn add(&self, texts: &ReductionTexts) -> Result<Vec<bool>, String> {
+        let mut all = self.0.lock().unwrap();
+        all.calibrations.extend(texts.calibrations.iter().cloned());
+        let add = |text: &FrameText| {
+            let is_same = |other: &FrameText| {
+                (&other.calibration, &other.part, other.frame_id)
+                    == (&text.calibration, &text.part, text.frame_id)
+            };
+            let is_new = !all.frames.iter().any(is_same);
+            if is_new {
+                all.frames.push(text.clone());
+            }
+            is_new
+        };
+        Ok(texts.frames.iter().map(add).collect())
+    }
+
+    fn bodies(
+        &self,
+        calibration: &str,
+        part: &str,
+        frame_ids: &[i64],
+    ) -> Result<Vec<(i64, String)>, String> {
+        let all = self.0.lock().unwrap();
+        let wanted = all.frames.iter().filter(|text| {
+            text.calibration == calibration
+                && text.part == part
+                && frame_ids.contains(&text.frame_id)
+        });
+        Ok(wanted
+            .map(|text| (text.frame_id, text.body.clone()))
+            .collect())
+    }
+}
+
 /// A series that counts how often each frame is read, with a cache as a store has it.
 struct Watched {
     series: Memory,
     reads: Vec<AtomicUsize>,
+    texts: Arc<Texts>,
     cache: ReductionCache,
     growing: bool,
 }
 
 impl Watched {
     fn new(series: Memory) -> Self {
+        let texts = Arc::<Texts>::default();
         Watched {
+            cache: ReductionCache::stored_in(Arc::clone(&texts) as Arc<dyn TextStore>),
+            texts,
             reads: series.rows.iter().map(|_| AtomicUsize::new(0)).collect(),
             series,
-            cache: ReductionCache::to_be_stored(),
             growing: false,
+        }
+    }
+
+    fn restore(&self, texts: &ReductionTexts) {
+        for text in &texts.calibrations {
+            self.cache.restore_calibration(&text.key, &text.body);
+        }
+        for text in &texts.frames {
+            self.cache.restore_frame(text);
         }
     }
 
@@ -149,14 +208,15 @@ fn what_was_stored_is_as_good_as_what_was_read() {
     for (series, region) in [(straight(), None), (bent(), None), (checker, Some("odd"))] {
         let before = Watched::new(series.clone());
         let set = before.reduce(region);
-        let texts = before.cache.take_new();
-        assert!(!texts.is_empty());
-        assert!(before.cache.take_new().is_empty());
+        let texts = before.texts.get();
+        assert!(!texts.frames.is_empty());
+        before.reduce(region);
+        assert_eq!(before.texts.get(), texts);
         let after = Watched::new(series.clone());
-        after.cache.restore(texts.clone());
+        after.restore(&texts);
         assert_eq!(after.reduce(region), set);
         assert_eq!(after.counts(), [0]);
-        assert!(after.cache.take_new().is_empty());
+        assert_eq!(after.texts.get(), ReductionTexts::default());
         // Texts of another form are passed over, and the frames are read.
         let strange = |body: &str| ReductionTexts {
             calibrations: vec![CalibrationText {
@@ -172,7 +232,7 @@ fn what_was_stored_is_as_good_as_what_was_read() {
         };
         for body in ["", "null", "{}", "[1, 2]", "{\"Reduced\": 3}"] {
             let after = Watched::new(series.clone());
-            after.cache.restore(strange(body));
+            after.restore(&strange(body));
             assert_eq!(after.reduce(region), set, "{body}");
         }
     }
@@ -198,4 +258,39 @@ fn another_dark_frame_or_another_region_reads_the_frames_again() {
     watched.reduce(Some("odd"));
     // Darks and flats are those of both regions.
     assert_eq!(watched.counts(), [1, 2]);
+}
+
+#[test]
+fn a_long_series_keeps_few_sums_in_memory_and_gives_the_same() {
+    let tilts: Vec<f64> = (0..12).map(|i| f64::from(i) * 4.0 - 22.0).collect();
+    let azimuths: Vec<f64> = (0..24).map(|i| f64::from(i) * 15.0).collect();
+    let small = Made {
+        edge: 16,
+        bend: 0.06,
+        flicker: 3e-4,
+        ..Made::default()
+    };
+    let series = small.series(&tilts, &azimuths, &[0.02, 0.05, 0.08], lobe);
+    let alone = reduced(&series, None);
+    let mut watched = Watched::new(series);
+    assert_eq!(watched.reduce(None), alone);
+    assert_eq!(watched.reduce(None), alone);
+    assert_eq!(watched.counts(), [1]);
+    let held = watched.cache.held();
+    assert!(held.iter().all(|n| *n <= cache::IN_MEMORY), "{held:?}");
+    assert!(held.contains(&cache::IN_MEMORY), "{held:?}");
+    // The same after a restart, with the texts in the store.
+    let texts = watched.texts.get();
+    watched.cache = ReductionCache::stored_in(Arc::clone(&watched.texts) as Arc<dyn TextStore>);
+    watched.restore(&texts);
+    assert_eq!(watched.cache.held(), held);
+    assert_eq!(watched.reduce(None), alone);
+    assert_eq!(watched.counts(), [1]);
+    // A row that is no longer there is not passed over.
+    watched.texts.0.lock().unwrap().frames.clear();
+    let lost = reduce(&watched, None, &AtomicBool::new(false));
+    assert!(
+        matches!(lost, Err(ReductionError::Vanished { .. })),
+        "{lost:?}"
+    );
 }

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use tokio::io::AsyncWriteExt;
 
 use super::{Served, Serving, get, head, order, post};
+use crate::bench_in_a_box::in_time;
 
 #[tokio::test(flavor = "multi_thread")]
 async fn six_hundred_streams_of_one_peer_leave_room_for_others() {
@@ -48,18 +49,21 @@ async fn unfinished_bodies_of_one_peer_are_bounded() {
     };
     let mut open = Vec::new();
     // On a busy machine the daemon gives up on the first bodies before it has read the fifth.
-    loop {
-        open.clear();
-        for _ in 0..4 {
-            open.push(unfinished().await);
+    let refused = async {
+        loop {
+            open.clear();
+            for _ in 0..4 {
+                open.push(unfinished().await);
+            }
+            let mut fifth = unfinished().await;
+            let wait = std::time::Duration::from_secs(2);
+            if let Ok(reply) = tokio::time::timeout(wait, head(&mut fifth)).await {
+                assert!(matches!(reply.status, 0 | 429), "{reply:?}");
+                break;
+            }
         }
-        let mut fifth = unfinished().await;
-        let wait = std::time::Duration::from_secs(2);
-        if let Ok(reply) = tokio::time::timeout(wait, head(&mut fifth)).await {
-            assert!(matches!(reply.status, 0 | 429), "{reply:?}");
-            break;
-        }
-    }
+    };
+    in_time(refused).await;
     served.ask(get("/api/v1/rig")).await.is_ok();
     drop(open);
     served.end().await;

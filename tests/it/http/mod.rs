@@ -36,7 +36,7 @@ use ridged::scan::Event;
 use ridged::sim::rig::{SimulatedRig, Simulation};
 use ridged::store::disk::RealDisk;
 
-use crate::bench_in_a_box::BenchInABox;
+use crate::bench_in_a_box::{BenchInABox, in_time};
 
 /// A lab without hands, and the interface to it.
 pub(crate) async fn opened() -> (BenchInABox, Router) {
@@ -165,13 +165,16 @@ pub(crate) async fn imported(router: &Router) -> Answer {
 pub(crate) async fn ended(router: &Router, begun: &Answer) -> Value {
     assert_eq!(begun.status, 202, "{}", begun.body);
     let location = begun.location.clone().unwrap();
-    loop {
-        let now = get(router, &location).await.body;
-        if now["state"] != "running" {
-            return now;
+    let waiting = async {
+        loop {
+            let now = get(router, &location).await.body;
+            if now["state"] != "running" {
+                return now;
+            }
+            tokio::task::yield_now().await;
         }
-        tokio::task::yield_now().await;
-    }
+    };
+    in_time(waiting).await
 }
 
 /// A result states its cost and the forecast made before it started.

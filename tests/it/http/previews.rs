@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 use tower::ServiceExt;
 
 use super::{Answer, download, get, imported, is_problem, opened, post, request, router_of};
-use crate::bench_in_a_box::BenchInABox;
+use crate::bench_in_a_box::{BenchInABox, in_time};
 
 const PREVIEW: &str = "/api/v1/rig/preview";
 
@@ -47,9 +47,12 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 }
 
 async fn at_rest(router: &Router) {
-    while get(router, "/api/v1/rig").await.body["activity"] != "idle" {
-        tokio::task::yield_now().await;
-    }
+    let waiting = async {
+        while get(router, "/api/v1/rig").await.body["activity"] != "idle" {
+            tokio::task::yield_now().await;
+        }
+    };
+    in_time(waiting).await;
 }
 
 /// Runs a scan of one pose with these exposures to its end, with the steps of the operator.

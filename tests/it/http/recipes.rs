@@ -6,11 +6,11 @@ use ridged::scan::ScanState;
 use ridged::store::disk::RealDisk;
 use serde_json::{Value, json};
 
-use super::{Answer, get, is_problem, opened, post, request, send};
+use super::{get, is_problem, opened, post, request, send};
 use axum::Router;
 use axum::body::Body;
 
-use crate::bench_in_a_box::{BenchInABox, small};
+use crate::bench_in_a_box::{BenchInABox, in_time, small};
 
 /// A recipe of few poses, with the material of the parts.
 pub(crate) fn recipe(name: &str) -> Value {
@@ -40,12 +40,9 @@ pub(crate) async fn added(router: &Router, noun: &str, body: &Value) -> Value {
 /// Confirms the steps of a scan until it has ended.
 async fn attended(bench: &BenchInABox, id: i64) -> Value {
     let hands = bench.rig.operate(&bench.lab, true);
-    // A step that was announced before the hands were there.
-    let router = super::router_of(&bench.lab);
-    let proceed = format!("/api/v1/scans/{id}/continue");
-    let _: Answer = post(&router, &proceed, "").await;
     bench.until(id, ScanState::Completed).await;
     hands.abort();
+    let router = super::router_of(&bench.lab);
     get(&router, &format!("/api/v1/scans/{id}")).await.body
 }
 
@@ -291,16 +288,22 @@ async fn a_restart_fits_and_judges_the_scan_whose_fit_the_last_daemon_was_ended_
             .collect()
     };
     let mut events = bench.lab.events();
-    while states(&of_scan(&router, "fits", 2).await).is_empty() {
-        events.recv().await.ok();
-    }
+    let begun = async {
+        while states(&of_scan(&router, "fits", 2).await).is_empty() {
+            events.recv().await.ok();
+        }
+    };
+    in_time(begun).await;
     bench.end().await;
 
     let (bench, router) = open().await;
     let mut events = bench.lab.events();
-    while states(&of_scan(&router, "verdicts", 2).await) != ["completed"] {
-        events.recv().await.ok();
-    }
+    let judged = async {
+        while states(&of_scan(&router, "verdicts", 2).await) != ["completed"] {
+            events.recv().await.ok();
+        }
+    };
+    in_time(judged).await;
     let fits = of_scan(&router, "fits", 2).await;
     assert_eq!(states(&fits), ["completed", "interrupted"]);
     let verdict = of_scan(&router, "verdicts", 2).await;
