@@ -102,6 +102,7 @@ fn estimate_thinned<'a>(
     let weighing = Weighing {
         own: &own,
         scale: &scale,
+        kept: None,
         fitted: found.fitted,
         options,
         cancel,

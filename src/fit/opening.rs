@@ -81,6 +81,7 @@ impl<'a> Opening<'a> {
         Weighing {
             own: &self.own,
             scale: &self.scale,
+            kept: None,
             fitted: self.fitted,
             options,
             cancel,

@@ -252,6 +252,7 @@ pub(super) fn conclude<'a>(
         fitted,
         options,
         cancel,
+        ..
     } = *weighing;
     let Settled {
         mut problem,

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::least_squares::sum_of_squares;
 use super::minimum::{Ending, Minimum, Settings};
-use super::misfit::{ROUNDS, discrepancy_of, discrepancy_of_few};
+use super::misfit::{LEAST_WEIGHT, ROUNDS, discrepancy_of, discrepancy_of_few};
 use super::problem::Problem;
 use super::search::{AMBIGUOUS_RISE, FINE, Search, determined};
 use super::start::distance;
@@ -63,6 +63,8 @@ pub(super) struct Weighing<'s> {
     pub own: &'s [f64],
     /// Scale of the model error of each observation.
     pub scale: &'s [f64],
+    /// Weights that a robust loss gave to the observations in an earlier fit, which then replace the loss.
+    pub kept: Option<&'s [f64]>,
     /// Number of free parameters without those that only move within a stated uncertainty.
     pub fitted: usize,
     pub options: &'s FitOptions,
@@ -72,7 +74,32 @@ pub(super) struct Weighing<'s> {
 impl Weighing<'_> {
     /// Standard uncertainties of the observations at a discrepancy.
     pub(super) fn sigma(&self, discrepancy: f64) -> Vec<f64> {
-        sigma_at(self.own, self.scale, discrepancy)
+        let sigma = sigma_at(self.own, self.scale, discrepancy);
+        match self.kept {
+            None => sigma,
+            Some(weights) => {
+                let both = sigma.iter().zip(weights);
+                both.map(|(s, w)| s / w.max(LEAST_WEIGHT).sqrt()).collect()
+            }
+        }
+    }
+
+    /// Discrepancy that these residuals show.
+    fn discrepancy(&self, residuals: &[f64]) -> f64 {
+        let (own, scale) = (self.own, self.scale);
+        let seen = match self.kept {
+            None => discrepancy_of(residuals, own, scale, self.fitted, self.options.loss),
+            Some(weights) => {
+                let both = residuals.iter().zip(weights);
+                let weighed: Vec<f64> = both.map(|(r, w)| r * w.sqrt()).collect();
+                discrepancy_of(&weighed, own, scale, self.fitted, Loss::Linear)
+            }
+        };
+        self.at_most(seen)
+    }
+
+    fn at_most(&self, discrepancy: f64) -> f64 {
+        discrepancy.min(self.options.misfit_most.unwrap_or(f64::INFINITY))
     }
 }
 
@@ -142,15 +169,19 @@ impl Settled<'_> {
     }
 
     fn settle_by(&mut self, settings: &Settings, weighing: &Weighing<'_>) {
+        self.rounds(settings, weighing);
+        if weighing.options.misfit {
+            self.allow_for_few_poses(settings, weighing);
+        }
+    }
+
+    /// The rounds alone, for a model whose usual error is not that of the closed form.
+    pub(super) fn rounds(&mut self, settings: &Settings, weighing: &Weighing<'_>) {
         let bounds = self.problem.bounds();
         for _ in 0..ROUNDS {
-            let next = if weighing.options.misfit {
-                let (own, scale) = (weighing.own, weighing.scale);
-                let loss = weighing.options.loss;
-                let seen = discrepancy_of(&self.residuals(), own, scale, weighing.fitted, loss);
-                seen.min(weighing.options.misfit_most.unwrap_or(f64::INFINITY))
-            } else {
-                0.0
+            let next = match weighing.options.misfit {
+                true => weighing.discrepancy(&self.residuals()),
+                false => 0.0,
             };
             let settled = (next - self.discrepancy).abs() <= 1e-3 * next;
             self.discrepancy = next;
@@ -164,9 +195,6 @@ impl Settled<'_> {
                 break;
             }
         }
-        if weighing.options.misfit {
-            self.allow_for_few_poses(settings, weighing);
-        }
     }
 
     /// Increases the discrepancy if there are too few poses to determine it.
@@ -174,7 +202,7 @@ impl Settled<'_> {
         let (own, scale, loss) = (weighing.own, weighing.scale, weighing.options.loss);
         let (found, residuals) = (self.discrepancy, self.residuals());
         let few = discrepancy_of_few(found, &residuals, own, scale, weighing.fitted, loss);
-        let to_go_by = few.min(weighing.options.misfit_most.unwrap_or(f64::INFINITY));
+        let to_go_by = weighing.at_most(few);
         if to_go_by > found {
             let bounds = self.problem.bounds();
             self.discrepancy = to_go_by;
@@ -191,7 +219,7 @@ impl Settled<'_> {
     }
 
     /// Model minus observation.
-    fn residuals(&self) -> Vec<f64> {
+    pub(super) fn residuals(&self) -> Vec<f64> {
         let values = self.problem.unpack(&self.minimum.parameters);
         let predicted = self.problem.predicted(&values);
         let pairs = predicted.iter().zip(&self.problem.set().observations);

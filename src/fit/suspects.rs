@@ -382,6 +382,7 @@ impl<'a> Inquiry<'_, 'a> {
         let weighing = Weighing {
             own: &own,
             scale: &scale,
+            kept: None,
             fitted,
             options: &linear,
             cancel: self.cancel,

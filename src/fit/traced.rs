@@ -17,12 +17,13 @@ mod types;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::FitOptions;
 use super::budget::uncertainty;
 use super::estimate::Estimate;
-use super::misfit::{LEAST_WEIGHT, ROUNDS, discrepancy_of, freedom, misfit_scale, peak};
-use super::problem::{Problem, Quantity, Values};
-use super::solver::{Minimum, Settings, minimise};
-use super::{FitOptions, Loss};
+use super::misfit::{freedom, misfit_scale, peak};
+use super::problem::{Quantity, Values};
+use super::settle::{Settled, Weighing};
+use super::solver::{Settings, minimise};
 use crate::material::Material;
 use crate::observation::ObservationSet;
 use crate::trace::facet_scattering::{DiffuseBody, Roughness};
@@ -56,8 +57,7 @@ pub fn estimate_traced<'a>(
     let metal = matches!(set.material, Material::Conductor { .. });
     let task = |polarised, done| Task {
         sawtooth,
-        seed: u64::from(fit_options.seed),
-        misfit: fit_options.misfit,
+        fit_options,
         profile,
         watch,
         cancel,
@@ -141,80 +141,38 @@ impl Scatter {
         }
     }
 
-    fn sigma(&self, discrepancy: f64) -> Vec<f64> {
-        let parts = self.own.iter().zip(&self.scale).zip(&self.weights);
-        parts
-            .map(|((o, s), w)| o.hypot(discrepancy * s) / w.max(LEAST_WEIGHT).sqrt())
-            .collect()
-    }
-}
-
-/// A problem, its minimum, and the discrepancy of its weights.
-#[derive(Debug, Clone)]
-struct Settled<'a> {
-    problem: Problem<'a>,
-    minimum: Minimum,
-    discrepancy: f64,
-}
-
-impl<'a> Settled<'a> {
-    /// Runs rounds of discrepancy, weights and refit.
-    fn settle(&mut self, scatter: &Scatter, task: &Task<'_, '_>) {
-        let (bounds, fitted) = (self.problem.bounds(), task.sawtooth.fitted);
-        for _ in 0..ROUNDS {
-            let next = if task.misfit {
-                let residuals: Vec<f64> = self
-                    .residuals()
-                    .iter()
-                    .zip(&scatter.weights)
-                    .map(|(r, w)| r * w.sqrt())
-                    .collect();
-                let (own, scale) = (&scatter.own, &scatter.scale);
-                discrepancy_of(&residuals, own, scale, fitted, Loss::Linear)
-            } else {
-                0.0
-            };
-            let settled = (next - self.discrepancy).abs() <= 1e-3 * next;
-            self.discrepancy = next;
-            self.problem = self.problem.clone().with_sigma(scatter.sigma(next));
-            let from = self.minimum.parameters.clone();
-            let settings = Settings::default();
-            self.minimum = minimise(&self.problem, &from, &bounds, &settings, task.cancel);
-            if settled || task.cancel.load(Ordering::Relaxed) {
-                break;
-            }
+    fn weighing<'s>(&'s self, task: &'s Task<'_, '_>) -> Weighing<'s> {
+        Weighing {
+            own: &self.own,
+            scale: &self.scale,
+            kept: Some(&self.weights),
+            fitted: task.sawtooth.fitted,
+            options: task.fit_options,
+            cancel: task.cancel,
         }
     }
 
-    /// Model minus observation.
-    fn residuals(&self) -> Vec<f64> {
-        let values = self.problem.unpack(&self.minimum.parameters);
-        let predicted = self.problem.predicted(&values);
-        let pairs = predicted.iter().zip(&self.problem.set().observations);
-        pairs.map(|(p, o)| p - o.signal).collect()
-    }
-
-    /// Builds the estimate from it and from that of the closed form.
-    fn estimate(&self, scatter: &Scatter, sawtooth: &Estimate<'a>) -> Estimate<'a> {
-        let residuals = self.residuals();
+    /// Builds the estimate from a settled minimum and from that of the closed form.
+    fn estimate<'a>(&self, settled: &Settled<'a>, sawtooth: &Estimate<'a>) -> Estimate<'a> {
+        let residuals = settled.residuals();
         let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
             let each = residuals.iter().enumerate();
-            each.map(|(i, r)| scatter.weights[i] * (r * weight(i)).powi(2))
+            each.map(|(i, r)| self.weights[i] * (r * weight(i)).powi(2))
                 .sum()
         };
         let count = residuals.len();
         let freedom = freedom(count, sawtooth.fitted);
-        let peak = peak(self.problem.set());
+        let peak = peak(settled.problem.set());
         Estimate {
-            chi2_reduced_without_model: squares(&|i| 1.0 / scatter.own[i]) / freedom,
+            chi2_reduced_without_model: squares(&|i| 1.0 / self.own[i]) / freedom,
             rms_residual: (squares(&|_| 1.0 / peak) / count.max(1) as f64).sqrt(),
-            misfit: scatter.scale.iter().map(|s| self.discrepancy * s).collect(),
-            discrepancy: self.discrepancy,
-            values: self.problem.unpack(&self.minimum.parameters),
-            tier_shift: vec![0.0; self.minimum.parameters.len()],
+            misfit: self.scale.iter().map(|s| settled.discrepancy * s).collect(),
+            discrepancy: settled.discrepancy,
+            values: settled.problem.unpack(&settled.minimum.parameters),
+            tier_shift: vec![0.0; settled.minimum.parameters.len()],
             tier_undecided: false,
-            minimum: self.minimum.clone(),
-            problem: self.problem.clone(),
+            minimum: settled.minimum.clone(),
+            problem: settled.problem.clone(),
             ..sawtooth.clone()
         }
     }
@@ -263,12 +221,12 @@ impl<'a> Run<'a> {
             let settled = &mut self.settled;
             let problem = settled.problem.clone().with_factor(traced.factor);
             settled.problem = problem.with_correction(traced.added);
-            settled.settle(&scatter, task);
+            settled.rounds(&Settings::default(), &scatter.weighing(task));
             if task.cancel.load(Ordering::Relaxed) {
                 return None;
             }
             let moved = settled.minimum.parameters.iter().zip(&before);
-            let mut estimate = settled.estimate(&scatter, task.sawtooth);
+            let mut estimate = scatter.estimate(settled, task.sawtooth);
             estimate.traced = Some(Tracing {
                 sigma: traced.sigma,
                 apart: match task.profile {

@@ -8,11 +8,12 @@ use rayon::prelude::*;
 use super::{
     FIRST_PASSES, Scatter, Settled, TracingOptions, TracingProgress, Watch, ridged_surface,
 };
+use crate::fit::FitOptions;
 use crate::fit::estimate::Estimate;
 use crate::fit::misfit::freedom;
 use crate::fit::problem::{Problem, Values};
 use crate::fit::search::AMBIGUOUS_RISE;
-use crate::fit::solver::Minimum;
+use crate::fit::solver::{Minimum, Settings};
 use crate::trace::pose_radiance::RadianceOptions;
 use crate::trace::rng::{Purpose, RandomStream};
 use crate::trace::surface_profile::SurfaceProfile;
@@ -25,8 +26,7 @@ const RIVALS_TRACED: usize = 6;
 
 pub(super) struct Task<'a, 's> {
     pub(super) sawtooth: &'a Estimate<'s>,
-    pub(super) seed: u64,
-    pub(super) misfit: bool,
+    pub(super) fit_options: &'a FitOptions,
     pub(super) profile: Option<&'a SurfaceProfile>,
     pub(super) watch: Watch<'a>,
     pub(super) cancel: &'a AtomicBool,
@@ -72,9 +72,9 @@ impl Task<'_, '_> {
                 minimum: rival.clone(),
                 discrepancy: best.discrepancy,
             };
-            there.settle(&scatter, self);
-            let chi2 = there
-                .estimate(&scatter, sawtooth)
+            there.rounds(&Settings::default(), &scatter.weighing(self));
+            let chi2 = scatter
+                .estimate(&there, sawtooth)
                 .chi2_reduced_without_model;
             let rise = (chi2 - best.chi2_reduced_without_model) * freedom / dispersion;
             (rise < AMBIGUOUS_RISE).then_some(there.minimum)
@@ -114,7 +114,12 @@ impl Task<'_, '_> {
                 }
                 let options = RadianceOptions {
                     paths: self.paths,
-                    seed: RandomStream::new(self.seed, Purpose::Batch, i as u64).bits(),
+                    seed: RandomStream::new(
+                        u64::from(self.fit_options.seed),
+                        Purpose::Batch,
+                        i as u64,
+                    )
+                    .bits(),
                     cones: set.rig.cones,
                     polarised: self.polarised,
                 };
