@@ -12,7 +12,7 @@
 //! - [`PortLine::close`] closes the port for all handles, so that no forgotten handle keeps a port
 //!   from being opened again.
 //!
-//! This module knows nothing of axes and angles.
+//! This module knows nothing of axes and angles. Its requests and replies are those of Zaber ASCII.
 
 mod history;
 mod owner;

@@ -1,4 +1,4 @@
-//! From the settings of the daemon to a rig that the lab can own.
+//! From the settings of the daemon to a rig that the lab can own: [`real_rig`] makes its camera and the link to its stages.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -17,6 +17,9 @@
 //! With τ, ι and R 0 and smooth walls the form is that of [`super::sawtooth`]. It is written once over [`Number`]. Call
 //! [`radiance_of`]; fits call [`partials`].
 //!
+//! A new term: its parameter is a field of [`Real`], [`Parameters`] and [`Partials`], and one more variable of [`partials`],
+//! which counts them by hand. [`Terms`] states whether it is evaluated; a fit that frees it needs its derivative at 0, too.
+//!
 //! The form omits the mutual masking of slopes on single reflection, the second order of R, and a draft of the riser.
 
 pub(super) mod crest;

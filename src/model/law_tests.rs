@@ -1,4 +1,5 @@
-//! Laws that every form must obey, tested over one list of forms.
+//! Laws that every form must obey, tested over one list of forms. The terms of real samples are not in it: the tests of
+//! [`super::extended`] draw them.
 
 use nalgebra::Vector3;
 

@@ -180,7 +180,8 @@ struct Draw {
     optics: Optics,
 }
 
-/// Returns random rigs, poses and surfaces.
+/// Returns random rigs, poses and surfaces. A new term of [`Real`] is drawn here, from a value that depends only on `n`: one
+/// more call of `between` changes all later draws. A term that [`Terms`] leaves out at 0 is drawn above 0.
 fn draws(count: usize) -> impl Iterator<Item = Draw> {
     let mut state = 11u64;
     let mut between = move |low: f64, high: f64| {

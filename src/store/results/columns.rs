@@ -1,5 +1,13 @@
 //! The columns of a result: name, kind and meaning. Filters, the OpenAPI document and the table of the command line follow
 //! from this list.
+//!
+//! A new column is a line here and a migration, since old ones never change. The migration adds the column to `results` and
+//! makes the view `result_now` again, from the newest migration that has it. The rows are inserted by place (`SELECT *`), so
+//! the column has the same place in both; that of this list is free. Then it fills the table again: `DELETE FROM
+//! results`, `INSERT INTO results SELECT * FROM result_now`. The triggers stay. A value of the report is `report ->> '$.path'`.
+//!
+//! A column of kind [`Kind::Real`] is declared REAL, also for a count, which has no kind of its own: of an INTEGER column
+//! SQLite returns an integer, which is not read as an `f64`.
 
 /// What the values of a column are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
