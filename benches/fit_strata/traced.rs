@@ -30,6 +30,8 @@ const COVERED_MIN: f64 = 0.93;
 struct Row {
     /// (value − truth)/U.
     ratios: Vec<f64>,
+    /// value − truth: of α and ρd as a share of the truth, of angles in degrees.
+    errors: Vec<f64>,
     /// U over that by counting noise alone, at a coverage factor of 2.
     cautions: Vec<f64>,
     withheld: usize,
@@ -145,6 +147,8 @@ pub fn run(cases: u64, seed: u64, variant: VariantChoice) -> bool {
                     continue;
                 };
                 row.ratios.push((value - truth) / expanded);
+                let unit = if name.ends_with("_deg") { 1.0 } else { *truth };
+                row.errors.push((value - truth) / unit);
                 if let Some(budget) = parameter.budget {
                     row.cautions.push(expanded / (2.0 * budget.counting));
                 }
@@ -156,16 +160,23 @@ pub fn run(cases: u64, seed: u64, variant: VariantChoice) -> bool {
             grid.2,
             begun.elapsed().as_secs_f64()
         );
-        println!("  parameter            covered        rms E_n  largest  U/U(counting)  withheld");
+        println!(
+            "  parameter            covered        rms E_n  largest  rms error  largest  U/U(counting)  withheld"
+        );
         for (name, row) in &mut rows {
             let count = row.ratios.len().max(1) as f64;
             let inside = row.ratios.iter().filter(|r| r.abs() <= 1.0).count() as f64;
-            let rms = (row.ratios.iter().map(|r| r * r).sum::<f64>() / count).sqrt();
-            let largest = row.ratios.iter().fold(0.0_f64, |l, r| l.max(r.abs()));
+            let rms_and_largest = |values: &[f64]| {
+                let squares = values.iter().map(|x| x * x).sum::<f64>();
+                let largest = values.iter().fold(0.0_f64, |l, x| l.max(x.abs()));
+                ((squares / count).sqrt(), largest)
+            };
+            let (rms, largest) = rms_and_largest(&row.ratios);
+            let (error, largest_error) = rms_and_largest(&row.errors);
             row.cautions.sort_by(f64::total_cmp);
             let caution = row.cautions.get(row.cautions.len() / 2).copied();
             println!(
-                "  {name:<20} {:5.1} % of {count:<4} {rms:7.2} {largest:8.2} {:12.1} {:9}",
+                "  {name:<20} {:5.1} % of {count:<4} {rms:7.2} {largest:8.2} {error:10.5} {largest_error:8.5} {:14.1} {:9}",
                 100.0 * inside / count,
                 caution.unwrap_or(f64::NAN),
                 row.withheld

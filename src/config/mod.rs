@@ -556,6 +556,42 @@ mod tests {
     }
 
     #[test]
+    fn the_example_file_shows_every_key() {
+        let example = include_str!("../../ridged.example.toml");
+        // serde names all keys of a table where it refuses one.
+        let keys_of = |table: &str| -> Vec<String> {
+            let probe = match table {
+                "" => "nothing = 1".to_owned(),
+                _ => format!("[{table}]\nnothing = 1"),
+            };
+            let error = toml::from_str::<Config>(&probe).unwrap_err();
+            let Some((_, names)) = error.message().split_once("unknown field `nothing`") else {
+                return Vec::new();
+            };
+            names
+                .split('`')
+                .skip(1)
+                .step_by(2)
+                .map(str::to_owned)
+                .collect()
+        };
+        let mut tables = vec![String::new()];
+        let mut count = 0;
+        while let Some(table) = tables.pop() {
+            for key in keys_of(&table) {
+                let word = |c: char| !(c.is_ascii_alphanumeric() || c == '_');
+                assert!(example.split(word).any(|w| w == key), "{table}.{key}");
+                count += 1;
+                tables.push(match table.as_str() {
+                    "" => key,
+                    _ => format!("{table}.{key}"),
+                });
+            }
+        }
+        assert!(count > 80, "{count}");
+    }
+
+    #[test]
     fn a_place_to_park_is_within_the_limits() {
         let example = include_str!("../../ridged.example.toml");
         let config = read(example, &[]).unwrap();

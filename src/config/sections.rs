@@ -1,7 +1,7 @@
 //! The sections of the settings: each key with unit, default and range.
 //!
 //! A new key is a field here with its default, a row in `bounds.rs` if it is a number with a range, and a line in
-//! `ridged.example.toml`, which is also the page of settings. No test finds a key that the example lacks.
+//! `ridged.example.toml`, which is also the page of settings.
 
 use std::net::IpAddr;
 use std::path::PathBuf;
