@@ -17,24 +17,28 @@
 //! With τ, ι and R 0 and smooth walls the form is that of [`super::sawtooth`]. It is written once over [`Number`]. Call
 //! [`radiance_of`]; fits call [`partials`].
 //!
-//! A new term: its parameter is a field of [`Real`], [`Parameters`] and [`Partials`], and one more variable of [`partials`],
-//! which counts them by hand. [`Terms`] states whether it is evaluated; a fit that frees it needs its derivative at 0, too.
+//! A new term: its formula is a file here, its parameter a field of [`Real`]. [`Terms`] states whether it is evaluated; a fit that
+//! frees it needs its derivative at 0, too.
 //!
 //! The form omits the mutual masking of slopes on single reflection, the second order of R, and a draft of the riser.
 
 pub(super) mod crest;
-mod real;
 pub mod slopes;
+mod walls;
+
+use std::array;
 
 use super::dual::Dual;
 use super::gauss::LEGENDRE_4;
 use super::number::Number;
 use super::prepared::Partials;
+use super::real::DEVIATIONS;
+pub use super::real::Real;
 use super::sawtooth::{RETRO_TILT_MAX, RETRO_TILT_MIN};
 use super::{Optics, Surface};
 use crate::geometry::Directions;
-pub use real::{Real, Walls};
 use slopes::Slopes;
+pub use walls::Walls;
 
 /// Largest crest radius of a search, as a share of the riser.
 pub const CREST_MAX: f64 = 0.8;
@@ -50,12 +54,8 @@ pub struct Parameters<N> {
     pub alpha_v: N,
     /// Lambertian-equivalent reflectance of a flat piece at the rig's own angles.
     pub rho_d: N,
-    /// Share τ of the body's light that leaves uniformly.
-    pub translucency: N,
-    /// Tail ι of the slopes.
-    pub tail: N,
-    /// Radius of the crests over the facet's length.
-    pub crest: N,
+    /// Deviations from an ideal sawtooth.
+    pub real: Real<N>,
     /// Factor A on single specular reflection (A² on two).
     pub amplitude: N,
     /// Real part of the index.
@@ -192,7 +192,7 @@ pub fn radiance_of<N: Number>(
 ) -> N {
     let (s, p) = q.theta_r.sine_cosine();
     let (one, zero) = (s.like(1.0), s.like(0.0));
-    let round = q.crest * p;
+    let round = q.real.crest * p;
     let riser = zero.below(s);
     let straight = N::choose(riser, one - round / N::choose(riser, s, one), zero).positive();
     let shape = Shape {
@@ -207,7 +207,7 @@ pub fn radiance_of<N: Number>(
     let slopes = Slopes {
         u2: q.alpha_u * q.alpha_u + s.like(widening),
         v2: q.alpha_v * q.alpha_v + s.like(widening),
-        tail: q.tail,
+        tail: q.real.tail,
         widening: if terms.tails { widening } else { 0.0 },
     };
     let mut sum = single(i, o, [&a, &b], q, &shape, &slopes, terms);
@@ -312,7 +312,7 @@ fn diffuse<N: Number>(
     let local = direct + hops * (one + straight).times(0.5) + N::choose(on, exchange, zero);
     let through = |w: &Ray<N>, n: N| (e_f(w) + e_r(w, w.hidden)).smaller(n);
     let even = through(a, i[2]) * through(b, o[2]);
-    c_d * (local + q.translucency * (even - local))
+    c_d * (local + q.real.translucency * (even - local))
 }
 
 /// Returns ∫ T̃(m·i) T̃(m·o) (m·i)(m·o) dψ over the crest's arc.
@@ -388,12 +388,12 @@ fn retro<N: Number>(
         (a.facet.0 + a.facet.1) * (b.riser.0 + b.riser.1).times(0.25)
     };
     // The density of both slopes; with tails, of the width that is exact at its peak.
-    let kappa = one + q.tail.times(0.5);
+    let kappa = one + q.real.tail.times(0.5);
     let (du, db) = ((a.u + b.u).times(0.5), (beta_b - beta_a).times(0.5));
     let pair = Slopes {
         u2: (kappa * v_u).times(2.0),
         v2: (kappa * v_v).times(2.0),
-        tail: q.tail,
+        tail: q.real.tail,
         widening: 0.0,
     };
     let density = pair.relative(du * du, db * db) * pair.norm();
@@ -402,8 +402,13 @@ fn retro<N: Number>(
     N::choose(on, product.times(0.25), zero)
 }
 
-/// Number of variables of the derivatives: ten parameters and six components of two directions.
-const VARIABLES: usize = 16;
+/// First variable of the deviations from an ideal sawtooth, of amplitude and index, and of the two directions' components.
+const REAL: usize = 4;
+const OPTICAL: usize = REAL + DEVIATIONS;
+const INCIDENT: usize = OPTICAL + 3;
+const OUTGOING: usize = INCIDENT + 3;
+/// Number of variables of the derivatives.
+const VARIABLES: usize = OUTGOING + 3;
 
 /// Returns the radiance with its derivatives for θr ≥ 0.
 #[must_use]
@@ -421,23 +426,22 @@ pub fn partials(
         return Partials::default();
     }
     type D = Dual<VARIABLES>;
+    let deviations = real.into_array();
     let q = Parameters {
         theta_r: D::variable(surface.theta_r, 0),
         alpha_u: D::variable(surface.alpha_u, 1),
         alpha_v: D::variable(surface.alpha_v, 2),
         rho_d: D::variable(surface.rho_d, 3),
-        translucency: D::variable(real.translucency, 4),
-        tail: D::variable(real.tail, 5),
-        crest: D::variable(real.crest, 6),
-        amplitude: D::variable(surface.amplitude, 7),
-        eta: D::variable(optics.eta, 8),
-        k: D::variable(optics.k, 9),
+        real: Real::from_array(array::from_fn(|j| D::variable(deviations[j], REAL + j))),
+        amplitude: D::variable(surface.amplitude, OPTICAL),
+        eta: D::variable(optics.eta, OPTICAL + 1),
+        k: D::variable(optics.k, OPTICAL + 2),
     };
     let direction = |w: [f64; 3], first: usize| [0, 1, 2].map(|j| D::variable(w[j], first + j));
     let widening = optics.cones.widening();
     let found = radiance_of(
-        direction(i, 10),
-        direction(o, 13),
+        direction(i, INCIDENT),
+        direction(o, OUTGOING),
         &q,
         terms,
         walls,
@@ -450,14 +454,12 @@ pub fn partials(
         alpha_u: d[1],
         alpha_v: d[2],
         rho_d: d[3],
-        translucency: d[4],
-        tail: d[5],
-        crest: d[6],
-        amplitude: d[7],
-        eta: d[8],
-        k: d[9],
-        incident: [d[10], d[11], d[12]],
-        outgoing: [d[13], d[14], d[15]],
+        real: Real::from_array(array::from_fn(|j| d[REAL + j])),
+        amplitude: d[OPTICAL],
+        eta: d[OPTICAL + 1],
+        k: d[OPTICAL + 2],
+        incident: array::from_fn(|j| d[INCIDENT + j]),
+        outgoing: array::from_fn(|j| d[OUTGOING + j]),
     }
 }
 

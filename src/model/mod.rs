@@ -28,6 +28,7 @@ pub mod picture;
 pub mod polarisation;
 pub mod prepared;
 pub mod quadrature;
+pub mod real;
 mod register;
 pub mod rough_boundary;
 pub mod sawtooth;
@@ -49,6 +50,7 @@ use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::material::Material;
 use dual::{Dual, Scalar};
 pub use left_out::LeftOut;
+use real::Real;
 
 /// The closed form that is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -129,12 +131,8 @@ pub struct Gradient {
     pub alpha_v: f64,
     /// ∂/∂ρd.
     pub rho_d: f64,
-    /// ∂/∂τ of [`extended`]; this and the next two are 0 in the other forms.
-    pub translucency: f64,
-    /// ∂/∂ι.
-    pub tail: f64,
-    /// ∂/∂(R/p).
-    pub crest: f64,
+    /// With respect to the deviations of [`extended`]; 0 in the other forms.
+    pub real: Real,
     /// ∂/∂A.
     pub amplitude: f64,
     /// ∂/∂n.
@@ -155,9 +153,7 @@ impl Gradient {
         alpha_u: 0.0,
         alpha_v: 0.0,
         rho_d: 0.0,
-        translucency: 0.0,
-        tail: 0.0,
-        crest: 0.0,
+        real: Real::NONE,
         amplitude: 0.0,
         eta: 0.0,
         k: 0.0,
@@ -172,9 +168,7 @@ impl Gradient {
         self.alpha_u += weight * other.alpha_u;
         self.alpha_v += weight * other.alpha_v;
         self.rho_d += weight * other.rho_d;
-        self.translucency += weight * other.translucency;
-        self.tail += weight * other.tail;
-        self.crest += weight * other.crest;
+        self.real.add(weight, &other.real);
         self.amplitude += weight * other.amplitude;
         self.eta += weight * other.eta;
         self.k += weight * other.k;

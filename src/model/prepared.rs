@@ -18,6 +18,7 @@ use crate::geometry::{Directions, Pose, RigGeometry};
 use super::dual::Dual;
 use super::form::{self, Fixed, Half, NUMBERS, Shape, Terms};
 use super::fresnel::Slopes;
+use super::real::Real;
 use super::register::Register;
 use super::sawtooth::{RETRO_TILT_MAX, RETRO_TILT_MIN, diffuse_transmittance};
 use super::{Gradient, Optics, Surface, Variant};
@@ -35,12 +36,8 @@ pub struct Partials {
     pub alpha_v: f64,
     /// ∂/∂ρd.
     pub rho_d: f64,
-    /// ∂/∂τ, ∂/∂ι and ∂/∂(R/p) of [`super::extended`]; 0 in the other forms.
-    pub translucency: f64,
-    /// See `translucency`.
-    pub tail: f64,
-    /// See `translucency`.
-    pub crest: f64,
+    /// With respect to the deviations of [`super::extended`]; 0 in the other forms.
+    pub real: Real,
     /// ∂/∂A.
     pub amplitude: f64,
     /// ∂/∂n.
@@ -75,9 +72,7 @@ impl Partials {
             alpha_u: self.alpha_u,
             alpha_v: self.alpha_v,
             rho_d: self.rho_d,
-            translucency: self.translucency,
-            tail: self.tail,
-            crest: self.crest,
+            real: self.real,
             amplitude: self.amplitude,
             eta: self.eta,
             k: self.k,
@@ -260,9 +255,7 @@ impl Prepared {
             alpha_u: d.ln_alpha_u / self.surface.alpha_u,
             alpha_v: d.ln_alpha_v / self.surface.alpha_v,
             rho_d: d.rho_d,
-            translucency: 0.0,
-            tail: 0.0,
-            crest: 0.0,
+            real: Real::NONE,
             amplitude: d.amplitude,
             eta: d.eta,
             k: d.k,

@@ -208,8 +208,10 @@ pub(super) fn by_body(estimate: &Estimate<'_>) -> Option<Vec<f64>> {
     let ready = extended.ready(values);
     let each = problem.sigma().iter().enumerate();
     Some(
-        each.map(|(i, sigma)| values.scale * extended.corrected(i, &ready).translucency / sigma)
-            .collect(),
+        each.map(|(i, sigma)| {
+            values.scale * extended.corrected(i, &ready).real.translucency / sigma
+        })
+        .collect(),
     )
 }
 

@@ -84,9 +84,9 @@ impl Problem<'_> {
                     Quantity::Background => 1.0,
                     Quantity::Eta => gain * g.eta,
                     Quantity::K => gain * g.k,
-                    Quantity::Translucency => gain * g.translucency,
-                    Quantity::Tail => gain * g.tail,
-                    Quantity::CrestRadius => gain * g.crest,
+                    Quantity::Translucency => gain * g.real.translucency,
+                    Quantity::Tail => gain * g.real.tail,
+                    Quantity::CrestRadius => gain * g.real.crest,
                     Quantity::AzimuthOffset => gain * g.phi_s,
                     Quantity::TiltOffset => gain * g.theta_c,
                 };

@@ -1,28 +1,9 @@
-//! The deviations of real samples from an ideal sawtooth, and what they make of the walls.
+//! What the deviations of real samples make of the walls.
 
 use crate::model::Surface;
 use crate::model::prepared::OpticsTable;
+use crate::model::real::Real;
 use crate::model::rough_boundary::RoughBoundary;
-
-/// The deviations of real samples from an ideal [`Surface`].
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Real {
-    /// Share τ of the body's light that leaves uniformly over the ridges, 0 to 1.
-    pub translucency: f64,
-    /// Tail ι of the slopes: 0 Beckmann, 1 GGX.
-    pub tail: f64,
-    /// Radius of the crests over the facet's length.
-    pub crest: f64,
-}
-
-impl Real {
-    /// An ideal sawtooth.
-    pub const NONE: Real = Real {
-        translucency: 0.0,
-        tail: 0.0,
-        crest: 0.0,
-    };
-}
 
 /// The walls' numbers that do not depend on the pose; computed once per roughness.
 #[derive(Debug, Clone)]
