@@ -244,13 +244,13 @@ impl Kept {
         }
     }
 
-    /// Calls `each` with the outcome of every one of these frames, in their order.
+    /// Calls `each` with the outcome over that many segments of every one of these frames, in their order.
     ///
     /// # Errors
     /// [`ReductionError::Vanished`] if the store no longer gives what it had.
     pub(super) fn each_outcome(
         &self,
-        (key, part): (&str, &str),
+        (key, part, segments): (&str, &str, usize),
         frame_ids: &[i64],
         mut each: impl FnMut(i64, &FrameOutcome),
     ) -> Result<(), ReductionError> {
@@ -266,10 +266,14 @@ impl Kept {
                 .collect();
             let mut read = self.read_back(key, part, &only_stored)?;
             for id in ids {
-                match (here(*id), read.remove([*id].as_slice())) {
-                    (Some(outcome), _) | (None, Some(Row::Outcome(outcome))) => each(*id, &outcome),
+                let outcome = match (here(*id), read.remove([*id].as_slice())) {
+                    (Some(outcome), _) | (None, Some(Row::Outcome(outcome))) => outcome,
                     _ => return Err(vanished("one is no longer there")),
+                };
+                if !outcome.is_of(segments) {
+                    return Err(vanished("one is of another region"));
                 }
+                each(*id, &outcome);
             }
         }
         Ok(())

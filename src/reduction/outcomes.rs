@@ -142,6 +142,7 @@ pub(super) struct Outcomes {
     /// Key of the calibration and part by which the cache has the outcomes.
     key: String,
     part: String,
+    segments: usize,
     /// Sample frames that could not be read, which no cache keeps.
     unread: HashMap<usize, FrameOutcome>,
     pub(super) pictures: Vec<(usize, Arc<Option<Picture>>)>,
@@ -167,9 +168,13 @@ impl Outcomes {
         }
         let read = samples.iter().filter(|i| !self.unread.contains_key(i));
         let ids: Vec<i64> = read.map(|index| series.ids[*index]).collect();
-        kept.each_outcome((&self.key, &self.part), &ids, |id, outcome| {
-            each(series.places[&id], outcome);
-        })
+        kept.each_outcome(
+            (&self.key, &self.part, self.segments),
+            &ids,
+            |id, outcome| {
+                each(series.places[&id], outcome);
+            },
+        )
     }
 }
 
@@ -297,6 +302,7 @@ pub(super) fn outcomes(
         part: wanted
             .sums
             .map_or_else(String::new, |(_, part)| part.to_owned()),
+        segments: wanted.sums.map_or(0, |(segments, _)| segments.len()),
         unread,
         pictures: pictures.collect(),
         exposures,
