@@ -164,7 +164,7 @@ const SHARE_OF_TIER_SHIFT: f64 = 0.2;
 /// between them (rectangular distribution, 1/√3).
 const SHARE_OF_DISAGREEMENT: f64 = 0.577;
 
-/// Lower limit of the model part in the units of the solver: half the usual error of the corrected closed form on path-traced
+/// Lower limit of the model part in the units of the solver: below the usual error of the corrected closed form on path-traced
 /// samples, which `cargo bench --bench fit_strata -- --stratum traced` prints. Where the error is larger, the data show it, and
 /// the jackknife and the share of the tier's shift cover it.
 fn floor(quantity: Quantity, values: &Values) -> f64 {

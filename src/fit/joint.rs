@@ -364,7 +364,7 @@ impl<'e, 'a> Joint<'e, 'a> {
             let w = loss_weights(problem, &self.values(scan), loss);
             if loss != Loss::Linear {
                 // The same point as the minimum of least squares, which is the form that the budget uses.
-                let sigma = lightened(problem, &w);
+                let sigma = lightened(problem.sigma(), &w);
                 self.problems[scan] = problem.clone().with_loss(Loss::Linear).with_sigma(sigma);
             }
             weights.push(w);

@@ -67,9 +67,9 @@ pub(super) fn loss_weights(problem: &Problem<'_>, values: &Values, loss: Loss) -
     residuals.map(|(r, sigma)| loss.weight(r / sigma)).collect()
 }
 
-/// Standard uncertainties that give the observations the same weights in least squares.
-pub(super) fn lightened(problem: &Problem<'_>, weights: &[f64]) -> Vec<f64> {
-    let both = problem.sigma().iter().zip(weights);
+/// Standard uncertainties that give the observations these weights in least squares.
+pub(super) fn lightened(sigma: &[f64], weights: &[f64]) -> Vec<f64> {
+    let both = sigma.iter().zip(weights);
     both.map(|(s, w)| s / w.max(LEAST_WEIGHT).sqrt()).collect()
 }
 

@@ -266,7 +266,7 @@ pub(super) fn conclude<'a>(
     let loss_weights = loss_weights(&problem, &values, options.loss);
     if options.loss != Loss::Linear {
         // The same point as the minimum of least squares, which is the form that the budget uses.
-        let sigma = lightened(&problem, &loss_weights);
+        let sigma = lightened(problem.sigma(), &loss_weights);
         problem = problem.with_loss(Loss::Linear).with_sigma(sigma);
         let bounds = problem.bounds();
         let settings = Settings::default();

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::least_squares::sum_of_squares;
 use super::minimum::{Ending, Minimum, Settings};
-use super::misfit::{LEAST_WEIGHT, ROUNDS, discrepancy_of, discrepancy_of_few};
+use super::misfit::{ROUNDS, discrepancy_of, discrepancy_of_few, lightened};
 use super::problem::Problem;
 use super::search::{AMBIGUOUS_RISE, FINE, Search, determined};
 use super::start::distance;
@@ -77,10 +77,7 @@ impl Weighing<'_> {
         let sigma = sigma_at(self.own, self.scale, discrepancy);
         match self.kept {
             None => sigma,
-            Some(weights) => {
-                let both = sigma.iter().zip(weights);
-                both.map(|(s, w)| s / w.max(LEAST_WEIGHT).sqrt()).collect()
-            }
+            Some(weights) => lightened(&sigma, weights),
         }
     }
 

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use super::estimate::Estimate;
 use super::findings::{Code, Finding, sorted};
-use super::misfit::{LEAST_WEIGHT, freedom, misfit_scale, peak};
+use super::misfit::{freedom, lightened, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
 use super::search::{AMBIGUOUS_RISE, ONE_SURFACE, usable};
 use super::settle::{Settled, Weighing};
@@ -202,12 +202,9 @@ impl<'a> Inquiry<'_, 'a> {
     fn sigma(&self) -> Vec<f64> {
         let set = self.e.problem.set();
         let floor = MISSES.1 * peak(set);
-        let each = set.observations.iter().zip(&self.e.loss_weights);
-        each.map(|(o, w)| {
-            let sigma = o.sigma.hypot(MISSES.0 * o.signal).hypot(floor);
-            sigma / w.max(LEAST_WEIGHT).sqrt()
-        })
-        .collect()
+        let each = set.observations.iter();
+        let sigma = each.map(|o| o.sigma.hypot(MISSES.0 * o.signal).hypot(floor));
+        lightened(&sigma.collect::<Vec<f64>>(), &self.e.loss_weights)
     }
 
     /// Returns the problem with rough walls and the stated real terms, at its minimum.
@@ -368,12 +365,8 @@ impl<'a> Inquiry<'_, 'a> {
         let e = self.e;
         let set = e.problem.set();
         let fitted = e.fitted + joined;
-        let own: Vec<f64> = set
-            .observations
-            .iter()
-            .zip(&e.loss_weights)
-            .map(|(o, w)| o.sigma / w.max(LEAST_WEIGHT).sqrt())
-            .collect();
+        let sigma: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
+        let own = lightened(&sigma, &e.loss_weights);
         let scale = misfit_scale(set);
         let linear = FitOptions {
             loss: Loss::Linear,

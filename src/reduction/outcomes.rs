@@ -137,7 +137,6 @@ struct UnitResult {
 }
 
 /// What was computed of all sample frames.
-#[derive(Default)]
 pub(super) struct Outcomes {
     /// Key of the calibration and part by which the cache has the outcomes.
     key: String,

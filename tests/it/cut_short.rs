@@ -11,7 +11,6 @@ use std::time::Duration;
 use futures::FutureExt;
 use ridged::bench::stage::AxisName;
 use ridged::lab::{LabError, ScanRequest};
-use ridged::scan::event::RigActivity;
 use ridged::scan::runner::ScanCommand;
 use ridged::scan::{Event, PlanRequest, ScanState};
 use ridged::sim::world::AxisFault;
@@ -21,6 +20,7 @@ use ridged::units::Angle;
 use sqlx::{ConnectOptions, Connection};
 
 use crate::bench_in_a_box::{BenchInABox, small};
+use crate::stop::idle;
 
 /// For what would never come where the claim does not hold; nothing waits so long where it does.
 const NEVER: Duration = Duration::from_secs(60);
@@ -181,15 +181,8 @@ async fn an_axis_that_did_not_find_its_reference_says_why_until_it_moves_again()
     let mut events = lab.events();
     let mut home = async || {
         lab.home(AxisName::ThetaC).await.unwrap();
-        loop {
-            if let Event::Rig {
-                activity: RigActivity::Idle,
-                ..
-            } = &events.recv().await.unwrap().event
-            {
-                return lab.rig().await.unwrap();
-            }
-        }
+        idle(&mut events).await;
+        lab.rig().await.unwrap()
     };
     bench.rig.world.arm(
         AxisName::ThetaC,
