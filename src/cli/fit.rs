@@ -266,6 +266,11 @@ pub fn run(args: Args) -> Result<(), CliError> {
             "--url needs --scan N --store: a daemon fits the scans of its own store"
         )));
     }
+    if args.store && args.scan.is_none() {
+        return Err(CliError::bad_input(anyhow!(
+            "--store needs --scan N: only a fit of a scan in the store is kept; import the folder first (ridged import)"
+        )));
+    }
     if let (true, Some(scan_id)) = (args.store, args.scan) {
         return stored::run(&args, scan_id, &cancel);
     }

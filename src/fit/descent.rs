@@ -274,6 +274,11 @@ impl<'a> LevenbergMarquardt<'a> {
         self.cost = cost;
     }
 
+    /// Whether the descent ends near the minimum: a polish follows, or none is wanted.
+    fn is_rough(&self) -> bool {
+        self.may_polish || self.settings.polish_steps == 0
+    }
+
     fn descend<P: LeastSquares>(&mut self, problem: &mut Problem<P>) -> Result<(), Error> {
         let free = self.within_bounds();
         if self.orthogonality(&free) < 1e-14 {
@@ -323,18 +328,12 @@ impl<'a> LevenbergMarquardt<'a> {
             self.accept(cost);
             self.take_scales();
         }
-        let tolerance = if self.may_polish {
-            self.settings.cost_tolerance
-        } else {
-            4.0 * f64::EPSILON
+        let (cost_tolerance, step_tolerance) = match self.is_rough() {
+            true => (self.settings.cost_tolerance, self.settings.step_tolerance),
+            false => (4.0 * f64::EPSILON, f64::EPSILON),
         };
-        let small_gain =
-            actual.abs() <= tolerance * reference && predicted.abs() <= tolerance * reference;
-        let step_tolerance = if self.may_polish {
-            self.settings.step_tolerance
-        } else {
-            f64::EPSILON
-        };
+        let small_gain = actual.abs() <= cost_tolerance * reference
+            && predicted.abs() <= cost_tolerance * reference;
         let small_radius = self.radius <= step_tolerance * self.size();
         if small_gain {
             self.end_descent(problem, Ending::ConvergedByCost)?;
@@ -350,7 +349,7 @@ impl<'a> LevenbergMarquardt<'a> {
         problem: &mut Problem<P>,
         ending: Ending,
     ) -> Result<(), Error> {
-        if self.may_polish || self.slid || self.settings.polish_steps == 0 {
+        if self.is_rough() || self.slid {
             self.hand_over(ending);
             return Ok(());
         }

@@ -38,6 +38,8 @@ pub struct Estimate<'a> {
     pub held: Vec<Quantity>,
     /// Other minima that the data do not exclude at the coverage of the report.
     pub rivals: Vec<Minimum>,
+    /// A surface without a lobe, if the data do not exclude it: light of the body alone.
+    pub no_lobe: Option<Minimum>,
     /// What the ray tracer did, if the estimate depends on it.
     pub traced: Option<Tracing>,
     /// If the tolerance allowed leaving out the costlier tier: its effect, as a share of the peak.

@@ -427,6 +427,7 @@ impl<'e, 'a> Joint<'e, 'a> {
                 problem,
                 loss_weights,
                 rivals: Vec::new(),
+                no_lobe: None,
                 ..alone.clone()
             });
             first += rows;

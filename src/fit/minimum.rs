@@ -65,9 +65,9 @@ pub struct Settings {
     pub max_iterations: u64,
     /// First trust radius as a fraction of ‖D x‖; small values keep hard problems from leaping away.
     pub initial_radius: f64,
-    /// Relative predicted and actual gain below which the polish begins.
+    /// Relative predicted and actual gain below which the descent ends, or its polish begins.
     pub cost_tolerance: f64,
-    /// Relative trust radius below which the polish begins.
+    /// Relative trust radius below which it ends, or its polish begins.
     pub step_tolerance: f64,
     /// Maximum number of undamped steps at the end; 0 switches the polish off.
     pub polish_steps: u32,

@@ -16,7 +16,8 @@
 //!   (starts from the whole box), `crew` (descends from all starts at once, in the form of `lean` or `full`), [`tuning`]
 //!   (its constants), `projection` (best amplitudes of a start).
 //! - One variant: [`one_variant`] (the call), `pipeline` (its steps), with [`opening`] (initial state), [`thin`] (very many
-//!   observations), `misfit` (model error), `settle` (its weights), [`tier`] (the costlier model as an offset), [`traced`]
+//!   observations), `misfit` (model error), `settle` (its weights), [`tier`] (the costlier model as an offset), `unseen` (whether
+//!   there is a lobe at all), [`traced`]
 //!   (the ray tracer in its place). The result is an [`estimate`].
 //! - The uncertainty: [`covariance`], [`budget`], `drift` (of the lamp), `blunders` (single poses and runs of them),
 //!   `leftover` (the residual that they use), [`profile`] and [`intervals`] (intervals without the linear
@@ -83,6 +84,7 @@ pub mod traced;
 pub mod trail;
 mod trust_region;
 pub mod tuning;
+mod unseen;
 pub mod variants;
 pub mod wedge;
 

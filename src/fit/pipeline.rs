@@ -17,6 +17,7 @@ use super::settle::{Settled, Weighing, with_tier};
 use super::start::distance;
 use super::thin;
 use super::tier::{Tier, dispensable};
+use super::unseen::no_lobe;
 use super::{FitOptions, Loss};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
@@ -198,7 +199,6 @@ fn with_less_misfit<'a>(
                 return None;
             }
             let mut other = settled.clone();
-            // Most ends are no better and creep along a valley, which shows long before convergence.
             other.settle_from(&end.parameters, weighing);
             if other.discrepancy >= less {
                 return None;
@@ -246,6 +246,7 @@ pub(super) fn conclude<'a>(
         rivals,
         tier_left_out,
     } = reached;
+    let no_lobe = no_lobe(&settled.problem, &settled.minimum, weighing.cancel);
     let Weighing {
         own,
         scale,
@@ -303,6 +304,7 @@ pub(super) fn conclude<'a>(
             .map(|t| t.quantity)
             .collect(),
         rivals,
+        no_lobe,
         traced: None,
         tier_left_out,
         cut_short,

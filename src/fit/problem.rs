@@ -56,6 +56,8 @@ pub struct Problem<'a> {
     loss: Loss,
     lean: bool,
     polarised: bool,
+    /// Whether the facets reflect.
+    lobe: bool,
     /// Walls of a surface that deviates from an ideal sawtooth; without them those terms are omitted.
     walls: Option<Arc<Walls>>,
     /// Sines and cosines of the recorded poses: (θc, φs with the known zeros), one per observation.
@@ -94,6 +96,7 @@ impl<'a> Problem<'a> {
             loss: Loss::Linear,
             lean: false,
             polarised: true,
+            lobe: true,
             walls: None,
             free,
             fixed,
@@ -219,6 +222,9 @@ impl<'a> Problem<'a> {
         if mirrored {
             surface.theta_r = -surface.theta_r;
             azimuth += PI;
+        }
+        if !self.lobe {
+            surface.amplitude = 0.0;
         }
         let mut prepared = Prepared::new(self.variant, &surface, &self.optics(values));
         if self.lean {

@@ -5,7 +5,9 @@
 
 mod causes;
 mod contradictions;
+mod doubts;
 mod omissions;
+mod rig_slips;
 mod status;
 
 use super::budget::{Budget, Uncertainty, tied, uncertainty};
@@ -19,14 +21,14 @@ use super::report::{
     FEW_POSES, FitReport, FittedObservation, Freedom, Parameter, Parameters, SlopeDistribution,
     Starts, Status, Timing, VariantName, VariantSummary,
 };
-use super::solver::Minimum;
 use super::wedge;
 use crate::material::Material;
 use crate::model::extended::slopes::{gamma, half_width_over_alpha};
 use crate::observation::ObservationSet;
-use crate::wording::{counted, significant};
+use crate::wording::counted;
 use contradictions::denied;
-use status::promised;
+use doubts::{ambiguous, darkness, unexplained, unfinished};
+use rig_slips::rig_slips;
 pub(super) use status::status;
 
 /// Standard uncertainty above which an angle counts as undetermined, rad.
@@ -91,12 +93,14 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
             names.join(", ")
         ));
     }
+    let drift = drift(e);
+    let across = causes::across(set, &parameters);
+    let findings = match variant {
+        VariantName::Paper => Vec::new(),
+        _ => causes::all(e, drift.as_ref(), across.as_ref()),
+    };
     if !e.explained {
-        warnings.push(
-            "The residuals exceed noise and model error; possibly no start found the lobe. Check the residuals, and \
-             measure more poses around the bright spot or allow more starts."
-                .to_owned(),
-        );
+        warnings.push(unexplained(&findings));
     }
     if e.discrepancy > LOUD && variant != VariantName::Paper {
         let way_out = match variant {
@@ -127,23 +131,23 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
             e.loss_weights.len()
         ));
     }
-    for rival in &e.rivals {
-        let message = ambiguity(e, rival);
-        // Different minima can give the same message.
-        if !warnings.contains(&message) {
-            warnings.push(message);
-        }
-    }
-    let drift = drift(e);
+    let dark = e.no_lobe.as_ref().map(|dark| darkness(e, dark));
+    warnings.extend(ambiguous(e));
     warnings.extend(drift.as_ref().map(Drift::message));
     warnings.extend(denied(e));
+    warnings.extend(rig_slips(e, u));
     warnings.extend(unfinished(e, u, status));
-    for &j in &e.minimum.at_bound {
+    // Without a lobe, limits of its shape mean nothing.
+    let of_lobe = |q: Quantity| matches!(q, Quantity::AlphaU | Quantity::AlphaV);
+    let free = e.problem.free();
+    let at_bound = e.minimum.at_bound.iter().copied();
+    for j in at_bound.filter(|j| dark.is_none() || !of_lobe(free[*j])) {
         warnings.push(format!(
             "{} is at a limit of its range. If its value is known, hold it or state a prior; otherwise check the residuals.",
-            spoken(e.problem.free()[j])
+            spoken(free[j])
         ));
     }
+    warnings.extend(dark);
     if variant == VariantName::Paper
         && let Some(rho_d) = parameters.rho_d.value
         && !(0.0..=1.0).contains(&rho_d)
@@ -173,7 +177,6 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
     });
     let fitted = listed.collect();
     let peak = peak(set);
-    let across = causes::across(set, &parameters);
     let is_absolute = set.white_reference.is_some();
     let covariance =
         parameter_covariance::of(e.problem.free(), u, &e.values, &parameters, is_absolute);
@@ -192,10 +195,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         rejected_frames: set.rejected_frames.clone(),
         warnings,
         notes: few_poses.into_iter().collect(),
-        findings: match variant {
-            VariantName::Paper => Vec::new(),
-            _ => causes::all(e, drift.as_ref(), across.as_ref()),
-        },
+        findings,
         slope_distribution: (variant != VariantName::Paper)
             .then(|| slope_distribution(e, &parameters)),
         parameters,
@@ -216,35 +216,6 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         program: program(),
         build: build(),
     }
-}
-
-/// Explains why a fit stalled.
-fn unfinished(e: &Estimate<'_>, u: &Uncertainty, status: Status) -> Option<String> {
-    let left = promised(&e.minimum, u);
-    (status == Status::Stalled && e.explained).then(|| {
-        let left = match left.is_finite() {
-            true => format!("one more step would lower χ² by {}", significant(left)),
-            false => "at an unknown distance".to_owned(),
-        };
-        format!(
-            "The descent stopped beside the minimum ({left}), as it can where the edge of a shadow falls on a pose. The \
-             values are near the best ones. Measure other poses, or allow more starts."
-        )
-    })
-}
-
-/// Describes a minimum that the data do not exclude.
-fn ambiguity(e: &Estimate<'_>, rival: &Minimum) -> String {
-    let v = e.problem.unpack(&rival.parameters).folded();
-    format!(
-        "Another surface fits as well (χ² higher by {:.2}): θr {:.2}°, αu {:.4}, αv {:.4}, azimuth offset {:.2}°. The \
-         uncertainties cover both. Measure more azimuths or tilts to distinguish them.",
-        (rival.cost - e.minimum.cost).max(0.0),
-        v.theta_r.to_degrees(),
-        v.alpha_u,
-        v.alpha_v,
-        v.azimuth_offset.to_degrees()
-    )
 }
 
 /// Returns the name of a parameter as users know it.

@@ -30,7 +30,7 @@ const SAME: f64 = 1e-6;
 /// Number of different ends of the first starts that are refined.
 const REFINED: usize = 4;
 /// Distance above which ends count as different surfaces (see [`distance`]).
-const APART: f64 = 0.3;
+pub(super) const APART: f64 = 0.3;
 /// Distance below which two rough ends lead to the same minimum (see [`distance`]).
 const SAME_SPOT: f64 = 0.05;
 /// Smallest distance between two surfaces that a report distinguishes: 0.05°, 0.7 % of α (see [`distance`]).
@@ -45,7 +45,7 @@ const ROUGH: Settings = Settings {
 /// Settings of a descent to full accuracy.
 pub(super) const FINE: Settings = Settings {
     polish_steps: 20,
-    max_iterations: 400,
+    max_iterations: 120,
     ..Settings::DEFAULT
 };
 /// Standard uncertainty of an angle (rad) or a ln α above which the surface counts as undetermined.

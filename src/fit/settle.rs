@@ -14,7 +14,7 @@ use super::least_squares::sum_of_squares;
 use super::minimum::{Ending, Minimum, Settings};
 use super::misfit::{ROUNDS, discrepancy_of, discrepancy_of_few, lightened};
 use super::problem::Problem;
-use super::search::{AMBIGUOUS_RISE, FINE, Search, determined};
+use super::search::{AMBIGUOUS_RISE, Search, determined};
 use super::start::distance;
 use super::thin::minimise;
 use super::tier::Tier;
@@ -51,10 +51,16 @@ const SEPARATED: f64 = 9.0;
 const STILL: f64 = 1e-4;
 
 /// Settings of a descent that only serves to estimate the model error.
-const NEAR: Settings = Settings {
+pub(super) const NEAR: Settings = Settings {
     polish_steps: 0,
     cost_tolerance: 1e-6,
     ..Settings::DEFAULT
+};
+
+/// Settings of a descent from another end. Most ends are no better and creep along a valley, which shows early.
+const LOOK: Settings = Settings {
+    max_iterations: 100,
+    ..NEAR
 };
 
 /// Inputs of the weights of the observations.
@@ -161,8 +167,8 @@ impl Settled<'_> {
     /// Starts from another end and continues until the model error there is known.
     pub(super) fn settle_from(&mut self, start: &[f64], weighing: &Weighing<'_>) {
         let bounds = self.problem.bounds();
-        self.minimum = minimise(&self.problem, start, &bounds, &FINE, weighing.cancel);
-        self.settle_by(&FINE, weighing);
+        self.minimum = minimise(&self.problem, start, &bounds, &LOOK, weighing.cancel);
+        self.settle_by(&LOOK, weighing);
     }
 
     fn settle_by(&mut self, settings: &Settings, weighing: &Weighing<'_>) {

@@ -23,6 +23,7 @@ use super::settle::{Settled, Weighing};
 use super::solver::{Minimum, Settings, minimise};
 use super::start::distance;
 use super::tier::Tier;
+use super::unseen::no_lobe;
 use super::{FitOptions, Loss};
 use crate::material::Material;
 use crate::model::Variant;
@@ -446,6 +447,7 @@ impl<'a> Inquiry<'_, 'a> {
         });
         Estimate {
             rivals: rivals.collect(),
+            no_lobe: no_lobe(&problem, &minimum, self.cancel),
             chi2_reduced_without_model: squares(&|i| 1.0 / set.observations[i].sigma)
                 / freedom(count, weighing.fitted),
             rms_residual: (squares(&|_| 1.0 / peak(set)) / count.max(1) as f64).sqrt(),

@@ -33,6 +33,8 @@ use crate::wording::counted;
 const CLEAR_GAIN: f64 = 10.0;
 /// ĉ above which no variant is adequate.
 const INADEQUATE: f64 = 4.0;
+/// Ratio of root mean square residuals from which the printed lobe does not describe a sample that the sawtooth does.
+const MUCH_LARGER: f64 = 1.5;
 /// Factor by which `traced` has to be less certain than `sawtooth` for the report to say why.
 const LESS_CERTAIN: f64 = 1.2;
 
@@ -203,7 +205,10 @@ fn fit_each(
         VariantChoice::Paper => VariantName::Paper,
         VariantChoice::Sawtooth => VariantName::Sawtooth,
         VariantChoice::Traced => VariantName::Traced,
-        VariantChoice::Auto if criterion(&paper) + CLEAR_GAIN < criterion(&sawtooth) => {
+        VariantChoice::Auto
+            if criterion(&paper) + CLEAR_GAIN < criterion(&sawtooth)
+                && describes(&paper, &sawtooth) =>
+        {
             VariantName::Paper
         }
         VariantChoice::Auto => VariantName::Sawtooth,
@@ -282,9 +287,19 @@ fn fit_each(
     report
 }
 
+/// Whether the printed lobe describes the sample: its residual is not much larger than that of the sawtooth, and its ρd
+/// is that of a surface. QAIC alone may prefer it where the errors are shares of the signals, so that dim poses count most.
+fn describes(paper: &Option<Estimate<'_>>, sawtooth: &Option<Estimate<'_>>) -> bool {
+    let (Some(paper), Some(sawtooth)) = (paper, sawtooth) else {
+        return true;
+    };
+    (0.0..=1.0).contains(&paper.values.rho_d)
+        && paper.rms_residual < MUCH_LARGER * sawtooth.rms_residual
+}
+
 fn comparison(paper: &Estimate<'_>, sawtooth: &Estimate<'_>) -> Option<String> {
     let ratio = paper.rms_residual / sawtooth.rms_residual;
-    (ratio >= 1.5).then(|| {
+    (ratio >= MUCH_LARGER).then(|| {
         format!(
             "The RMS residual of variant paper is {ratio:.*} × that of sawtooth ({:.3} % against {:.3} % of the peak). \
              Use sawtooth for this sample.",

@@ -17,6 +17,9 @@ use serde::{Deserialize, Serialize};
 use crate::observation::ObservationSet;
 use crate::units::Angle;
 
+/// Largest tilt of a sample on the turntable that a person overlooks, degrees.
+const MOUNTED_DEG: f64 = 3.0;
+
 /// The plane that angles refer to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
@@ -106,6 +109,10 @@ impl Across {
                 short(2.0 * wedge),
                 signed(self.azimuth_zero_deg),
                 short(2.0 * zero),
+            ),
+            _ if self.wedge_deg.abs() > MOUNTED_DEG => format!(
+                "{azimuth}, too much for a tilt of the sample: the ridges lie so on the turntable, or \
+                 rig.azimuth_zero_deg is off by as much. Check both."
             ),
             _ => format!(
                 "{azimuth}: either {}° of sample tilt across the ridges, or an error of the zero. Set \
@@ -219,6 +226,11 @@ mod tests {
         assert!(
             text.contains("−0.44° from the stage's zero")
                 && text.contains("either −0.068° of sample tilt"),
+            "{text}"
+        );
+        let text = of(-90.0, 0.04, None, None).message().unwrap();
+        assert!(
+            text.contains("−90.00°") && text.contains("azimuth_zero_deg"),
             "{text}"
         );
         // A wedge stated without a zero does not separate them.

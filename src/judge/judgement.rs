@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::decision::{JudgedItem, Verdict, decide, undetermined};
-use super::quantity::{JudgedQuantity, PLANE_DEPENDENT};
-use super::specification::{DecisionRule, Specification};
+use super::quantity::{JudgedQuantity, MeasuredValue, PLANE_DEPENDENT};
+use super::specification::{DecisionRule, Specification, ToleranceLimits};
 use super::would_decide::WouldDecide;
 use crate::fit::report::ReferencePlane;
 
@@ -43,6 +43,9 @@ pub fn judge(specification: &Specification, quantities: &[JudgedQuantity]) -> Ju
         .map(|(name, limits)| {
             let quantity = quantities.iter().find(|q| q.name == *name);
             match quantity.map(|q| &q.measured) {
+                Some(Ok(measured)) if name == "azimuth_offset_deg" => {
+                    decide(name, limits, &beside(limits, measured), rule)
+                }
                 Some(Ok(measured)) => decide(name, limits, measured, rule),
                 Some(Err(reason)) => undetermined(name, limits, reason.clone()),
                 None => undetermined(name, limits, "it was not measured".to_owned()),
@@ -73,6 +76,18 @@ pub fn judge(specification: &Specification, quantities: &[JudgedQuantity]) -> Ju
     }
 }
 
+/// An azimuth by the turn that is nearest to its limits: −179.9° for limits about 180° is 180.1°.
+fn beside(limits: &ToleranceLimits, measured: &MeasuredValue) -> MeasuredValue {
+    let limits = [limits.lower, limits.upper];
+    let stated: Vec<f64> = limits.into_iter().flatten().collect();
+    let middle = stated.iter().sum::<f64>() / stated.len().max(1) as f64;
+    let turns = ((middle - measured.value) / 360.0).round();
+    MeasuredValue {
+        value: measured.value + 360.0 * turns,
+        ..*measured
+    }
+}
+
 /// Withdraws the quantities that depend on how the sample lies, where the specification refers to the sample's plane and
 /// the rig does not state it.
 pub(super) fn in_demanded_plane(
@@ -92,4 +107,27 @@ pub(super) fn in_demanded_plane(
         }
     }
     quantities
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_azimuth_is_compared_with_its_limits_on_their_turn() {
+        let at = |value: f64, lower: Option<f64>, upper: Option<f64>| {
+            let measured = MeasuredValue {
+                value,
+                std: 0.1,
+                coverage_factor: 2.0,
+                degrees_of_freedom: None,
+                may_cost: 0.0,
+            };
+            beside(&ToleranceLimits { lower, upper }, &measured).value
+        };
+        assert!((at(-179.9, Some(179.0), Some(181.0)) - 180.1).abs() < 1e-9);
+        assert!((at(179.9, Some(-181.0), Some(-179.0)) + 180.1).abs() < 1e-9);
+        assert_eq!(at(3.0, Some(-2.0), Some(2.0)), 3.0);
+        assert_eq!(at(3.0, None, Some(2.0)), 3.0);
+    }
 }

@@ -324,7 +324,12 @@ fn part_with(
         log.reject(
             m.index,
             if dark {
-                Rejection::new("black", format!("it shows no light, but {whom} do"))
+                Rejection::new(
+                    "black",
+                    format!(
+                        "it shows almost no light for its exposure time, but {whom} do: check lamp, cap and exposure_s"
+                    ),
+                )
             } else {
                 Rejection::new(
                     "level",
@@ -457,8 +462,8 @@ fn drop_black_poses(context: &MergeContext<'_>, groups: &mut [Group], log: &mut 
         }
         if metal {
             log.warn(format!(
-                "θc {}, φs {} shows no light, but all other poses do; a metal may be dark, so it counts: check lamp and \
-                 cap if it is unexpected",
+                "θc {}, φs {} shows almost no light for its exposure time, but the other poses do; a metal may be dark, so it \
+                 counts: check lamp, cap and exposure_s if it is unexpected",
                 groups[at].pose.theta_c, groups[at].pose.phi_s
             ));
             continue;
@@ -466,7 +471,11 @@ fn drop_black_poses(context: &MergeContext<'_>, groups: &mut [Group], log: &mut 
         for m in groups[at].clean.drain(..) {
             log.reject(
                 m.index,
-                Rejection::new("black", "it shows no light, but all other poses do"),
+                Rejection::new(
+                    "black",
+                    "it shows almost no light for its exposure time, but the other poses do: check lamp, cap and \
+                     exposure_s",
+                ),
             );
         }
     }

@@ -1,7 +1,7 @@
 //! The keys of a manifest: slips of the pen with what was meant, and known ones where nothing reads them.
 
 use super::SeriesError;
-use super::text::{line_of, meant, path_of};
+use super::text::{line_of, meant, other_unit, path_of};
 
 /// Known keys per section: what a misspelt key may have meant.
 const KEYS: [(&str, &[&str]); 6] = [
@@ -186,7 +186,10 @@ pub(super) fn slips(table: &toml::Table, text: &str, file: &str) -> Result<(), S
                     line: line_of(text, section, key),
                     key: String::new(),
                     cause: format!("key `{key}` is unknown"),
-                    remedy: format!("did you mean `{right}`?"),
+                    remedy: match other_unit(key, right) {
+                        Some(unit) => format!("convert the value to {unit} and write `{right}`"),
+                        None => format!("did you mean `{right}`?"),
+                    },
                 });
             }
         }

@@ -8,7 +8,7 @@ use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
 use super::SeriesError;
-use super::text::meant;
+use super::text::{meant, other_unit};
 use crate::frame::{FrameKind, UnknownKind};
 use crate::geometry::Pose;
 use crate::wording::counted;
@@ -250,7 +250,10 @@ impl Columns {
 fn remedy_for_missing(name: &str, headers: &csv::StringRecord) -> String {
     let slip = headers.iter().find(|h| meant(h, &[name]).is_some());
     match slip {
-        Some(slip) => format!("rename the column `{slip}`"),
+        Some(slip) => match other_unit(slip, name) {
+            Some(unit) => format!("convert the column `{slip}` to {unit} and name it `{name}`"),
+            None => format!("rename the column `{slip}`"),
+        },
         None => format!(
             "the header needs {}, and may have {}",
             REQUIRED.join(","),

@@ -41,6 +41,25 @@ fn unitless(key: &str) -> &str {
     end.unwrap_or(key)
 }
 
+/// Unit of a key in words, where `word` has another one: degrees for `theta_c_rad` in place of `theta_c_deg`.
+pub(super) fn other_unit(word: &str, key: &str) -> Option<&'static str> {
+    let unit = |of: &str| {
+        let of = of.to_lowercase();
+        UNITS.iter().find(|unit| of.ends_with(**unit)).copied()
+    };
+    let wanted = unit(key)?;
+    let named = match wanted {
+        "_deg" => "degrees",
+        "_mm" => "millimetres",
+        "_um" => "micrometres",
+        "_s" => "seconds",
+        "_ms" => "milliseconds",
+        "_nm" => "nanometres",
+        _ => return None,
+    };
+    unit(word).filter(|unit| *unit != wanted).map(|_| named)
+}
+
 /// Returns the word of `known` that `word` was probably meant to be: at most two edits away (one for short words), or
 /// equal but for the unit. Case does not matter.
 pub(super) fn meant<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {

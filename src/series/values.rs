@@ -300,6 +300,29 @@ fn near(manifest: &Manifest) -> Result<(), Problem> {
             "write the width of the field in millimetres, in the plane through the centre of tilt",
         );
     }
+    let field_mm = match manifest.is_telecentric() {
+        true => 0.0,
+        false => camera.field_width_mm.unwrap_or(0.0),
+    };
+    let lamp = ("rig", "light_distance_mm", rig.light_distance_mm);
+    let section = match rig.camera_distance_mm {
+        Some(_) => "rig",
+        None => "camera",
+    };
+    for (section, key, distance_mm) in [lamp, (section, "camera_distance_mm", pupil)] {
+        if let Some(distance_mm) = distance_mm.filter(|d| *d < 0.5 * field_mm) {
+            return wrong(
+                section,
+                key,
+                format!(
+                    "{} mm is less than half the width of the field ({} mm)",
+                    short(distance_mm),
+                    short(field_mm)
+                ),
+                "write the distance from the centre of tilt in millimetres",
+            );
+        }
+    }
     if let Some(allowed) = manifest.misaimed() {
         return wrong(
             "camera",

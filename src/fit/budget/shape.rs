@@ -29,13 +29,15 @@ pub(super) fn to_rivals(estimate: &Estimate<'_>, j: usize, own: f64) -> f64 {
             .unpack(&m.parameters)
             .folded()
             .inner(quantity);
-        if quantity == Quantity::AzimuthOffset {
-            Angle::from_rad(there - here).wrapped().rad().abs()
-        } else {
-            (there - here).abs()
+        match quantity {
+            Quantity::AzimuthOffset => Angle::from_rad(there - here).wrapped().rad().abs(),
+            // The report states α ± U, which has to reach a greater α, too: α(1 + x), not α exp(x).
+            Quantity::AlphaU | Quantity::AlphaV if there > here => (there - here).exp_m1(),
+            _ => (there - here).abs(),
         }
     };
-    let farthest = estimate.rivals.iter().map(distance).fold(0.0, f64::max);
+    let others = estimate.rivals.iter().chain(&estimate.no_lobe);
+    let farthest = others.map(distance).fold(0.0, f64::max);
     let way = farthest / COVERAGE_FACTOR;
     match own.is_finite() {
         true => (way * (way + 2.0 * own)).sqrt(),

@@ -217,32 +217,53 @@ impl LevenbergMarquardt<'_> {
         length: f64,
     ) -> Result<f64, Error> {
         let from = self.trial_x.clone();
-        let (first, _) = self.slope_across(problem, &from, normal, 0.0)?;
+        let (first, cost) = self.slope_across(problem, &from, normal, 0.0)?;
         let towards = -first.signum();
         // A step of this length leaves a curved kink by its square.
         let size = self.size();
-        let (mut near, mut far) = (0.0, (length * length / size).max(ASIDE * size));
-        let mut cost;
+        let mut near = Side {
+            at: 0.0,
+            cost,
+            slope: -first.abs(),
+        };
+        let mut far = Side {
+            at: (length * length / size).max(ASIDE * size),
+            ..near
+        };
         loop {
-            let slope;
-            (slope, cost) = self.slope_across(problem, &from, normal, towards * far)?;
-            if !cost.is_finite() || slope * first <= 0.0 {
+            let (slope, cost) = self.slope_across(problem, &from, normal, towards * far.at)?;
+            far = Side {
+                cost,
+                slope: towards * slope,
+                ..far
+            };
+            if !cost.is_finite() || far.slope >= 0.0 {
                 break;
             }
-            if far > size {
+            if far.at > size {
                 return Ok(f64::INFINITY);
             }
             near = far;
-            far *= 4.0;
+            far.at *= 4.0;
         }
-        while far - near > f64::EPSILON * size.max(4.0 * far) {
-            let middle = 0.5 * (near + far);
+        let mut cost = far.cost;
+        for trial in 1.. {
+            let least = f64::EPSILON * size.max(4.0 * far.at);
+            if far.at - near.at <= least {
+                break;
+            }
+            // Tangents may shorten the way from one side only.
+            let at = match trial % 3 {
+                0 => 0.5 * (near.at + far.at),
+                _ => near.meets(&far, least),
+            };
             let slope;
-            (slope, cost) = self.slope_across(problem, &from, normal, towards * middle)?;
-            if cost.is_finite() && slope * first > 0.0 {
-                near = middle;
-            } else {
-                far = middle;
+            (slope, cost) = self.slope_across(problem, &from, normal, towards * at)?;
+            let slope = towards * slope;
+            let side = Side { at, cost, slope };
+            match cost.is_finite() && slope < 0.0 {
+                true => near = side,
+                false => far = side,
             }
         }
         Ok(cost)
@@ -266,6 +287,29 @@ impl LevenbergMarquardt<'_> {
             part / self.scale[k] * dot(column, &self.trial_r)
         });
         Ok((slope.sum(), cost))
+    }
+}
+
+/// A point on one side of a kink, on the way across it.
+#[derive(Clone, Copy)]
+struct Side {
+    at: f64,
+    cost: f64,
+    /// Half the derivative of the cost.
+    slope: f64,
+}
+
+impl Side {
+    /// Where the tangents of two sides meet, at least `least` away from both; the middle if they meet elsewhere.
+    fn meets(&self, far: &Side, least: f64) -> f64 {
+        let tangent = |side: &Side| side.cost - 2.0 * side.slope * side.at;
+        let at = 0.5 * (tangent(far) - tangent(self)) / (self.slope - far.slope);
+        let half = 0.5 * (far.at - self.at);
+        let away = least.min(half);
+        match (self.at..=far.at).contains(&at) {
+            true => at.max(self.at + away).min(far.at - away),
+            false => self.at + half,
+        }
     }
 }
 

@@ -62,6 +62,13 @@ impl<'a> Problem<'a> {
         self
     }
 
+    /// Omits the facets' reflection.
+    #[must_use]
+    pub fn without_lobe(mut self) -> Self {
+        self.lobe = false;
+        self
+    }
+
     /// Returns the same problem for a series drawn from it: `set` differs only in its signals, and the means of the
     /// priors are drawn around `values` with `normal`.
     #[must_use]

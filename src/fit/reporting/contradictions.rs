@@ -7,12 +7,22 @@ use crate::fit::misfit::{LOUD, peak};
 use crate::fit::problem::Quantity;
 use crate::wording::{percent, significant};
 
+/// Stray light, as a share of the brightest signal, that changes no result and is not worth a look at the rig.
+const FAINT: f64 = 1e-5;
+
 /// Lists stated values that the data contradict, as messages.
 pub(super) fn denied(e: &Estimate<'_>) -> Vec<String> {
     // If the model error is large, a fitted index absorbs it and says nothing about the material.
     let loud = e.discrepancy > LOUD;
+    // Without a lobe, the light hardly depends on the index.
+    let unseen = e.no_lobe.is_some();
     let material = |d: &Denial| !d.by_user && matches!(d.quantity, Quantity::Eta | Quantity::K);
-    let denials = denials(e).into_iter().filter(|d| !(loud && material(d)));
+    let top = peak(e.problem.set());
+    let faint = |d: &Denial| {
+        !d.by_user && d.quantity == Quantity::Background && e.values.background.abs() < FAINT * top
+    };
+    let denials = denials(e).into_iter();
+    let denials = denials.filter(|d| !((loud || unseen) && material(d) || faint(d)));
     let messages = denials.map(|denial| {
         let Denial {
             quantity,

@@ -18,7 +18,7 @@ const CHUNK: usize = 256;
 /// Maximum number of azimuth lines about which a surface is mirrored.
 const LINES: usize = 3;
 /// Descents along the valley of the best end.
-const CREEPS: usize = 8;
+const CREEPS: usize = 24;
 
 impl Search<'_> {
     /// Descends from starts in the whole box after `tried` others. Each round doubles their number, until [`is_enough`]
