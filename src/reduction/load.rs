@@ -1,12 +1,14 @@
 //! Loads frames: the source, the cancel flag, and the checks that every frame must pass.
 
 mod byte_order;
+mod clipped;
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use self::byte_order::ByteOrder;
+use self::clipped::clipped;
 use super::reduction_log::{ReductionLog, Rejection};
 use super::sensor::Sensor;
 use super::{FrameSource, ReductionError};
@@ -211,6 +213,7 @@ fn read(source: &dyn FrameSource, index: usize, sensor: &Sensor) -> Result<Frame
         return Err(Rejection::new(SWAPPED, differences(stands, swapped)));
     }
     possible(&frame, sensor)?;
+    clipped(&frame, sensor)?;
     Ok(frame)
 }
 

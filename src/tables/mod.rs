@@ -36,6 +36,10 @@ const BYTES_MAX: u64 = 256 << 20;
 const ANGLE_STD_DEFAULT_DEG: f64 = 0.05;
 /// Relative standard uncertainty of the absolute scale, if the manifest does not state one.
 const SCALE_STD_DEFAULT: f64 = 0.01;
+/// Noise, as a share of the value, from which weights by the noisy value bias a fit: by twice its square, 0.1 %.
+const NOISY: f64 = 0.02;
+/// Share of a reading below which a fitted value does not set its uncertainty.
+const TRUSTED: f64 = 0.3;
 /// Standard uncertainty of a value, if neither table nor manifest state one: a fraction of the
 /// value, and of the largest value.
 const VALUE_STD_DEFAULT: f64 = 0.01;
@@ -150,22 +154,12 @@ impl BrdfTable {
         }
         let stated = facts.value_rel_std.is_some() || facts.value_std.is_some();
         let without = self.readings.iter().filter(|r| r.sigma.is_none()).count();
-        let largest = self
-            .readings
-            .iter()
-            .map(|r| r.value.abs())
-            .fold(0.0, f64::max);
-        let (share, floor) = match stated {
-            true => (
-                facts.value_rel_std.unwrap_or(0.0),
-                facts.value_std.unwrap_or(0.0),
-            ),
-            false => (VALUE_STD_DEFAULT, FLOOR_DEFAULT * largest),
-        };
+        let largest = self.largest();
+        let noise = self.noise();
         if without > 0 && !stated {
             assumed.push(format!(
                 "value_rel_std = {VALUE_STD_DEFAULT} and value_std = {} for {}",
-                significant(floor),
+                significant(noise.floor),
                 counted(without, "reading")
             ));
         }
@@ -182,9 +176,7 @@ impl BrdfTable {
         for reading in &self.readings {
             let placed = Placed::new(reading, facts);
             let per_value = facts.value.radiance_per_value(&placed.directions);
-            let own = reading
-                .sigma
-                .unwrap_or((share * reading.value).hypot(floor));
+            let own = reading.sigma.unwrap_or(noise.of(reading.value));
             let signal = per_value * reading.value;
             observations.push(Observation {
                 shared: SharedErrors {
@@ -234,6 +226,63 @@ impl BrdfTable {
             warnings,
             ..ObservationSet::bare(rig, self.material, observations, background)
         }
+    }
+
+    fn largest(&self) -> f64 {
+        let values = self.readings.iter().map(|r| r.value.abs());
+        values.fold(0.0, f64::max)
+    }
+
+    /// The noise of readings without a sigma, as stated or assumed.
+    fn noise(&self) -> Noise {
+        let facts = &self.facts;
+        match facts.value_rel_std.is_some() || facts.value_std.is_some() {
+            true => Noise {
+                share: facts.value_rel_std.unwrap_or(0.0),
+                floor: facts.value_std.unwrap_or(0.0),
+            },
+            false => Noise {
+                share: VALUE_STD_DEFAULT,
+                floor: FLOOR_DEFAULT * self.largest(),
+            },
+        }
+    }
+
+    /// The observations with shares of their fitted signals as uncertainties, in place of shares of the noisy values:
+    /// a value that is low by chance would otherwise count most. `None` where that changes nothing worth a second fit.
+    #[must_use]
+    pub fn weighed_by(&self, set: &ObservationSet, fitted: &[f64]) -> Option<ObservationSet> {
+        let noise = self.noise();
+        let count = self.readings.len();
+        let known = fitted.len() == count && set.observations.len() == count;
+        let all_stated = self.readings.iter().all(|r| r.sigma.is_some());
+        if all_stated || noise.share < NOISY || !known || !fitted.iter().all(|f| f.is_finite()) {
+            return None;
+        }
+        let mut weighed = set.clone();
+        let rows = weighed.observations.iter_mut().zip(&self.readings);
+        for ((o, reading), fitted) in rows.zip(fitted) {
+            if reading.sigma.is_none() && o.signal != 0.0 {
+                // A fit that misses a lobe must not make its readings certain.
+                let size = fitted.abs().max(TRUSTED * o.signal.abs());
+                let per_value = o.signal / reading.value;
+                o.sigma = (noise.share * size).hypot(noise.floor * per_value);
+            }
+        }
+        Some(weighed)
+    }
+}
+
+/// Standard uncertainty of readings that state none: a share of the value, and a floor.
+#[derive(Debug, Clone, Copy)]
+struct Noise {
+    share: f64,
+    floor: f64,
+}
+
+impl Noise {
+    fn of(self, value: f64) -> f64 {
+        (self.share * value).hypot(self.floor)
     }
 }
 

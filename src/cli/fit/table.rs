@@ -44,10 +44,16 @@ pub(super) fn run(
         std: 0.0,
     });
     suits(constraints, &table.material)?;
-    let observations = table.observations();
-    let analysis = with_bar(None, |progress| {
-        analyse_observations(observations, &options, progress, cancel)
-    })
-    .map_err(refusal)?;
+    let fitted = |observations| {
+        let run = with_bar(None, |progress| {
+            analyse_observations(observations, &options, progress, cancel)
+        });
+        run.map_err(refusal)
+    };
+    let mut analysis = fitted(table.observations())?;
+    let values: Vec<f64> = analysis.report.fitted.iter().map(|o| o.fitted).collect();
+    if let Some(weighed) = table.weighed_by(&analysis.observations, &values) {
+        analysis = fitted(weighed)?;
+    }
     print(&analysis, printed)
 }
