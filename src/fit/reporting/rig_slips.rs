@@ -22,7 +22,8 @@ const CLEAR: f64 = 4.0;
 pub(super) fn rig_slips(e: &Estimate<'_>, u: &Uncertainty) -> Vec<String> {
     let set = e.problem.set();
     let mut found = in_radians(set);
-    if found.is_empty() {
+    // Offsets of a fit that missed the data mean nothing.
+    if found.is_empty() && e.explained {
         found.extend(lamp_angle(e, u));
     }
     found
