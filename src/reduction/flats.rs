@@ -343,7 +343,13 @@ pub(super) fn judge(flats: &[FlatFrame], rig: &RigGeometry, far: bool) -> Judged
         // Dim flats scatter by their noise; a smaller deviation is no fault.
         let reach = level_share.max(LEVEL_SIGMAS * flat.noise_share);
         if share < -0.9 || usual <= 0.0 {
-            Some(Rejection::new("black", "it shows almost no light"))
+            let why = match flat.mean_dn < 0.0 {
+                true => {
+                    "it is darker than the dark frames: light reached those, or their kinds are swapped"
+                }
+                false => "it shows almost no light",
+            };
+            Some(Rejection::new("black", why))
         } else if judge && share.abs() > reach {
             Some(Rejection::new(
                 "level",

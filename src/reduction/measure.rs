@@ -18,6 +18,10 @@ use super::shading::Shading;
 use crate::frame::Frame;
 use crate::robust::MEDIAN_OF_ABS;
 
+/// Smallest number of pixels of a band of rows whose noise is checked, and of those in which equal counts are no chance.
+const BAND_PIXELS: usize = 64;
+const BAND_LEAST: usize = 32;
+
 /// What a reduction keeps of a frame that passed every check it can pass alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct FrameSums {
@@ -253,23 +257,14 @@ impl MeasurementContext<'_> {
         if self.sensor.read_dn < 0.5 {
             return Ok(());
         }
-        let pixels = frame.pixels_dn();
-        let rows = (self.sensor.height / 16).max(1);
-        let dead: Vec<u16> = pixels
-            .chunks(rows * self.sensor.width)
-            .filter(|band| {
-                band.len() >= 64
-                    && !self.sensor.is_full(band[0])
-                    && band.iter().all(|dn| *dn == band[0])
-            })
-            .map(|band| band[0])
-            .collect();
+        let (mut dead, bands) = bands_without_noise(frame);
+        dead.retain(|dn| !self.sensor.is_full(*dn));
         let Some(count) = dead.first() else {
             return Ok(());
         };
-        let bands = pixels.len().div_ceil(rows * self.sensor.width);
         let detail = format!(
-            "{} of {bands} bands of rows count {count} DN in every pixel, without any noise",
+            "{} of {bands} bands of rows count {count} DN in every pixel, without any noise: the sensor did not expose, or \
+             is full there",
             dead.len()
         );
         Err(Rejection::new(
@@ -471,5 +466,36 @@ impl FrameOutcome {
             }
             FrameOutcome::LeftOut(_) => true,
         }
+    }
+}
+
+/// Returns the count of each band of rows that has one count only, and the number of bands.
+fn bands_without_noise(frame: &Frame) -> (Vec<u16>, usize) {
+    let (width, pixels) = (frame.width_px() as usize, frame.pixels_dn());
+    let rows = (frame.height_px() as usize / 16).max(BAND_PIXELS.div_ceil(width));
+    let bands = pixels.chunks(rows * width);
+    let count = bands.len();
+    let dead = bands
+        .filter(|band| band.len() >= BAND_LEAST && band.iter().all(|dn| *dn == band[0]))
+        .map(|band| band[0]);
+    (dead.collect(), count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_of_any_size_without_noise_are_recognised() {
+        let bands = |side: u32, counts: &dyn Fn(u32) -> u16| {
+            let counts = (0..side * side).map(counts);
+            bands_without_noise(&Frame::new(side, side, counts.collect()).unwrap())
+        };
+        assert_eq!(bands(6, &|_| 33_000), (vec![33_000], 1));
+        assert_eq!(bands(6, &|n| 33_000 + u16::from(n == 7)), (vec![], 1));
+        // Too few pixels for equal counts to mean anything.
+        assert_eq!(bands(5, &|_| 33_000), (vec![], 1));
+        let torn = |n: u32| if n < 64 * 32 { 5 } else { (n % 7) as u16 };
+        assert_eq!(bands(64, &torn), (vec![5; 8], 16));
     }
 }

@@ -324,12 +324,7 @@ fn part_with(
         log.reject(
             m.index,
             if dark {
-                Rejection::new(
-                    "black",
-                    format!(
-                        "it shows almost no light for its exposure time, but {whom} do: check lamp, cap and exposure_s"
-                    ),
-                )
+                black(whom)
             } else {
                 Rejection::new(
                     "level",
@@ -340,6 +335,16 @@ fn part_with(
     }
     let mut keep = keep.iter();
     group.clean.retain(|_| *keep.next().expect("one flag each"));
+}
+
+/// The rejection of a frame without light, or with a wrong exposure time.
+fn black(whom: &str) -> Rejection {
+    Rejection::new(
+        "black",
+        format!(
+            "it shows almost no light for its exposure time, but {whom} do: check lamp, cap and exposure_s"
+        ),
+    )
 }
 
 /// Returns the level interpolated linearly between the neighbours in φs at the same tilt.
@@ -445,6 +450,17 @@ fn drop_black_poses(context: &MergeContext<'_>, groups: &mut [Group], log: &mut 
             Some((rate, variance.sqrt()))
         })
         .collect();
+    let known = levels.iter().flatten();
+    let below = known
+        .clone()
+        .filter(|(rate, std)| *rate < -AGREE_SIGMAS * std);
+    let (below, all) = (below.count(), known.count());
+    if 2 * below > all {
+        log.warn(format!(
+            "the dark frames are brighter than {below} of {all} poses: light reached the sensor, or dark and sample frames are \
+             swapped; take dark frames with the lens capped"
+        ));
+    }
     let metal = matches!(context.material, Material::Conductor { .. });
     let mut sorted: Vec<f64> = levels.iter().flatten().map(|l| l.0).collect();
     if sorted.len() < 4 {
@@ -469,14 +485,7 @@ fn drop_black_poses(context: &MergeContext<'_>, groups: &mut [Group], log: &mut 
             continue;
         }
         for m in groups[at].clean.drain(..) {
-            log.reject(
-                m.index,
-                Rejection::new(
-                    "black",
-                    "it shows almost no light for its exposure time, but the other poses do: check lamp, cap and \
-                     exposure_s",
-                ),
-            );
+            log.reject(m.index, black("the other poses"));
         }
     }
 }

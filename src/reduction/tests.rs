@@ -281,6 +281,42 @@ fn each_spoilt_frame_is_rejected_by_name_and_changes_nothing_else() {
 }
 
 #[test]
+fn dark_frames_brighter_than_the_sample_are_named() {
+    let mean = |frame: &Option<Frame>| {
+        let counts = frame.as_ref().unwrap().pixels_dn();
+        counts.iter().map(|dn| f64::from(*dn)).sum::<f64>() / counts.len() as f64
+    };
+    let frames = polymer_part().rows.iter().zip(&polymer_part().frames);
+    let samples = frames.filter(|(row, _)| row.kind == FrameKind::Sample);
+    let mut means: Vec<f64> = samples.map(|(_, frame)| mean(frame)).collect();
+    means.sort_by(f64::total_cmp);
+    let light = means[means.len() * 3 / 4] as u16;
+    let mut series = polymer_part().clone();
+    for (row, frame) in series.rows.iter().zip(&mut series.frames) {
+        if row.kind == FrameKind::Dark {
+            let lit = frame.as_ref().unwrap().pixels_dn();
+            let lit = lit.iter().map(|dn| dn.saturating_add(light)).collect();
+            *frame = Some(Frame::new(80, 80, lit).unwrap());
+        }
+    }
+    let named = |series: &Memory| match reduce(series, None, &AtomicBool::new(false)) {
+        Ok(set) => set.warnings.join("\n"),
+        Err(error) => error.to_string(),
+    };
+    let text = named(&series);
+    assert!(text.contains("darker than the dark frames"), "{text}");
+    // Without a white reference the samples themselves tell it.
+    let (rows, frames) = (series.rows.iter().cloned())
+        .zip(series.frames.iter().cloned())
+        .filter(|(row, _)| row.kind != FrameKind::Flat)
+        .unzip();
+    (series.rows, series.frames) = (rows, frames);
+    let text = named(&series);
+    assert!(text.contains("dark frames are brighter than"), "{text}");
+    assert!(!named(polymer_part()).contains("brighter"));
+}
+
+#[test]
 fn a_stale_frame_is_found_whichever_of_the_two_came_first() {
     let before = reduced(polymer_part(), None);
     for (stale, original) in [

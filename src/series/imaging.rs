@@ -75,8 +75,24 @@ mod tests {
     fn read(rig: &str, camera: &str) -> Result<Manifest, String> {
         let text = CHECKER
             .replacen("rotation_axis_px = [128.0, 128.0]\n", rig, 1)
+            .replace("light_distance = \"infinity\"\n", "")
+            .replace("camera_distance = \"infinity\"\n", "")
             .replacen("[camera]\n", &format!("[camera]\n{camera}"), 1);
         Manifest::from_outside(&text, "manifest.toml").map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_distance_in_metres_is_refused() {
+        let far_enough = "light_distance_mm = 300.0\ncamera_distance_mm = 280.0\n";
+        let near = read(far_enough, "");
+        assert!(near.is_ok(), "{near:?}");
+        for key in ["light_distance_mm", "camera_distance_mm"] {
+            let refused = read(&format!("{key} = 0.3\n"), "").unwrap_err();
+            assert!(
+                refused.contains(key) && refused.contains("51.2 mm"),
+                "{refused}"
+            );
+        }
     }
 
     #[test]

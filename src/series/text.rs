@@ -101,6 +101,18 @@ mod tests {
     }
 
     #[test]
+    fn a_value_in_another_unit_is_converted_and_not_only_renamed() {
+        assert_eq!(other_unit("theta_c_rad", "theta_c_deg"), Some("degrees"));
+        assert_eq!(
+            other_unit("light_distance_m", "light_distance_mm"),
+            Some("millimetres")
+        );
+        assert_eq!(other_unit("theta_1_deg", "theta_l_deg"), None);
+        assert_eq!(other_unit("theta_c", "theta_c_deg"), None);
+        assert_eq!(other_unit("width_px", "width"), None);
+    }
+
+    #[test]
     fn a_unit_that_is_missing_or_another_is_a_slip() {
         let known = ["lens_angular_radius_deg", "gain_dn_per_electron", "metal"];
         assert_eq!(meant("lens_angular_radius", &known), Some(known[0]));

@@ -248,19 +248,21 @@ impl BrdfTable {
         }
     }
 
-    /// The observations with shares of their fitted signals as uncertainties, in place of shares of the noisy values:
-    /// a value that is low by chance would otherwise count most. `None` where that changes nothing worth a second fit.
+    /// Whether readings without a sigma are so noisy that weights by their own values bias a fit.
     #[must_use]
-    pub fn weighed_by(&self, set: &ObservationSet, fitted: &[f64]) -> Option<ObservationSet> {
+    pub fn is_noisy(&self) -> bool {
+        self.noise().share >= NOISY && self.readings.iter().any(|r| r.sigma.is_none())
+    }
+
+    /// Gives the observations shares of their fitted signals as uncertainties, in place of shares of the noisy values: a
+    /// value that is low by chance would otherwise count most. A fit without a signal for each reading changes nothing.
+    #[must_use]
+    pub fn weighed_by(&self, mut set: ObservationSet, fitted: &[f64]) -> ObservationSet {
         let noise = self.noise();
-        let count = self.readings.len();
-        let known = fitted.len() == count && set.observations.len() == count;
-        let all_stated = self.readings.iter().all(|r| r.sigma.is_some());
-        if all_stated || noise.share < NOISY || !known || !fitted.iter().all(|f| f.is_finite()) {
-            return None;
+        if fitted.len() != self.readings.len() || !fitted.iter().all(|f| f.is_finite()) {
+            return set;
         }
-        let mut weighed = set.clone();
-        let rows = weighed.observations.iter_mut().zip(&self.readings);
+        let rows = set.observations.iter_mut().zip(&self.readings);
         for ((o, reading), fitted) in rows.zip(fitted) {
             if reading.sigma.is_none() && o.signal != 0.0 {
                 // A fit that misses a lobe must not make its readings certain.
@@ -269,7 +271,7 @@ impl BrdfTable {
                 o.sigma = (noise.share * size).hypot(noise.floor * per_value);
             }
         }
-        Some(weighed)
+        set
     }
 }
 

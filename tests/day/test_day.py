@@ -168,6 +168,18 @@ def differing(row: dict[str, Any], known: dict[str, Any]) -> dict[str, list[floa
     return {name: both for name, both in values.items() if both[0] != both[1]}
 
 
+def unlike(day: Day, other: Day, row: dict[str, Any]) -> str:
+    """What may have made one part differ between two days: frames with other counts, and incidents of both scans."""
+    files, incidents = [], []
+    for each in (day, other):
+        scan = f"/scans/{row['scan_id']}"
+        report = each.get(f"{scan}/report?format=json")
+        files.append({file["file"]: file["sha256"] for file in report["frames"]["files"]})
+        incidents.append(each.get(f"{scan}/incidents?limit=1000")["items"])
+    names = sorted(name for name in files[0] | files[1] if files[0].get(name) != files[1].get(name))
+    return f"{day.way}: {row['part']}; frames that differ from {other.way}: {names}; incidents: {incidents}"
+
+
 def test_the_rows_are_the_same_four_ways(days: list[Day]) -> None:
     first = days[0].rows()
     for day in days:
@@ -182,7 +194,7 @@ def test_the_rows_are_the_same_four_ways(days: list[Day]) -> None:
         assert [row["verdict"] for row in rows] == ["pass"] * (PARTS - 1) + ["fail"], day.way
         # The simulated rig draws its noise from its seed and the number of the frame, so that equal days have equal values.
         for row, known in zip(rows, first, strict=True):
-            assert differing(row, known) == {}, f"{day.way}: {row['part']}"
+            assert differing(row, known) == {}, unlike(day, days[0], row)
         # What the way itself wrote.
         written = day.written()
         assert len(written) == len(rows), day.way

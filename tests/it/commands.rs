@@ -120,6 +120,12 @@ fn bad_input_exits_2_and_says_what_to_do() {
     );
     refuses(
         at,
+        &["fit", "empty", "--store"],
+        2,
+        &["--store needs --scan N", "ridged import"],
+    );
+    refuses(
+        at,
         &["fit", "--scan", "1", "--data", "d3"],
         2,
         &["no store"],

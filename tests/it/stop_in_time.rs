@@ -119,9 +119,7 @@ async fn a_stop_is_on_the_wire_at_once_and_answered_within_a_second_in_every_sta
     assert_eq!(stop("paused").await, 200);
     lab.order(scan.id, ScanCommand::Resume).await.unwrap();
     until(&mut events, waits).await;
-    rig.world.cap_lens(true);
     let hands = rig.operate(&lab, true);
-    lab.order(scan.id, ScanCommand::Continue).await.unwrap();
     until(&mut events, |event| matches!(event, Event::Frame { .. })).await;
     moves(&rig).await;
     assert_eq!(stop("scanning").await, 200);

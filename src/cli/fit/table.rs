@@ -2,14 +2,16 @@
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use anyhow::anyhow;
 
 use super::{print, refusal, suits, with_bar};
-use crate::analysis::{AnalysisOptions, analyse_observations};
+use crate::analysis::{Analysis, AnalysisOptions, analyse_observations};
 use crate::cli::CliError;
 use crate::cli::output::ResultArgs;
-use crate::fit::{Constraint, Quantity};
+use crate::fit::{Constraint, FitOptions, Quantity, VariantChoice};
+use crate::observation::ObservationSet;
 use crate::tables::BrdfTable;
 
 /// Reads the table, fits it and prints the result.
@@ -44,16 +46,40 @@ pub(super) fn run(
         std: 0.0,
     });
     suits(constraints, &table.material)?;
-    let fitted = |observations| {
-        let run = with_bar(None, |progress| {
-            analyse_observations(observations, &options, progress, cancel)
-        });
-        run.map_err(refusal)
-    };
-    let mut analysis = fitted(table.observations())?;
-    let values: Vec<f64> = analysis.report.fitted.iter().map(|o| o.fitted).collect();
-    if let Some(weighed) = table.weighed_by(&analysis.observations, &values) {
-        analysis = fitted(weighed)?;
+    let began = Instant::now();
+    let mut observations = table.observations();
+    if table.is_noisy() {
+        let first = fitted(observations, &for_weights(&options), cancel)?;
+        let signals: Vec<f64> = first.report.fitted.iter().map(|o| o.fitted).collect();
+        observations = table.weighed_by(first.observations, &signals);
+        let left = |limit: f64| (limit - began.elapsed().as_secs_f64()).max(0.0);
+        options.max_seconds = options.max_seconds.map(left);
     }
-    print(&analysis, printed)
+    print(&fitted(observations, &options, cancel)?, printed)
+}
+
+fn fitted(
+    observations: ObservationSet,
+    options: &AnalysisOptions,
+    cancel: &AtomicBool,
+) -> Result<Analysis, CliError> {
+    let run = with_bar(None, |progress| {
+        analyse_observations(observations, options, progress, cancel)
+    });
+    run.map_err(refusal)
+}
+
+/// The options of the fit that only gives the weights: the closed form, without intervals.
+fn for_weights(options: &AnalysisOptions) -> AnalysisOptions {
+    AnalysisOptions {
+        fit: FitOptions {
+            variant: VariantChoice::Sawtooth,
+            profile: false,
+            bootstrap: 0,
+            judge: false,
+            ..options.fit.clone()
+        },
+        max_seconds: options.max_seconds,
+        ..AnalysisOptions::default()
+    }
 }

@@ -4,6 +4,8 @@
 //! and their mean is too low. Noise spreads the brightest pixels over several counts, so that few have the largest one; a
 //! limit collects everything beyond it there.
 
+use std::cmp::Ordering;
+
 use crate::frame::Frame;
 use crate::reduction::reduction_log::Rejection;
 use crate::reduction::sensor::Sensor;
@@ -20,19 +22,16 @@ const PILE: usize = 4;
 /// only are left to the check for noise.
 pub(super) fn clipped(frame: &Frame, sensor: &Sensor) -> Result<(), Rejection> {
     let pixels = frame.pixels_dn();
-    let number = |count: u16| pixels.iter().filter(|dn| **dn == count).count();
-    let Some(largest) = pixels.iter().copied().max() else {
-        return Ok(());
-    };
+    let (largest, many) = most(pixels.iter().copied());
     let light = f64::from(largest) - sensor.black_dn;
-    if sensor.is_full(largest) || sensor.variance_dn2(light) < SPREAD_DN * SPREAD_DN {
+    if many < FEWEST.max(pixels.len() / SHARE)
+        || sensor.is_full(largest)
+        || sensor.variance_dn2(light) < SPREAD_DN * SPREAD_DN
+    {
         return Ok(());
     }
-    let Some(next) = pixels.iter().copied().filter(|dn| *dn < largest).max() else {
-        return Ok(());
-    };
-    let many = number(largest);
-    if many < FEWEST.max(pixels.len() / SHARE) || many < PILE * number(next) {
+    let (_, next) = most(pixels.iter().copied().filter(|dn| *dn < largest));
+    if next == 0 || many < PILE * next {
         return Ok(());
     }
     Err(Rejection::new(
@@ -44,6 +43,15 @@ pub(super) fn clipped(frame: &Frame, sensor: &Sensor) -> Result<(), Rejection> {
             sensor.saturation_dn
         ),
     ))
+}
+
+/// The largest count and how many pixels have it.
+fn most(counts: impl Iterator<Item = u16>) -> (u16, usize) {
+    counts.fold((0, 0), |(largest, many), count| match count.cmp(&largest) {
+        Ordering::Greater => (count, 1),
+        Ordering::Equal => (largest, many + 1),
+        Ordering::Less => (largest, many),
+    })
 }
 
 #[cfg(test)]
