@@ -125,6 +125,7 @@ fn starts() -> Vec<Values> {
                 eta: 1.54,
                 k: 0.0,
                 real: ridged::model::extended::Real::NONE,
+                wedge: 0.0,
             });
         }
     }

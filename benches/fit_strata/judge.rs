@@ -53,6 +53,7 @@ pub fn values(truth: &Truth) -> Values {
         eta: 0.0,
         k: 0.0,
         real: ridged::model::extended::Real::NONE,
+        wedge: 0.0,
     }
 }
 

@@ -57,6 +57,7 @@ fn case(
         eta,
         k,
         real: Real::NONE,
+        wedge: 0.0,
     };
     let rig = RigGeometry {
         cones: Cones::of_lamp(Angle::from_deg(1.0)),

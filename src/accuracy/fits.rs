@@ -45,6 +45,7 @@ fn truth() -> Values {
         eta: 1.5,
         k: 0.0,
         real: crate::model::extended::Real::NONE,
+        wedge: 0.0,
     }
 }
 

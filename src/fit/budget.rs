@@ -231,6 +231,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
         let std = 1.0 / (left + 12.0).sqrt();
         taken_up * std
     });
+    let tiers = by_tier(parts, jacobian, m);
     let by_group = jackknife::by_groups(&groups(parts), jacobian, residuals);
     let sets = || parts.iter().map(|p| p.estimate.problem.set());
     let alike = |same: &dyn Fn(&ObservationSet, &ObservationSet) -> bool| -> bool {
@@ -244,11 +245,12 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
             let mut squares = Budget::default();
             let mut reference = Common::default();
             let mut angles = [Common::default(); ANGLE_ERRORS];
-            let (mut tier, mut floored, mut wedge) = (0.0_f64, 0.0_f64, 0.0_f64);
-            // Share of the scans with a model error in the value.
-            let mut doubted = 0.0_f64;
+            let (mut tier, mut by_tracer) = (0.0_f64, 0.0_f64);
+            let (mut by_groups, mut floored, mut wedge) = (0.0_f64, 0.0_f64, 0.0_f64);
             let mut first = 0;
-            for ((part, shared), drift) in parts.iter().zip(&shared).zip(&drifts) {
+            for (((part, shared), drift), of_tier) in
+                parts.iter().zip(&shared).zip(&drifts).zip(&tiers)
+            {
                 let estimate = part.estimate;
                 let (problem, set) = (&estimate.problem, estimate.problem.set());
                 let rows = problem.residual_count();
@@ -295,6 +297,7 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 for (all, change) in angles.iter_mut().zip(&shared.angles) {
                     all.add(through(change));
                 }
+                tier += through(of_tier);
                 if let Some((local, quantity)) = own {
                     wedge = wedge.max(through_wedge(set, quantity, &estimate.values));
                     if quantity == Quantity::Background {
@@ -307,30 +310,22 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                             squares.drift += (scale * drift_std(set)).powi(2);
                         }
                     }
-                    tier = tier.max(match &estimate.traced {
-                        Some(traced) => {
-                            traced.ahead[local].hypot(SHARE_OF_DISAGREEMENT * traced.apart[local])
-                        }
-                        None if estimate.tier_undecided => {
-                            (SHARE_OF_DISAGREEMENT * estimate.tier_shift[local]).abs()
-                        }
-                        None => (SHARE_OF_TIER_SHIFT * estimate.tier_shift[local]).abs(),
-                    });
-                    let least = floor(quantity, &estimate.values);
+                    if let Some(traced) = &estimate.traced {
+                        let apart = SHARE_OF_DISAGREEMENT * traced.apart[local];
+                        by_tracer = by_tracer.max(traced.ahead[local].hypot(apart));
+                    }
                     // If counting noise explains the scatter, so does the scatter of groups. The error of the tier
                     // remains.
-                    if estimate.discrepancy > 0.0 && samples > 0 {
-                        // K J is the identity: these rows have this share in the value.
-                        let rows = first..first + rows;
-                        doubted += rows.map(|i| k[(j, i)] * jacobian[i + j * m]).sum::<f64>();
-                        floored = floored.max(least);
-                    } else if estimate.takes_tier() {
-                        floored = floored.max(least);
+                    let doubted = estimate.discrepancy > 0.0 && samples > 0;
+                    if doubted {
+                        by_groups = by_group.beyond_chance(j);
+                    }
+                    if doubted || estimate.takes_tier() {
+                        floored = floored.max(floor(quantity, &estimate.values));
                     }
                 }
                 first += rows;
             }
-            let groups = doubted.clamp(0.0, 1.0) * by_group.beyond_chance(j);
             if let Some(body) = &body {
                 squares.material += body[j].powi(2);
             }
@@ -347,7 +342,9 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
                 drift: squares.drift.sqrt(),
                 detector: squares.detector.sqrt(),
                 background: squares.background.sqrt(),
-                model: (squares.model + groups * groups + floored * floored + tier * tier).sqrt(),
+                model: [by_groups, floored, tier, by_tracer]
+                    .iter()
+                    .fold(squares.model.sqrt(), |all, one| all.hypot(*one)),
                 shape: 0.0,
                 prior: squares.prior.sqrt(),
                 tracer: squares.tracer.sqrt(),
@@ -447,6 +444,29 @@ fn groups(parts: &[Part<'_, '_>]) -> [Labels; 3] {
         }
     }
     labels
+}
+
+/// The uncertain share of what the tier changes in the rows of each scan, by its shift of that scan alone. What it changes
+/// in a joint value follows from the rows: a scan that determines little has a large shift and a small share.
+fn by_tier(parts: &[Part<'_, '_>], jacobian: &[f64], m: usize) -> Vec<Vec<f64>> {
+    let mut first = 0;
+    let of = |part: &Part<'_, '_>| {
+        let estimate = part.estimate;
+        let share = match (&estimate.traced, estimate.tier_undecided) {
+            (Some(_), _) => 0.0,
+            (None, true) => SHARE_OF_DISAGREEMENT,
+            (None, false) => SHARE_OF_TIER_SHIFT,
+        };
+        let rows = first..first + estimate.problem.residual_count();
+        first = rows.end;
+        let shifts = part.columns.iter().zip(&estimate.tier_shift);
+        rows.map(|i| {
+            let change = shifts.clone().map(|(c, shift)| jacobian[i + c * m] * shift);
+            share * change.sum::<f64>()
+        })
+        .collect()
+    };
+    parts.iter().map(of).collect()
 }
 
 /// Lists the free parameters that a null direction couples, largest component first.

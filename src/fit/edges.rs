@@ -168,7 +168,7 @@ fn turning<'p>(problem: &'p Problem<'_>) -> impl Iterator<Item = (usize, &'p Qua
 fn turns_walls(quantity: Quantity) -> bool {
     matches!(
         quantity,
-        Quantity::ThetaR | Quantity::AzimuthOffset | Quantity::TiltOffset
+        Quantity::ThetaR | Quantity::AzimuthOffset | Quantity::TiltOffset | Quantity::Wedge
     )
 }
 

@@ -88,6 +88,17 @@ fn the_expanded_uncertainty_covers_another_surface_and_its_uncertainty() {
     let lean = e.problem.free().iter().position(|q| *q == Quantity::ThetaR);
     let lean = lean.unwrap();
     assert!(e.rivals.is_empty());
+    let mut rougher = e.clone();
+    let surface = e.values.folded();
+    let mut rival = e.minimum.clone();
+    rival.parameters = e.problem.pack(&Values {
+        alpha_v: 2.0 * surface.alpha_v,
+        ..surface
+    });
+    rougher.rivals.push(rival);
+    let rough = e.problem.free().iter().position(|q| *q == Quantity::AlphaV);
+    // In units of ln α, which are shares of α: α ± U reaches 2 α.
+    assert!(2.0 * uncertainty(&rougher).budgets[rough.unwrap()].combined() >= 1.0);
     let own = uncertainty(&e).budgets[lean].combined();
     let away = 0.02;
     let mut rival = e.minimum.clone();

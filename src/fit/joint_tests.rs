@@ -7,8 +7,10 @@ use crate::fit::Constraint;
 use crate::fit::budget::uncertainty;
 use crate::fit::one_variant::estimate;
 use crate::fit::painted::{TRUTH, painted};
+use crate::fit::problem::Problem;
 use crate::fit::report::Parameter;
 use crate::fit::report::Status;
+use crate::fit::tier::two_bounces;
 use crate::geometry::Pose;
 use crate::material::Material;
 
@@ -131,23 +133,32 @@ fn a_scan_joined_with_itself_has_its_noise_reduced_by_the_root_of_two() {
 #[test]
 fn a_scan_of_few_poses_leaves_a_good_one_its_certainty() {
     let turns: Vec<f64> = (0..12).map(|k| 30.0 * f64::from(k)).collect();
-    let good = scan(51, &turns, [0.0, 0.0]);
-    for seed in 52..56 {
-        let mut weak = scan(seed, &turns[..8], [0.0, 0.0]);
-        let tilts = [-10.0, 10.0];
-        weak.observations
+    let with_second_bounce = |seed: u64, azimuths: &[f64], tilts: &[f64]| {
+        let mut set = scan(seed, azimuths, [0.0, 0.0]);
+        set.observations
             .retain(|o| tilts.iter().any(|t| (o.pose.theta_c.deg() - t).abs() < 0.1));
-        for o in &mut weak.observations {
-            o.sigma *= 10.0;
+        let problem = Problem::new(&set, Variant::Sawtooth, Vec::new(), TRUTH);
+        let added = two_bounces(&problem, &TRUTH).expect("it is integrated");
+        for (o, more) in set.observations.iter_mut().zip(added) {
+            o.signal += TRUTH.scale * more;
         }
-        let options = FitOptions {
-            misfit: true,
-            ..options()
-        };
-        let joint = joined(&[good.clone(), weak], &options).expect("two scans");
+        set
+    };
+    let good = with_second_bounce(51, &turns, &[-20.0, -10.0, 0.0, 10.0, 20.0]);
+    let options = FitOptions {
+        misfit: true,
+        ..options()
+    };
+    for seed in 52..55 {
+        let weak = with_second_bounce(seed, &turns[..4], &[-10.0, 10.0]);
+        let scans = [&good, &weak].map(|set| Scan { name: "scan", set });
+        let (never, cancel) = (|| false, AtomicBool::new(false));
+        let joint = fit_joint(&scans, &options, &two_bounces, &never, &cancel);
+        let joint = joint.expect("two scans");
         let (_, std) = known(&joint.report.parameters.theta_r_deg);
-        let alone = joint.scans[0].theta_r_alone_std.expect("it is known alone");
-        assert!(std < 1.2 * alone, "{seed} {std} {alone}");
+        let alone = |scan: usize| joint.scans[scan].theta_r_alone_std.unwrap_or(f64::INFINITY);
+        assert!(alone(1) > 3.0 * alone(0), "{} {}", alone(1), alone(0));
+        assert!(std < 1.2 * alone(0), "{seed} {std} {}", alone(0));
     }
 }
 

@@ -159,6 +159,7 @@ pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>
         eta: set.material.index().0,
         k: set.material.index().1,
         real: crate::model::extended::Real::NONE,
+        wedge: 0.0,
     };
     let free = Quantity::ALL
         .into_iter()

@@ -22,6 +22,7 @@ pub const TRUTH: Values = Values {
     eta: 1.54,
     k: 0.0,
     real: crate::model::extended::Real::NONE,
+    wedge: 0.0,
 };
 
 /// Plastic on an absolute scale, computed from `truth` with the closed form of the sawtooth. Every observation has the

@@ -13,6 +13,9 @@
 //! white reference is not fitted. The corrections are fixed numbers per observation: the effect of a costlier tier on
 //! the closed form, as a factor and as an added radiance.
 //!
+//! A wedge (the sample is tilted across v by w) rotates both directions about v. Only problems with walls have it free:
+//! elsewhere the azimuth stands for it, to first order ([`super::wedge`]).
+//!
 //! Inside, θr is signed and the roughnesses are logarithms. The fit may pass through θr = 0 and continues as (−θr, φs +
 //! 180°), which is the same surface.
 
@@ -76,7 +79,30 @@ pub struct Ready {
     ridge: (f64, f64),
     tilt: (f64, f64),
     turn: (f64, f64),
+    /// Sine and cosine of the wedge.
+    wedge: (f64, f64),
     lamp: [f64; 3],
+}
+
+impl Ready {
+    /// Converts directions from the turntable's plane to that of the sample.
+    fn on_wedge(&self, directions: &Directions) -> Directions {
+        let (s, c) = self.wedge;
+        let tilted = |w: Vector3<f64>| Vector3::new(w.x * c + w.z * s, w.y, w.z * c - w.x * s);
+        Directions {
+            incident: tilted(directions.incident),
+            outgoing: tilted(directions.outgoing),
+        }
+    }
+
+    /// Converts derivatives by the components of directions back to the turntable's plane.
+    fn off_wedge(&self, mut partials: Partials) -> Partials {
+        let (s, c) = self.wedge;
+        for [u, _, n] in [&mut partials.incident, &mut partials.outgoing] {
+            (*u, *n) = (*u * c - *n * s, *u * s + *n * c);
+        }
+        partials
+    }
 }
 
 impl<'a> Problem<'a> {
@@ -217,11 +243,12 @@ impl<'a> Problem<'a> {
     #[must_use]
     pub fn ready(&self, values: &Values) -> Ready {
         let mut surface = values.surface();
-        let mut azimuth = values.azimuth_offset;
+        let (mut azimuth, mut wedge) = (values.azimuth_offset, values.wedge);
         let mirrored = surface.theta_r < 0.0;
         if mirrored {
             surface.theta_r = -surface.theta_r;
             azimuth += PI;
+            wedge = -wedge;
         }
         if !self.lobe {
             surface.amplitude = 0.0;
@@ -243,15 +270,21 @@ impl<'a> Problem<'a> {
             ridge: surface.theta_r.sin_cos(),
             tilt: values.tilt_offset.sin_cos(),
             turn: azimuth.sin_cos(),
+            wedge: wedge.sin_cos(),
             lamp: [cl, sl * ca, sl * sa],
         }
     }
 
-    /// Computes the directions of one observation in the sample frame, and sine and cosine of v's azimuth. They equal
-    /// those of [`crate::geometry::RigGeometry::directions`]; the offsets are added by the angle sums. An observation
-    /// with one view uses the view; one with several views uses the centre of the rig.
+    /// Computes the directions of one observation in the sample frame. Without a wedge they equal those of
+    /// [`crate::geometry::RigGeometry::directions`]; the offsets are added by the angle sums. An observation with one view
+    /// uses the view; one with several views uses the centre of the rig.
     #[must_use]
-    pub fn directions(&self, index: usize, ready: &Ready) -> (Directions, f64, f64) {
+    pub fn directions(&self, index: usize, ready: &Ready) -> Directions {
+        ready.on_wedge(&self.centre(index, ready).0)
+    }
+
+    /// The same in the turntable's plane, with sine and cosine of v's azimuth.
+    fn centre(&self, index: usize, ready: &Ready) -> (Directions, f64, f64) {
         if let Some([view]) = self.set.views.get(index).map(Vec::as_slice) {
             return self.of_view(index, ready, &view.directions);
         }
@@ -260,7 +293,7 @@ impl<'a> Problem<'a> {
         let (s, c) = (st * co + ct * so, ct * co - st * so);
         let [along, inside, beside] = ready.lamp;
         let incident = Vector3::new(along * s + inside * c, beside, along * c - inside * s);
-        self.on_sample(index, ready, incident, Vector3::new(s, 0.0, c))
+        self.on_table(index, ready, incident, Vector3::new(s, 0.0, c))
     }
 
     /// The same for one view of an observation.
@@ -268,11 +301,11 @@ impl<'a> Problem<'a> {
         let (so, co) = ready.tilt;
         // The tilt rotates (x, y, z) about +y towards +x.
         let tilted = |w: Vector3<f64>| Vector3::new(w.x * co + w.z * so, w.y, w.z * co - w.x * so);
-        self.on_sample(index, ready, tilted(view.incident), tilted(view.outgoing))
+        self.on_table(index, ready, tilted(view.incident), tilted(view.outgoing))
     }
 
-    /// Rotates rig directions at the true tilt into the sample frame of observation `index`.
-    fn on_sample(
+    /// Rotates rig directions at the true tilt into the turntable's plane of observation `index`.
+    fn on_table(
         &self,
         index: usize,
         ready: &Ready,
@@ -311,25 +344,27 @@ impl<'a> Problem<'a> {
             (Some(views), _) => {
                 let mut sum = Gradient::ZERO;
                 for view in views {
-                    let (directions, sin, cos) = self.of_view(index, ready, &view.directions);
-                    let one = self.partials(&directions, ready);
-                    sum.add(view.weight, &one.on_rig(&directions, sin, cos));
+                    let seen = self.of_view(index, ready, &view.directions);
+                    sum.add(view.weight, &self.seen(seen, ready));
                 }
                 sum
             }
-            (None, _) => {
-                let (directions, sin, cos) = self.directions(index, ready);
-                self.partials(&directions, ready)
-                    .on_rig(&directions, sin, cos)
-            }
+            (None, _) => self.seen(self.centre(index, ready), ready),
         };
         if ready.mirrored {
             g.theta_r = -g.theta_r;
+            g.wedge = -g.wedge;
         }
         g
     }
 
-    /// The same for one pair of directions, θr ≥ 0.
+    /// The same for one pair of directions in the turntable's plane, θr ≥ 0.
+    fn seen(&self, (directions, sin, cos): (Directions, f64, f64), ready: &Ready) -> Gradient {
+        let partials = self.partials(&ready.on_wedge(&directions), ready);
+        ready.off_wedge(partials).on_rig(&directions, sin, cos)
+    }
+
+    /// Computes radiance and derivatives for one pair of directions in the sample frame.
     fn partials(&self, directions: &Directions, ready: &Ready) -> Partials {
         let Some(walls) = &self.walls else {
             return ready.prepared.partials(directions);
@@ -363,7 +398,7 @@ impl<'a> Problem<'a> {
     /// Radiance in the directions of [`Problem::directions`] only, without the views.
     #[must_use]
     pub fn at_centre(&self, index: usize, ready: &Ready) -> f64 {
-        let directions = self.directions(index, ready).0;
+        let directions = self.directions(index, ready);
         self.partials(&directions, ready).value
     }
 
@@ -380,7 +415,7 @@ impl<'a> Problem<'a> {
     /// Cosines between lamp or camera and the normals of facet, riser and pitch, in the directions of
     /// [`Problem::directions`].
     pub(super) fn wall_cosines(&self, index: usize, ready: &Ready) -> [f64; 6] {
-        let directions = self.directions(index, ready).0;
+        let directions = self.directions(index, ready);
         let (s, c) = ready.ridge;
         let of = |w: Vector3<f64>| [w.y * s + w.z * c, w.z * s - w.y * c, w.z];
         let ([a, b, d], [e, f, g]) = (of(directions.incident), of(directions.outgoing));

@@ -45,6 +45,7 @@ const VALUES: Values = Values {
     eta: 1.55,
     k: 0.0,
     real: Real::NONE,
+    wedge: 0.0,
 };
 
 #[test]
@@ -58,7 +59,7 @@ fn offsets_by_angle_sums_give_the_directions_of_the_rig() {
             phi_s: o.pose.phi_s + Angle::from_rad(VALUES.azimuth_offset) + set.region_azimuth,
         };
         let expected = set.rig.directions(pose);
-        let (found, ..) = p.directions(i, &ready);
+        let found = p.directions(i, &ready);
         assert!((found.incident - expected.incident).norm() < 1e-15);
         assert!((found.outgoing - expected.outgoing).norm() < 1e-15);
         let surface = VALUES.surface();
@@ -107,10 +108,15 @@ fn views_with_the_directions_of_the_rig_only_change_the_weight() {
 fn a_negative_ridge_angle_is_the_same_surface_rotated_by_180_degrees() {
     let set = set();
     let p = Problem::new(&set, Variant::Sawtooth, Quantity::ALL.to_vec(), VALUES);
-    let mut turned = VALUES;
+    let values = Values {
+        wedge: 0.02,
+        ..VALUES
+    };
+    let mut turned = values;
     turned.theta_r = -turned.theta_r;
     turned.azimuth_offset += PI;
-    let (a, b) = (p.predicted(&VALUES), p.predicted(&turned));
+    turned.wedge = -turned.wedge;
+    let (a, b) = (p.predicted(&values), p.predicted(&turned));
     assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-12));
     let back = turned.folded();
     assert!((back.theta_r - VALUES.theta_r).abs() < 1e-15);
@@ -121,13 +127,21 @@ fn a_negative_ridge_angle_is_the_same_surface_rotated_by_180_degrees() {
 fn the_jacobian_is_the_slope_of_the_residuals() {
     let set = set();
     let mut all = Quantity::ALL.to_vec();
-    all.push(Quantity::Eta);
+    all.extend([Quantity::Eta, Quantity::Wedge]);
     let n = all.len();
-    for variant in [Variant::Paper, Variant::Sawtooth] {
+    for (variant, extended) in [
+        (Variant::Paper, false),
+        (Variant::Sawtooth, false),
+        (Variant::Sawtooth, true),
+    ] {
         for sign in [1.0, -1.0] {
             let mut values = VALUES;
             values.theta_r *= sign;
-            let p = Problem::new(&set, variant, all.clone(), values);
+            values.wedge = 0.02;
+            let mut p = Problem::new(&set, variant, all.clone(), values);
+            if extended {
+                p = p.with_walls_of(&values);
+            }
             let x = p.pack(&values);
             let m = p.residual_count();
             let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);

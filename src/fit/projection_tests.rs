@@ -21,6 +21,7 @@ const TRUTH: Values = Values {
     eta: 1.54,
     k: 0.0,
     real: crate::model::extended::Real::NONE,
+    wedge: 0.0,
 };
 
 /// 40 poses, lit beside the tilt plane, computed from the truth.

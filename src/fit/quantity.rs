@@ -38,6 +38,8 @@ pub enum Quantity {
     Tail,
     /// Radius of the crests divided by the length of the facets.
     CrestRadius,
+    /// Tilt of the sample on the turntable across v.
+    Wedge,
 }
 
 impl Quantity {
@@ -53,11 +55,12 @@ impl Quantity {
         Quantity::TiltOffset,
     ];
 
-    /// The quantities of [`Real`], fitted only for samples that need them.
-    pub const REAL: [Quantity; 3] = [
+    /// The quantities of [`Real`] and the wedge, fitted only for samples that need them.
+    pub const REAL: [Quantity; 4] = [
         Quantity::Translucency,
         Quantity::Tail,
         Quantity::CrestRadius,
+        Quantity::Wedge,
     ];
 }
 
@@ -86,6 +89,8 @@ pub struct Values {
     pub k: f64,
     /// Deviations of real samples from an ideal sawtooth.
     pub real: Real,
+    /// Tilt w of the sample on the turntable across v, towards rising azimuth, rad.
+    pub wedge: f64,
 }
 
 impl Values {
@@ -106,6 +111,7 @@ impl Values {
             Quantity::Translucency => self.real.translucency,
             Quantity::Tail => self.real.tail,
             Quantity::CrestRadius => self.real.crest,
+            Quantity::Wedge => self.wedge,
         }
     }
 
@@ -144,6 +150,7 @@ impl Values {
             Quantity::Translucency => self.real.translucency = value,
             Quantity::Tail => self.real.tail = value,
             Quantity::CrestRadius => self.real.crest = value,
+            Quantity::Wedge => self.wedge = value,
         }
     }
 
@@ -153,6 +160,7 @@ impl Values {
         if self.theta_r < 0.0 {
             self.theta_r = -self.theta_r;
             self.azimuth_offset += PI;
+            self.wedge = -self.wedge;
         }
         self.azimuth_offset = Angle::from_rad(self.azimuth_offset).wrapped().rad();
         self

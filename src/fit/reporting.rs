@@ -28,7 +28,7 @@ use crate::observation::ObservationSet;
 use crate::wording::counted;
 use contradictions::denied;
 use doubts::{ambiguous, darkness, unexplained, unfinished};
-use rig_slips::rig_slips;
+use rig_slips::{rig_slips, steeper_than_stated};
 pub(super) use status::status;
 
 /// Standard uncertainty above which an angle counts as undetermined, rad.
@@ -94,7 +94,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         ));
     }
     let drift = drift(e);
-    let across = causes::across(set, &parameters);
+    let across = causes::across(e, u, &parameters);
     let findings = match variant {
         VariantName::Paper => Vec::new(),
         _ => causes::all(e, drift.as_ref(), across.as_ref()),
@@ -136,6 +136,11 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
     warnings.extend(drift.as_ref().map(Drift::message));
     warnings.extend(denied(e));
     warnings.extend(rig_slips(e, u));
+    warnings.extend(
+        across
+            .as_ref()
+            .and_then(|across| steeper_than_stated(set, across)),
+    );
     warnings.extend(unfinished(e, u, status));
     // Without a lobe, limits of its shape mean nothing.
     let of_lobe = |q: Quantity| matches!(q, Quantity::AlphaU | Quantity::AlphaV);
@@ -234,6 +239,7 @@ pub(super) fn spoken(quantity: Quantity) -> &'static str {
         Quantity::Translucency => "translucency τ",
         Quantity::Tail => "tail of the slope distribution",
         Quantity::CrestRadius => "crest radius",
+        Quantity::Wedge => "wedge of the sample",
     }
 }
 
@@ -294,6 +300,7 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
             Quantity::Translucency | Quantity::Tail | Quantity::CrestRadius => {
                 (values.inner(q), HOPELESS_REAL)
             }
+            Quantity::Wedge => (values.wedge.to_degrees(), HOPELESS_ANGLE),
             Quantity::Background if absolute => (values.background / values.scale, f64::INFINITY),
             Quantity::Background => (values.background, f64::INFINITY),
         };

@@ -143,7 +143,7 @@ impl Settled<'_> {
         let (ready, cones) = (problem.ready(&values), problem.set().rig.cones.widening());
         let (s, c) = values.theta_r.abs().sin_cos();
         let inside = |i: &usize| {
-            let d = problem.directions(*i, &ready).0;
+            let d = problem.directions(*i, &ready);
             let h = d.incident + d.outgoing;
             let m = h.y * s + h.z * c;
             let (x, y) = (h.x / m, (h.y * c - h.z * s) / m);

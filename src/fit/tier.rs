@@ -31,9 +31,7 @@ pub fn two_bounces(problem: &Problem<'_>, values: &Values) -> Option<Vec<f64>> {
         .map(|i| problem.ideal_at_centre(i, &ready))
         .collect();
     let brightest = closed.iter().copied().fold(0.0, f64::max);
-    let directions: Vec<_> = (0..count)
-        .map(|i| problem.directions(i, &ready).0)
-        .collect();
+    let directions: Vec<_> = (0..count).map(|i| problem.directions(i, &ready)).collect();
     let mut surface = values.surface();
     surface.theta_r = surface.theta_r.abs();
     let integrated = Quadrature::new(&surface, &problem.optics(values))

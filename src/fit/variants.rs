@@ -457,3 +457,30 @@ fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitRepor
         build: build(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::one_variant::estimate;
+    use crate::fit::painted::{TRUTH, painted};
+    use crate::geometry::Pose;
+
+    #[test]
+    fn the_printed_lobe_is_not_chosen_against_its_residual_or_its_reflectance() {
+        let poses = (0..60)
+            .map(|n| Pose::from_deg(8.0 * f64::from(n / 12) - 16.0, 30.0 * f64::from(n % 12)));
+        let set = painted(poses, &TRUTH, 1e-3, 1);
+        let never = AtomicBool::new(false);
+        let fitted = |variant| estimate(&set, variant, &FitOptions::default(), None, &never);
+        let (paper, sawtooth) = (fitted(Variant::Paper), fitted(Variant::Sawtooth));
+        let as_if = |rho_d: f64, ratio: f64| {
+            let (mut paper, sawtooth) = (paper.clone().unwrap(), sawtooth.clone().unwrap());
+            paper.values.rho_d = rho_d;
+            paper.rms_residual = ratio * sawtooth.rms_residual;
+            describes(&Some(paper), &Some(sawtooth))
+        };
+        assert!(as_if(0.3, 1.1));
+        assert!(!as_if(0.3, 12.0));
+        assert!(!as_if(-0.15, 1.0) && !as_if(291.0, 1.0));
+    }
+}

@@ -8,9 +8,11 @@
 //! ```
 //!
 //! where z is the error of the azimuth's zero: the rotation of the sample, or of the stage's zero, from the recorded
-//! value. So w_v cannot be separated from the ridge angle, and the azimuth is the only information about w_u and z
-//! ([`across`]). If the zero is stated with an uncertainty, the azimuth is divided between the two, both expected at 0,
-//! in proportion to their variances. A wedge without a stated uncertainty takes all of it.
+//! value. So w_v cannot be separated from the ridge angle, and a small w_u shows only in the azimuth ([`across`]). If the
+//! zero is stated with an uncertainty, the azimuth is divided between the two, both expected at 0, in proportion to their
+//! variances. A wedge without a stated uncertainty takes all of it. A larger w_u also turns the axes of an anisotropic
+//! roughness against the facets. If that explains a residual, w_u joins the fit ([`super::suspects`]) and the data divide
+//! the azimuth ([`fitted`]).
 
 use serde::{Deserialize, Serialize};
 
@@ -63,8 +65,8 @@ pub struct Across {
     pub azimuth_deg: f64,
     /// Its standard uncertainty from the data, without a stated wedge.
     pub azimuth_std_deg: f64,
-    /// Whether wedge and zero are separated, because the zero is stated with an uncertainty. Otherwise each of the next
-    /// two is the whole azimuth: the one *or* the other.
+    /// Whether wedge and zero are separated: by a fit that contains the wedge, or because the zero is stated with an
+    /// uncertainty. Otherwise each of the next two is the whole azimuth: the one *or* the other.
     pub split: bool,
     /// Tilt of the sample across v, towards rising azimuth.
     pub wedge_deg: f64,
@@ -103,8 +105,7 @@ impl Across {
         );
         Some(match (self.wedge_std_deg, self.azimuth_zero_std_deg) {
             (Some(wedge), Some(zero)) => format!(
-                "{azimuth}: {} ± {}° of sample tilt across the ridges and {} ± {}° of the zero (k = 2), by the stated \
-                 uncertainties.",
+                "{azimuth}: {} ± {}° of sample tilt across the ridges and {} ± {}° of the zero (k = 2).",
                 signed(self.wedge_deg),
                 short(2.0 * wedge),
                 signed(self.azimuth_zero_deg),
@@ -200,6 +201,29 @@ pub fn across(
         azimuth_zero_std_deg: Some(left(zero)),
         ..alone
     })
+}
+
+/// Returns the parts of the azimuth that a fit with a free wedge found, each with its standard uncertainty. `common` is
+/// their covariance, rad².
+pub(super) fn fitted(
+    theta_r: Angle,
+    zero: (Angle, Angle),
+    wedge: (Angle, Angle),
+    common: f64,
+) -> Across {
+    let slope = theta_r.rad().tan();
+    let ((zero, zero_std), (wedge, wedge_std)) = (zero, wedge);
+    let variance =
+        zero_std.rad().powi(2) + (wedge_std.rad() / slope).powi(2) + 2.0 * common / slope;
+    Across {
+        azimuth_deg: zero.deg() + wedge.deg() / slope,
+        azimuth_std_deg: variance.max(0.0).sqrt().to_degrees(),
+        split: true,
+        wedge_deg: wedge.deg(),
+        wedge_std_deg: Some(wedge_std.deg()),
+        azimuth_zero_deg: zero.deg(),
+        azimuth_zero_std_deg: Some(zero_std.deg()),
+    }
 }
 
 #[cfg(test)]

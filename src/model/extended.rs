@@ -278,7 +278,7 @@ fn diffuse<N: Number>(
         round,
         straight,
     } = *shape;
-    let of_index = |known: [f64; 2]| q.eta.map(|_| (known[0], known[1]));
+    let of_index = |[at, slope]: [f64; 2]| q.eta.map(|eta| (at + slope * (eta - walls.eta), slope));
     let c_d = q.rho_d * of_index(walls.diffuse);
     let facet = |w: &Ray<N>| (one - w.facet_f) * w.m;
     let riser = |w: &Ray<N>| (one - w.riser_f) * w.rho;

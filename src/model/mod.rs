@@ -143,6 +143,8 @@ pub struct Gradient {
     pub theta_c: f64,
     /// ∂/∂φs, per radian.
     pub phi_s: f64,
+    /// ∂/∂w, per radian: tilt of the sample across v, towards rising azimuth.
+    pub wedge: f64,
 }
 
 impl Gradient {
@@ -159,6 +161,7 @@ impl Gradient {
         k: 0.0,
         theta_c: 0.0,
         phi_s: 0.0,
+        wedge: 0.0,
     };
 
     /// Adds `weight` times another gradient.
@@ -174,6 +177,7 @@ impl Gradient {
         self.k += weight * other.k;
         self.theta_c += weight * other.theta_c;
         self.phi_s += weight * other.phi_s;
+        self.wedge += weight * other.wedge;
     }
 }
 

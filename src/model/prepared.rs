@@ -51,20 +51,22 @@ pub struct Partials {
 }
 
 impl Partials {
-    /// Converts the derivatives with respect to the directions to those with respect to the two stage angles, for
-    /// `directions` of a rig at a pose whose azimuth of v has this `sin` and `cos`.
+    /// Converts the derivatives with respect to the directions to those with respect to the two stage angles and the wedge,
+    /// for `directions` of a rig at a pose whose azimuth of v has this `sin` and `cos`.
     #[must_use]
     pub fn on_rig(&self, directions: &Directions, sin: f64, cos: f64) -> Gradient {
         let mut theta_c = 0.0;
         let mut phi_s = 0.0;
+        let mut wedge = 0.0;
         for (w, g) in [
             (directions.incident, self.incident),
             (directions.outgoing, self.outgoing),
         ] {
             // Tilting turns a rig direction (x, y, z) about +y at the rate (z, 0, −x); turning the
-            // sample turns (u, v) at the rate (v, −u).
+            // sample turns (u, v) at the rate (v, −u); tilting the sample about v turns (u, n) at the rate (n, −u).
             theta_c += w.z * (g[0] * sin + g[1] * cos) - (w.x * sin + w.y * cos) * g[2];
             phi_s += w.y * g[0] - w.x * g[1];
+            wedge += w.z * g[0] - w.x * g[2];
         }
         Gradient {
             value: self.value,
@@ -78,6 +80,7 @@ impl Partials {
             k: self.k,
             theta_c,
             phi_s,
+            wedge,
         }
     }
 }

@@ -27,6 +27,7 @@ const TRUTH: Values = Values {
     eta: 1.54,
     k: 0.0,
     real: Real::NONE,
+    wedge: 0.0,
 };
 /// As a share of the brightest observation.
 const NOISE: f64 = 1e-4;

@@ -242,7 +242,10 @@ pub(super) fn through_wedge(set: &ObservationSet, quantity: Quantity, values: &V
     };
     match quantity {
         Quantity::ThetaR => wedge.rad(),
-        Quantity::AzimuthOffset => turn_by_wedge(wedge, Angle::from_rad(values.theta_r)).rad(),
+        // A fit that contains the wedge has the zero alone in its azimuth.
+        Quantity::AzimuthOffset if values.wedge == 0.0 => {
+            turn_by_wedge(wedge, Angle::from_rad(values.theta_r)).rad()
+        }
         _ => 0.0,
     }
 }

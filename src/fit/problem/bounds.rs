@@ -18,6 +18,8 @@ pub const THETA_R_MAX: f64 = 75.0 * PI / 180.0;
 pub const ALPHA_MIN: f64 = 1e-4;
 /// Largest zero of the tilt that a fit considers, rad.
 pub const TILT_OFFSET_MAX: f64 = 15.0 * PI / 180.0;
+/// Largest tilt of the sample across v that a fit considers, rad: larger ones are seen.
+const WEDGE_MAX: f64 = 3.0 * PI / 180.0;
 /// Roughest facet that a fit considers.
 pub const ALPHA_MAX: f64 = 2.0;
 
@@ -55,6 +57,7 @@ impl Problem<'_> {
             Quantity::Translucency => (0.0, 1.0),
             Quantity::Tail => (0.0, TAIL_MAX),
             Quantity::CrestRadius => (0.0, CREST_MAX),
+            Quantity::Wedge => (-WEDGE_MAX, WEDGE_MAX),
         };
         let (lower, upper) = self.free.iter().map(range).unzip();
         Bounds { lower, upper }

@@ -87,6 +87,7 @@ impl Problem<'_> {
                     Quantity::Translucency => gain * g.real.translucency,
                     Quantity::Tail => gain * g.real.tail,
                     Quantity::CrestRadius => gain * g.real.crest,
+                    Quantity::Wedge => gain * g.wedge,
                     Quantity::AzimuthOffset => gain * g.phi_s,
                     Quantity::TiltOffset => gain * g.theta_c,
                 };

@@ -1,13 +1,13 @@
 //! The known causes of a residual of an estimate: of the surface, the detector, the lamp and single poses.
 
 use crate::fit::blunders::{bad_block, bad_poses};
-use crate::fit::budget::Budget;
+use crate::fit::budget::{Budget, Uncertainty};
 use crate::fit::drift::Drift;
 use crate::fit::estimate::Estimate;
 use crate::fit::findings::{Code, Finding, sorted};
+use crate::fit::problem::Quantity;
 use crate::fit::report::{Parameter, Parameters};
 use crate::fit::wedge::{self, Across};
-use crate::observation::ObservationSet;
 use crate::units::Angle;
 use crate::wording::{counted, significant};
 
@@ -66,7 +66,8 @@ pub(super) fn all(
             ),
         });
     }
-    if let Some(across) = across.filter(|across| across.is_wedge()) {
+    let is_known = found.iter().any(|f| f.code == Code::WedgeAcross);
+    if let Some(across) = across.filter(|across| across.is_wedge() && !is_known) {
         found.push(Finding {
             code: Code::WedgeAcross,
             explains: 0.0,
@@ -87,18 +88,32 @@ fn named(e: &Estimate<'_>, observations: &[usize]) -> String {
     each.collect::<Vec<_>>().join("; ")
 }
 
-/// Calls [`wedge::across`] with the results of a fit, if it determined both angles.
-pub(super) fn across(set: &ObservationSet, parameters: &Parameters) -> Option<Across> {
+/// Divides the azimuth of a fit, if it determined both angles: by the fit if the wedge is in it, otherwise by what is stated
+/// ([`wedge::across`]).
+pub(super) fn across(e: &Estimate<'_>, u: &Uncertainty, parameters: &Parameters) -> Option<Across> {
+    let set = e.problem.set();
     let angle = |p: &Parameter| p.value.filter(|_| p.identifiable).map(Angle::from_deg);
     let azimuth = &parameters.azimuth_offset_deg;
     let own = Budget {
         wedge: 0.0,
         ..azimuth.budget?
     };
+    let theta_r = angle(&parameters.theta_r_deg)?;
+    let azimuth = (angle(azimuth)?, Angle::from_deg(own.combined()));
+    let place = |q: Quantity| e.problem.free().iter().position(|f| *f == q);
+    if let (Some(i), Some(j)) = (place(Quantity::AzimuthOffset), place(Quantity::Wedge))
+        && u.covariance.identifiable[j]
+    {
+        let tilt = Angle::from_rad(e.values.folded().wedge);
+        let tilt = (tilt, Angle::from_rad(u.budgets[j].combined()));
+        // Folding a negative θr changes the sign of the wedge.
+        let common = u.covariance.matrix[(i, j)] * e.values.theta_r.signum();
+        return Some(wedge::fitted(theta_r, azimuth, tilt, common));
+    }
     wedge::across(
-        angle(&parameters.theta_r_deg)?,
-        angle(azimuth)?,
-        Angle::from_deg(own.combined()),
+        theta_r,
+        azimuth.0,
+        azimuth.1,
         wedge::Stated {
             azimuth_zero: set.azimuth_zero_std,
             wedge: set.wedge_std,

@@ -90,3 +90,60 @@ fn ambiguity(e: &Estimate<'_>, rival: &Minimum) -> String {
         v.azimuth_offset.to_degrees()
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::fit::FitOptions;
+    use crate::fit::findings::Code;
+    use crate::fit::one_variant::estimate;
+    use crate::fit::painted::{TRUTH, painted};
+    use crate::geometry::Pose;
+    use crate::model::Variant;
+
+    #[test]
+    fn minima_beside_each_other_are_named_once() {
+        let poses = (0..60)
+            .map(|n| Pose::from_deg(8.0 * f64::from(n / 12) - 16.0, 30.0 * f64::from(n % 12)));
+        let set = painted(poses, &TRUTH, 1e-3, 1);
+        let cancel = AtomicBool::new(false);
+        let options = FitOptions::default();
+        let mut e = estimate(&set, Variant::Sawtooth, &options, None, &cancel).unwrap();
+        let here = e.values.folded();
+        let mut other = |theta_r: f64, alpha_v: f64| {
+            let mut rival = e.minimum.clone();
+            rival.parameters = e.problem.pack(&Values {
+                theta_r,
+                alpha_v,
+                ..here
+            });
+            e.rivals.push(rival);
+        };
+        other(0.3, 0.1);
+        other(0.301, 0.101);
+        other(0.3, 0.2);
+        let messages = ambiguous(&e);
+        assert_eq!(messages.len(), 2, "{messages:?}");
+        assert!(messages[0].contains("αv 0.1000") && messages[1].contains("αv 0.2000"));
+    }
+
+    #[test]
+    fn the_finding_that_explains_most_of_a_residual_is_named_with_its_advice() {
+        let finding = |code, explains| Finding {
+            code,
+            explains,
+            change_of_theta_r_deg: None,
+            advice: format!("Do what {} asks.", Code::word(code)),
+        };
+        let found = [finding(Code::Tails, 0.2), finding(Code::Index, 0.9)];
+        let text = unexplained(&found);
+        assert!(
+            text.contains("`index` explains 90 %") && text.ends_with("what index asks."),
+            "{text}"
+        );
+        let text = unexplained(&found[..1]);
+        assert!(text.contains("no start found the lobe"), "{text}");
+    }
+}

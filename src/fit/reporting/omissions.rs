@@ -88,6 +88,10 @@ fn real_terms(e: &Estimate<'_>) -> Vec<LeftOut> {
         (Quantity::Translucency, "translucency of the body"),
         (Quantity::Tail, "tails of the slope distribution"),
         (Quantity::CrestRadius, "rounded crests"),
+        (
+            Quantity::Wedge,
+            "tilt of the sample across the ridges, beyond the azimuth that it causes",
+        ),
     ];
     names
         .into_iter()

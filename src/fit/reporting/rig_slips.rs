@@ -1,10 +1,12 @@
-//! Warnings about slips in the description of rig and poses: angles in radians, and a wrong angle between lamp and camera.
+//! Warnings about slips in the description of rig and poses: angles in radians, a wrong angle between lamp and camera, a sample
+//! that is tilted more than stated.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use crate::fit::budget::Uncertainty;
 use crate::fit::estimate::Estimate;
 use crate::fit::problem::Quantity;
+use crate::fit::wedge::Across;
 use crate::observation::ObservationSet;
 use crate::units::Angle;
 use crate::wording::significant;
@@ -27,6 +29,21 @@ pub(super) fn rig_slips(e: &Estimate<'_>, u: &Uncertainty) -> Vec<String> {
         found.extend(lamp_angle(e, u));
     }
     found
+}
+
+/// Names a tilt across the ridges that exceeds the stated wedge of the sample by far.
+pub(super) fn steeper_than_stated(set: &ObservationSet, across: &Across) -> Option<String> {
+    let stated = set.wedge_std?.deg();
+    let (tilt, std) = (across.wedge_deg.abs(), across.wedge_std_deg?);
+    (tilt > CLEAR * stated.hypot(std)).then(|| {
+        format!(
+            "The sample is tilted by {} ± {}° across the ridges, but rig.sample_wedge_std_deg states {}°. A tilt along the \
+             other direction shifts θr degree for degree, and no frame shows it: level the sample, or state the wedge.",
+            significant(tilt),
+            significant(2.0 * std),
+            (stated * 1e4).round() / 1e4
+        )
+    })
 }
 
 /// Angles that are probably in radians, because no larger number is among them.

@@ -10,12 +10,12 @@ pub(super) struct Suspect {
     pub(super) quantity: Quantity,
     /// Starting values.
     pub(super) starts: &'static [f64],
-    /// Below this value the quantity counts as absent.
+    /// Below this magnitude the quantity counts as absent.
     pub(super) least: f64,
 }
 
 /// All of them.
-pub(super) const SUSPECTS: [Suspect; 4] = [
+pub(super) const SUSPECTS: [Suspect; 5] = [
     Suspect {
         code: Code::Translucent,
         quantity: Quantity::Translucency,
@@ -33,6 +33,12 @@ pub(super) const SUSPECTS: [Suspect; 4] = [
         quantity: Quantity::CrestRadius,
         starts: &[0.04, 0.1],
         least: 0.01,
+    },
+    Suspect {
+        code: Code::WedgeAcross,
+        quantity: Quantity::Wedge,
+        starts: &[0.0],
+        least: 5e-4,
     },
     Suspect {
         code: Code::Index,

@@ -13,7 +13,7 @@ const STILL: f64 = 0.05;
 /// reported as results.
 fn useless(quantity: Quantity, values: &Values) -> Option<f64> {
     match quantity {
-        Quantity::ThetaR | Quantity::AzimuthOffset | Quantity::TiltOffset => {
+        Quantity::ThetaR | Quantity::AzimuthOffset | Quantity::TiltOffset | Quantity::Wedge => {
             Some(0.008f64.to_radians())
         }
         Quantity::AlphaU | Quantity::AlphaV => Some(0.002),

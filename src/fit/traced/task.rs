@@ -123,7 +123,7 @@ impl Task<'_, '_> {
                     cones: set.rig.cones,
                     polarised: self.polarised,
                 };
-                let radiance = surface.radiance(&problem.directions(i, &ready).0, &options);
+                let radiance = surface.radiance(&problem.directions(i, &ready), &options);
                 let mut done = self.done.lock().expect("no holder of this lock panics");
                 *done += self.paths;
                 let goes_on = (self.watch)(TracingProgress {

@@ -9,6 +9,8 @@ use crate::model::rough_boundary::RoughBoundary;
 #[derive(Debug, Clone)]
 pub struct Walls {
     pub(super) boundary: RoughBoundary,
+    /// Real part of the index of the numbers below.
+    pub(super) eta: f64,
     /// 1/(π T̃(1) T̃(cos θl)) with its slope with respect to the real index.
     pub(super) diffuse: [f64; 2],
     /// π T̄² with its slope with respect to the real index.
@@ -37,6 +39,7 @@ impl Walls {
     #[must_use]
     pub fn smooth(table: &OpticsTable) -> Self {
         Walls {
+            eta: table.optics.eta,
             diffuse: [table.diffuse[0], table.diffuse[1]],
             exchange: [table.exchange[0], table.exchange[1]],
             boundary: RoughBoundary::smooth(),

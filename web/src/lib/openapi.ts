@@ -1037,8 +1037,8 @@ export interface components {
              */
             readonly azimuth_zero_std_deg?: number | null;
             /**
-             * @description Whether wedge and zero are separated, because the zero is stated with an uncertainty. Otherwise each of the next
-             *     two is the whole azimuth: the one *or* the other.
+             * @description Whether wedge and zero are separated: by a fit that contains the wedge, or because the zero is stated with an
+             *     uncertainty. Otherwise each of the next two is the whole azimuth: the one *or* the other.
              */
             readonly split: boolean;
             /**
