@@ -126,6 +126,7 @@ fn starts() -> Vec<Values> {
                 k: 0.0,
                 real: ridged::model::extended::Real::NONE,
                 wedge: 0.0,
+                lamp_turn: 0.0,
             });
         }
     }

@@ -54,6 +54,7 @@ pub fn values(truth: &Truth) -> Values {
         k: 0.0,
         real: ridged::model::extended::Real::NONE,
         wedge: 0.0,
+        lamp_turn: 0.0,
     }
 }
 

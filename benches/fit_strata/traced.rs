@@ -58,6 +58,7 @@ fn case(
         k,
         real: Real::NONE,
         wedge: 0.0,
+        lamp_turn: 0.0,
     };
     let rig = RigGeometry {
         cones: Cones::of_lamp(Angle::from_deg(1.0)),

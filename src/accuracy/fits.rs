@@ -46,6 +46,7 @@ fn truth() -> Values {
         k: 0.0,
         real: crate::model::extended::Real::NONE,
         wedge: 0.0,
+        lamp_turn: 0.0,
     }
 }
 

@@ -344,7 +344,7 @@ fn rest<F>(
         .zip(problem.flat_sigma())
         .enumerate()
     {
-        let (cosine, slope) = problem.flat_cosine(index, values);
+        let [cosine, slope, _] = problem.flat_cosine(index, values);
         let weight = 1.0 / sigma;
         let expected = values.scale * albedo * cosine + values.background;
         add(

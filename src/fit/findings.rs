@@ -15,6 +15,8 @@ pub enum Code {
     Translucent,
     /// The sample is tilted across the lean of the facets, or the stated zero of the azimuth is wrong.
     WedgeAcross,
+    /// The lamp stands at another azimuth about the camera's axis than stated.
+    LampAzimuth,
     /// The counts of the detector are not proportional to the light.
     NonLinear,
     /// The lamp changed while the poses were measured.
@@ -29,11 +31,12 @@ pub enum Code {
 
 impl Code {
     /// All codes.
-    pub const ALL: [Code; 9] = [
+    pub const ALL: [Code; 10] = [
         Code::Tails,
         Code::RoundedCrests,
         Code::Translucent,
         Code::WedgeAcross,
+        Code::LampAzimuth,
         Code::NonLinear,
         Code::LampDrift,
         Code::Index,
@@ -49,6 +52,7 @@ impl Code {
             Code::RoundedCrests => "rounded-crests",
             Code::Translucent => "translucent",
             Code::WedgeAcross => "wedge-across",
+            Code::LampAzimuth => "lamp-azimuth",
             Code::NonLinear => "non-linear",
             Code::LampDrift => "lamp-drift",
             Code::Index => "index",

@@ -160,6 +160,7 @@ pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>
         k: set.material.index().1,
         real: crate::model::extended::Real::NONE,
         wedge: 0.0,
+        lamp_turn: 0.0,
     };
     let free = Quantity::ALL
         .into_iter()

@@ -39,6 +39,7 @@ const TRUTH: Values = Values {
     k: 0.0,
     real: crate::model::extended::Real::NONE,
     wedge: 0.0,
+    lamp_turn: 0.0,
 };
 /// As a share of the brightest observation.
 const NOISE: f64 = 1e-3;

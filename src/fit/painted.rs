@@ -23,6 +23,7 @@ pub const TRUTH: Values = Values {
     k: 0.0,
     real: crate::model::extended::Real::NONE,
     wedge: 0.0,
+    lamp_turn: 0.0,
 };
 
 /// Plastic on an absolute scale, computed from `truth` with the closed form of the sawtooth. Every observation has the

@@ -22,7 +22,9 @@ fn named(quantity: Quantity, is_absolute: bool) -> Option<(&'static str, &'stati
         Quantity::TiltOffset => ("tilt_offset_deg", "deg"),
         Quantity::Translucency => ("translucency", "1"),
         Quantity::CrestRadius => ("crest_radius", "1"),
-        Quantity::Eta | Quantity::K | Quantity::Tail | Quantity::Wedge => return None,
+        Quantity::Eta | Quantity::K | Quantity::Tail | Quantity::Wedge | Quantity::LampTurn => {
+            return None;
+        }
     })
 }
 
@@ -30,7 +32,9 @@ fn named(quantity: Quantity, is_absolute: bool) -> Option<(&'static str, &'stati
 pub(super) fn per_solver_unit(quantity: Quantity, values: &Values, is_absolute: bool) -> f64 {
     match quantity {
         Quantity::ThetaR => 1f64.to_degrees().copysign(values.theta_r),
-        Quantity::AzimuthOffset | Quantity::TiltOffset | Quantity::Wedge => 1f64.to_degrees(),
+        Quantity::AzimuthOffset | Quantity::TiltOffset | Quantity::Wedge | Quantity::LampTurn => {
+            1f64.to_degrees()
+        }
         Quantity::AlphaU => values.alpha_u,
         Quantity::AlphaV => values.alpha_v,
         Quantity::Background if is_absolute => 1.0 / values.scale,

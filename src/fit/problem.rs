@@ -13,12 +13,14 @@
 //! white reference is not fitted. The corrections are fixed numbers per observation: the effect of a costlier tier on
 //! the closed form, as a factor and as an added radiance.
 //!
-//! A wedge (the sample is tilted across v by w) rotates both directions about v. Only problems with walls have it free:
-//! elsewhere the azimuth stands for it, to first order ([`super::wedge`]).
+//! A wedge (the sample is tilted across v) rotates both directions about v; a turned lamp moves about the camera's axis
+//! ([`alignment`]). Only problems with walls have them free: elsewhere the azimuth stands for a wedge, to first order
+//! ([`super::wedge`]).
 //!
 //! Inside, θr is signed and the roughnesses are logarithms. The fit may pass through θr = 0 and continues as (−θr, φs +
 //! 180°), which is the same surface.
 
+mod alignment;
 mod bounds;
 mod changed;
 mod residuals;
@@ -28,6 +30,7 @@ use std::sync::Arc;
 
 use nalgebra::Vector3;
 
+use self::alignment::{Alignment, lamp_rate};
 use super::known::priors;
 use super::loss::Loss;
 pub use super::quantity::{Quantity, Values};
@@ -79,30 +82,8 @@ pub struct Ready {
     ridge: (f64, f64),
     tilt: (f64, f64),
     turn: (f64, f64),
-    /// Sine and cosine of the wedge.
-    wedge: (f64, f64),
+    alignment: Alignment,
     lamp: [f64; 3],
-}
-
-impl Ready {
-    /// Converts directions from the turntable's plane to that of the sample.
-    fn on_wedge(&self, directions: &Directions) -> Directions {
-        let (s, c) = self.wedge;
-        let tilted = |w: Vector3<f64>| Vector3::new(w.x * c + w.z * s, w.y, w.z * c - w.x * s);
-        Directions {
-            incident: tilted(directions.incident),
-            outgoing: tilted(directions.outgoing),
-        }
-    }
-
-    /// Converts derivatives by the components of directions back to the turntable's plane.
-    fn off_wedge(&self, mut partials: Partials) -> Partials {
-        let (s, c) = self.wedge;
-        for [u, _, n] in [&mut partials.incident, &mut partials.outgoing] {
-            (*u, *n) = (*u * c - *n * s, *u * s + *n * c);
-        }
-        partials
-    }
 }
 
 impl<'a> Problem<'a> {
@@ -270,7 +251,7 @@ impl<'a> Problem<'a> {
             ridge: surface.theta_r.sin_cos(),
             tilt: values.tilt_offset.sin_cos(),
             turn: azimuth.sin_cos(),
-            wedge: wedge.sin_cos(),
+            alignment: Alignment::new(wedge, values.lamp_turn),
             lamp: [cl, sl * ca, sl * sa],
         }
     }
@@ -280,7 +261,7 @@ impl<'a> Problem<'a> {
     /// uses the view; one with several views uses the centre of the rig.
     #[must_use]
     pub fn directions(&self, index: usize, ready: &Ready) -> Directions {
-        ready.on_wedge(&self.centre(index, ready).0)
+        ready.alignment.on_wedge(&self.centre(index, ready).0)
     }
 
     /// The same in the turntable's plane, with sine and cosine of v's azimuth.
@@ -319,7 +300,7 @@ impl<'a> Problem<'a> {
             incident: turned(incident),
             outgoing: turned(outgoing),
         };
-        (directions, sin, cos)
+        (ready.alignment.with_lamp(directions), sin, cos)
     }
 
     /// Sine and cosine of the azimuth of v.
@@ -360,8 +341,11 @@ impl<'a> Problem<'a> {
 
     /// The same for one pair of directions in the turntable's plane, θr ≥ 0.
     fn seen(&self, (directions, sin, cos): (Directions, f64, f64), ready: &Ready) -> Gradient {
-        let partials = self.partials(&ready.on_wedge(&directions), ready);
-        ready.off_wedge(partials).on_rig(&directions, sin, cos)
+        let partials = self.partials(&ready.alignment.on_wedge(&directions), ready);
+        let partials = ready.alignment.off_wedge(partials);
+        let mut g = partials.on_rig(&directions, sin, cos);
+        g.lamp_turn = lamp_rate(&directions).dot(&Vector3::from(partials.incident));
+        g
     }
 
     /// Computes radiance and derivatives for one pair of directions in the sample frame.
@@ -443,17 +427,21 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Cosine of the incidence on the white reference at flat `index`, and its derivative with respect to the tilt.
+    /// Cosine of the incidence on the white reference at flat `index`, and its derivatives with respect to the tilt and the
+    /// turn of the lamp.
     #[must_use]
-    pub fn flat_cosine(&self, index: usize, values: &Values) -> (f64, f64) {
+    pub fn flat_cosine(&self, index: usize, values: &Values) -> [f64; 3] {
         let tilt = self.set.flats[index].theta_c + Angle::from_rad(values.tilt_offset);
-        self.set.rig.cos_incidence_and_slope(tilt)
+        let alignment = Alignment::new(0.0, values.lamp_turn);
+        let seen = alignment.with_lamp(self.set.rig.rig_directions(tilt));
+        // Tilting rotates (x, y, z) about +y at the rate (z, 0, −x).
+        [seen.incident.z, -seen.incident.x, lamp_rate(&seen).z]
     }
 
     /// Signal of the white reference that the model expects at flat `index`.
     #[must_use]
     pub fn flat_signal(&self, index: usize, values: &Values) -> f64 {
-        let cosine = self.flat_cosine(index, values).0;
+        let [cosine, ..] = self.flat_cosine(index, values);
         values.scale * self.reflectance() / PI * cosine + values.background
     }
 

@@ -46,6 +46,7 @@ const VALUES: Values = Values {
     k: 0.0,
     real: Real::NONE,
     wedge: 0.0,
+    lamp_turn: 0.0,
 };
 
 #[test]
@@ -127,7 +128,7 @@ fn a_negative_ridge_angle_is_the_same_surface_rotated_by_180_degrees() {
 fn the_jacobian_is_the_slope_of_the_residuals() {
     let set = set();
     let mut all = Quantity::ALL.to_vec();
-    all.extend([Quantity::Eta, Quantity::Wedge]);
+    all.extend([Quantity::Eta, Quantity::Wedge, Quantity::LampTurn]);
     let n = all.len();
     for (variant, extended) in [
         (Variant::Paper, false),
@@ -138,6 +139,7 @@ fn the_jacobian_is_the_slope_of_the_residuals() {
             let mut values = VALUES;
             values.theta_r *= sign;
             values.wedge = 0.02;
+            values.lamp_turn = -0.05;
             let mut p = Problem::new(&set, variant, all.clone(), values);
             if extended {
                 p = p.with_walls_of(&values);

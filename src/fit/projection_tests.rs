@@ -22,6 +22,7 @@ const TRUTH: Values = Values {
     k: 0.0,
     real: crate::model::extended::Real::NONE,
     wedge: 0.0,
+    lamp_turn: 0.0,
 };
 
 /// 40 poses, lit beside the tilt plane, computed from the truth.

@@ -40,6 +40,8 @@ pub enum Quantity {
     CrestRadius,
     /// Tilt of the sample on the turntable across v.
     Wedge,
+    /// Turn of the lamp about the camera's axis, from its stated place.
+    LampTurn,
 }
 
 impl Quantity {
@@ -55,12 +57,13 @@ impl Quantity {
         Quantity::TiltOffset,
     ];
 
-    /// The quantities of [`Real`] and the wedge, fitted only for samples that need them.
-    pub const REAL: [Quantity; 4] = [
+    /// The deviations of real samples and rigs, fitted only where the data need them.
+    pub const REAL: [Quantity; 5] = [
         Quantity::Translucency,
         Quantity::Tail,
         Quantity::CrestRadius,
         Quantity::Wedge,
+        Quantity::LampTurn,
     ];
 }
 
@@ -91,6 +94,8 @@ pub struct Values {
     pub real: Real,
     /// Tilt w of the sample on the turntable across v, towards rising azimuth, rad.
     pub wedge: f64,
+    /// Turn of the lamp about the camera's axis, added to its azimuth, rad.
+    pub lamp_turn: f64,
 }
 
 impl Values {
@@ -112,6 +117,7 @@ impl Values {
             Quantity::Tail => self.real.tail,
             Quantity::CrestRadius => self.real.crest,
             Quantity::Wedge => self.wedge,
+            Quantity::LampTurn => self.lamp_turn,
         }
     }
 
@@ -151,6 +157,7 @@ impl Values {
             Quantity::Tail => self.real.tail = value,
             Quantity::CrestRadius => self.real.crest = value,
             Quantity::Wedge => self.wedge = value,
+            Quantity::LampTurn => self.lamp_turn = value,
         }
     }
 

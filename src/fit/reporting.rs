@@ -240,6 +240,7 @@ pub(super) fn spoken(quantity: Quantity) -> &'static str {
         Quantity::Tail => "tail of the slope distribution",
         Quantity::CrestRadius => "crest radius",
         Quantity::Wedge => "wedge of the sample",
+        Quantity::LampTurn => "azimuth of the lamp",
     }
 }
 
@@ -300,7 +301,7 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
             Quantity::Translucency | Quantity::Tail | Quantity::CrestRadius => {
                 (values.inner(q), HOPELESS_REAL)
             }
-            Quantity::Wedge => (values.wedge.to_degrees(), HOPELESS_ANGLE),
+            Quantity::Wedge | Quantity::LampTurn => (values.inner(q).to_degrees(), HOPELESS_ANGLE),
             Quantity::Background if absolute => (values.background / values.scale, f64::INFINITY),
             Quantity::Background => (values.background, f64::INFINITY),
         };

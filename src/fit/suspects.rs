@@ -1,10 +1,10 @@
 //! Deviations of a sample from an ideal sawtooth, tried one by one if the closed form leaves a residual.
 //!
-//! Call [`investigated`]. If the residual exceeds that of the closed form on ideal ridges, or single poses stand out, each
-//! suspect (a translucent body, tails of the slopes, rounded crests, a tilt of the sample, another index) is freed
-//! separately, with one more descent from the existing minimum. A suspect explains the residual if χ² falls below half. The
-//! best suspect joins the fit; so does one more if it halves χ² again and stays inside its range. The index never joins,
-//! because it has a certificate.
+//! Call [`investigated`]. If the residual exceeds that of the closed form on ideal ridges, or poses stand out, each suspect
+//! (a translucent body, tails of the slopes, rounded crests, a tilt of the sample, a lamp beside its stated place,
+//! another index) is freed separately, with one more descent from the existing minimum. A suspect explains the residual if χ²
+//! falls below half. The best suspect joins the fit; so does one more if it halves χ² again and stays inside its range. The
+//! index never joins, because it has a certificate.
 //!
 //! χ² counts each observation with its own uncertainty and the usual error of the closed form (0.07 % of the signal and
 //! 0.04 % of the peak), not with the discrepancy of the fit that is examined.
@@ -17,7 +17,7 @@ use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
-use super::blunders::bad_poses;
+use super::blunders::{bad_block, bad_poses};
 use super::estimate::Estimate;
 use super::findings::{Code, Finding, sorted};
 use super::misfit::{freedom, lightened, misfit_scale, peak};
@@ -72,8 +72,9 @@ pub(super) fn investigated<'a>(
     if !can_be_asked(&e) {
         return e;
     }
-    // A pose is to blame for what no property of the sample explains.
-    let doubted = options.misfit && (misfit(&e) > OWN_MISFIT || bad_poses(&e).is_some());
+    // Poses are to blame for what no property of sample and rig explains.
+    let stands_out = |e| bad_poses(e).is_some() || bad_block(e).is_some();
+    let doubted = options.misfit && (misfit(&e) > OWN_MISFIT || stands_out(&e));
     if !doubted && stated.is_empty() {
         return e;
     }
@@ -348,6 +349,12 @@ impl<'a> Inquiry<'_, 'a> {
                  shifts θr degree for degree, and no frame shows it: level the sample, or turn it by 180° on the table and \
                  average.",
                 values.wedge.to_degrees().abs()
+            ),
+            Code::LampAzimuth => format!(
+                "The lamp is turned by {:.1}° about the camera's axis from its stated place; the fit includes this. Align the \
+                 lamp, or set rig.light_azimuth_deg to {:.1}.",
+                values.lamp_turn.to_degrees(),
+                self.e.problem.set().rig.light_azimuth.deg() + values.lamp_turn.to_degrees()
             ),
             Code::RoundedCrests => format!(
                 "The crests are rounded with a radius of {:.2} of the facet length; the fit includes this to first order. \

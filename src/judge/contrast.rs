@@ -126,6 +126,7 @@ fn fitted_slopes(set: &ObservationSet, report: &FitReport, gain: f64) -> Option<
         k,
         real: crate::model::extended::Real::NONE,
         wedge: 0.0,
+        lamp_turn: 0.0,
     };
     // The corrections of the ray tracer hardly change the slopes.
     let variant = match report.variant {
@@ -343,6 +344,7 @@ mod tests {
             k: 0.0,
             real: crate::model::extended::Real::NONE,
             wedge: 0.0,
+            lamp_turn: 0.0,
         };
         let signals = Problem::new(&set, Variant::Sawtooth, Vec::new(), values).predicted(&values);
         for (o, signal) in set.observations.iter_mut().zip(signals) {

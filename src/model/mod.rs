@@ -145,6 +145,8 @@ pub struct Gradient {
     pub phi_s: f64,
     /// ∂/∂w, per radian: tilt of the sample across v, towards rising azimuth.
     pub wedge: f64,
+    /// ∂ by the turn of the lamp about the camera's axis, per radian; 0 where a caller does not need it.
+    pub lamp_turn: f64,
 }
 
 impl Gradient {
@@ -162,6 +164,7 @@ impl Gradient {
         theta_c: 0.0,
         phi_s: 0.0,
         wedge: 0.0,
+        lamp_turn: 0.0,
     };
 
     /// Adds `weight` times another gradient.
@@ -178,6 +181,7 @@ impl Gradient {
         self.theta_c += weight * other.theta_c;
         self.phi_s += weight * other.phi_s;
         self.wedge += weight * other.wedge;
+        self.lamp_turn += weight * other.lamp_turn;
     }
 }
 

@@ -81,6 +81,7 @@ impl Partials {
             theta_c,
             phi_s,
             wedge,
+            lamp_turn: 0.0,
         }
     }
 }

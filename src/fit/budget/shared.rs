@@ -79,7 +79,7 @@ impl Shared {
         let zero = zero.map_or(0.0, |o| o.shared.theta_c_zero.rad());
         let albedo = set.white_reference.map_or(0.0, |w| w.reflectance / PI);
         for (index, flat) in set.flats.iter().enumerate() {
-            let slope = problem.flat_cosine(index, values).1;
+            let [_, slope, _] = problem.flat_cosine(index, values);
             let weight = values.scale * albedo / problem.flat_sigma()[index];
             let change = weight * slope;
             angles[0][samples + index] = change * zero.min(tilt_zero);

@@ -20,6 +20,8 @@ pub const ALPHA_MIN: f64 = 1e-4;
 pub const TILT_OFFSET_MAX: f64 = 15.0 * PI / 180.0;
 /// Largest tilt of the sample across v that a fit considers, rad: larger ones are seen.
 const WEDGE_MAX: f64 = 3.0 * PI / 180.0;
+/// Largest turn of the lamp about the camera's axis that a fit considers, rad.
+const LAMP_TURN_MAX: f64 = 15.0 * PI / 180.0;
 /// Roughest facet that a fit considers.
 pub const ALPHA_MAX: f64 = 2.0;
 
@@ -58,6 +60,7 @@ impl Problem<'_> {
             Quantity::Tail => (0.0, TAIL_MAX),
             Quantity::CrestRadius => (0.0, CREST_MAX),
             Quantity::Wedge => (-WEDGE_MAX, WEDGE_MAX),
+            Quantity::LampTurn => (-LAMP_TURN_MAX, LAMP_TURN_MAX),
         };
         let (lower, upper) = self.free.iter().map(range).unzip();
         Bounds { lower, upper }

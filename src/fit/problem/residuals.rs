@@ -88,6 +88,7 @@ impl Problem<'_> {
                     Quantity::Tail => gain * g.real.tail,
                     Quantity::CrestRadius => gain * g.real.crest,
                     Quantity::Wedge => gain * g.wedge,
+                    Quantity::LampTurn => gain * g.lamp_turn,
                     Quantity::AzimuthOffset => gain * g.phi_s,
                     Quantity::TiltOffset => gain * g.theta_c,
                 };
@@ -115,7 +116,7 @@ impl Problem<'_> {
         let albedo = self.reflectance() / PI;
         for k in 0..flats {
             let i = first + k;
-            let (cosine, slope) = self.flat_cosine(k, values);
+            let [cosine, by_tilt, by_lamp] = self.flat_cosine(k, values);
             let weight = 1.0 / self.flat_sigma[k];
             residuals[i] = (values.scale * albedo * cosine + values.background
                 - self.set.flats[k].signal)
@@ -125,7 +126,8 @@ impl Problem<'_> {
                     * match q {
                         Quantity::Scale => albedo * cosine,
                         Quantity::Background => 1.0,
-                        Quantity::TiltOffset => values.scale * albedo * slope,
+                        Quantity::TiltOffset => values.scale * albedo * by_tilt,
+                        Quantity::LampTurn => values.scale * albedo * by_lamp,
                         _ => 0.0,
                     };
             }

@@ -92,6 +92,10 @@ fn real_terms(e: &Estimate<'_>) -> Vec<LeftOut> {
             Quantity::Wedge,
             "tilt of the sample across the ridges, beyond the azimuth that it causes",
         ),
+        (
+            Quantity::LampTurn,
+            "turn of the lamp about the camera's axis",
+        ),
     ];
     names
         .into_iter()

@@ -15,7 +15,7 @@ pub(super) struct Suspect {
 }
 
 /// All of them.
-pub(super) const SUSPECTS: [Suspect; 5] = [
+pub(super) const SUSPECTS: [Suspect; 6] = [
     Suspect {
         code: Code::Translucent,
         quantity: Quantity::Translucency,
@@ -39,6 +39,12 @@ pub(super) const SUSPECTS: [Suspect; 5] = [
         quantity: Quantity::Wedge,
         starts: &[0.0],
         least: 5e-4,
+    },
+    Suspect {
+        code: Code::LampAzimuth,
+        quantity: Quantity::LampTurn,
+        starts: &[0.0],
+        least: 3e-3,
     },
     Suspect {
         code: Code::Index,

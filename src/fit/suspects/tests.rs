@@ -1,4 +1,4 @@
-//! A tilt of the sample across the ridges, painted by the closed form.
+//! A tilt of the sample across the ridges and a lamp beside its stated place, painted by the closed form.
 
 use std::sync::atomic::AtomicBool;
 
@@ -57,6 +57,29 @@ fn a_tilt_across_the_ridges_is_fitted_and_told_from_the_azimuth_s_zero() {
             report.warnings
         );
     }
+}
+
+#[test]
+fn a_lamp_beside_its_stated_place_is_fitted() {
+    let poses =
+        (0..84).map(|n| Pose::from_deg(5.0 * f64::from(n / 12) - 15.0, 30.0 * f64::from(n % 12)));
+    let truth = Values {
+        lamp_turn: 2f64.to_radians(),
+        ..TRUTH
+    };
+    let set = painted(poses, &truth, 1e-3, 5);
+    let options = FitOptions {
+        variant: VariantChoice::Sawtooth,
+        ..FitOptions::default()
+    };
+    let report = fit(&set, &options, &AtomicBool::new(false));
+    let codes: Vec<Code> = report.findings.iter().map(|f| f.code).collect();
+    assert_eq!(codes, [Code::LampAzimuth], "{:?}", report.findings);
+    let advice = &report.findings[0].advice;
+    assert!(advice.contains("rig.light_azimuth_deg to 2.0"), "{advice}");
+    let theta_r = &report.parameters.theta_r_deg;
+    let away = theta_r.value.unwrap() - TRUTH.theta_r.to_degrees();
+    assert!(away.abs() < theta_r.expanded.unwrap() && theta_r.budget.unwrap().model < 0.02);
 }
 
 #[test]

@@ -20,7 +20,11 @@ fn useless(quantity: Quantity, values: &Values) -> Option<f64> {
         Quantity::RhoD => Some(0.002 * values.rho_d),
         Quantity::Translucency | Quantity::Tail => Some(0.005),
         Quantity::CrestRadius => Some(0.002),
-        Quantity::Scale | Quantity::Background | Quantity::Eta | Quantity::K => None,
+        Quantity::Scale
+        | Quantity::Background
+        | Quantity::Eta
+        | Quantity::K
+        | Quantity::LampTurn => None,
     }
 }
 

@@ -78,6 +78,18 @@ const STATUSES: &[&str] = &[
 ];
 const VARIANTS: &[&str] = &["paper", "sawtooth", "traced"];
 const VERDICTS: &[&str] = &["pass", "fail", "cannot-tell"];
+const FINDINGS: &[&str] = &[
+    "tails",
+    "rounded-crests",
+    "translucent",
+    "wedge-across",
+    "lamp-azimuth",
+    "non-linear",
+    "lamp-drift",
+    "index",
+    "bad-block",
+    "bad-pose",
+];
 const MATERIALS: &[&str] = &["dielectric", "conductor"];
 const ORIGINS: &[&str] = &["rig", "import"];
 
@@ -160,6 +172,7 @@ pub static COLUMNS: &[Column] = &[
     value("crest_radius", "crest_radius_std", false, "Radius of the crests divided by the length of the facets"),
     std("crest_radius_std", false, "Its standard uncertainty (k = 1)"),
     of_result("rms_residual", Kind::Real { std: None }, false, "Residual (rms) as a share of the largest observation"),
+    of_result("finding", Kind::Word(FINDINGS), false, "Known cause that explains most of the residual; null if none was found"),
     of_result("verdict", Kind::Word(VERDICTS), true, "Newest verdict; null where the scan was not judged"),
     of_result("verdict_id", Kind::Id, false, "Number of that verdict"),
     of_result("specification", Kind::Text, true, "Name of the specification of that verdict"),
@@ -194,6 +207,7 @@ pub(super) fn place(wanted: &Column) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::findings::Code;
     use crate::fit::report::{Status, VariantName};
     use crate::judge::Verdict;
     use crate::scan::state::TRANSITIONS;
@@ -204,6 +218,7 @@ mod tests {
         let status = Status::ALL.map(|s| words(&serde_json::to_value(s).unwrap()));
         assert_eq!(status.to_vec(), STATUSES);
         assert_eq!(VariantName::ALL.map(|v| v.to_string()).to_vec(), VARIANTS);
+        assert_eq!(Code::ALL.map(Code::word).to_vec(), FINDINGS);
         let verdicts = [Verdict::Pass, Verdict::Fail, Verdict::CannotTell];
         let verdicts = verdicts.map(|v| words(&serde_json::to_value(v).unwrap()));
         assert_eq!(verdicts.to_vec(), VERDICTS);

@@ -21,6 +21,7 @@ fn report(theta_r_deg: f64, std: f64) -> String {
             "rho_d": unknown,
         },
         "rms_residual": 0.004,
+        "findings": [{ "code": "lamp-drift" }, { "code": "bad-pose" }],
     })
     .to_string()
 }
@@ -92,6 +93,15 @@ async fn only_row(store: &Store) -> ResultRow {
 }
 
 #[tokio::test]
+async fn the_finding_that_explains_most_selects_results() {
+    let (_folder, store) = store().await;
+    fitted(&store, &[Some(9.0), None]).await;
+    assert_eq!(found(&store, &[("finding", "lamp-drift,tails")]).await, [1]);
+    assert!(found(&store, &[("finding", "bad-pose")]).await.is_empty());
+    assert_eq!(found(&store, &[("finding", "")]).await, [2]);
+}
+
+#[tokio::test]
 async fn a_row_follows_its_scan_sample_fit_and_verdict() {
     let (_folder, store) = store().await;
     let scan = planned(&store).await;
@@ -142,6 +152,7 @@ async fn a_row_follows_its_scan_sample_fit_and_verdict() {
         ("theta_r_deg_expanded", json!(0.0247)),
         ("coverage_factor", json!(2.0)),
         ("rho_d", json!(null)),
+        ("finding", json!("lamp-drift")),
         ("verdict", json!("pass")),
         ("verdict_id", json!(verdict.number)),
         ("specification", json!("PX")),

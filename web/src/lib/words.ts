@@ -36,6 +36,7 @@ export const FINDINGS: Readonly<Record<string, string>> = {
   'rounded-crests': 'Rounded crests',
   translucent: 'Translucent body',
   'wedge-across': 'Wedge across the ridges',
+  'lamp-azimuth': 'Lamp beside its stated place',
   'non-linear': 'Camera not linear',
   'lamp-drift': 'Lamp drift',
   index: 'Refractive index',
