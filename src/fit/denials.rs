@@ -2,11 +2,12 @@
 
 use super::covariance::{Scaling, covariance};
 use super::estimate::Estimate;
+use super::misfit::LOUD;
 use super::problem::Quantity;
 use crate::observation::Prior;
 
 /// A stated value that the data contradict.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Denial {
     /// The quantity.
     pub quantity: Quantity,
@@ -18,6 +19,21 @@ pub(super) struct Denial {
     pub deviations: f64,
     /// Share of the prior in the fitted value.
     pub leverage: f64,
+    /// What dropping the statement changes in each free parameter, in the units of the solver, to first order.
+    pub shift: Vec<f64>,
+}
+
+impl Denial {
+    /// Whether a certificate of the material is contradicted.
+    pub(super) fn is_of_material(&self) -> bool {
+        !self.by_user && matches!(self.quantity, Quantity::Eta | Quantity::K)
+    }
+}
+
+/// Whether a contradiction of the material means something: a large model error is absorbed by a fitted index, and without
+/// a lobe the light hardly depends on it.
+pub(super) fn tells_the_material(e: &Estimate<'_>) -> bool {
+    e.discrepancy <= LOUD && e.no_lobe.is_none()
 }
 
 /// Standard deviations between stated value and data above which a contradiction is reported.
@@ -43,7 +59,9 @@ pub(super) fn denials(e: &Estimate<'_>) -> Vec<Denial> {
             let slope = end.jacobian[row + j * rows];
             let leverage = (slope * slope * covariance[(j, j)]).clamp(0.0, LEVERAGE_MAX);
             let deviations = end.residuals[row].abs() / (1.0 - leverage).sqrt();
+            let pull = slope * end.residuals[row] / (1.0 - leverage);
             (deviations > DENIED).then(|| Denial {
+                shift: (0..free.len()).map(|k| covariance[(k, j)] * pull).collect(),
                 quantity: *quantity,
                 prior: *prior,
                 by_user: problem

@@ -9,6 +9,7 @@ use super::one_variant::estimate;
 use super::painted::{TRUTH, painted};
 use super::problem::{Quantity, Values};
 use crate::geometry::Pose;
+use crate::material::Material;
 use crate::model::Variant;
 use crate::units::Angle;
 
@@ -113,5 +114,39 @@ fn the_expanded_uncertainty_covers_another_surface_and_its_uncertainty() {
     assert!(
         (expanded - (away + k * own)).abs() < 1e-3 * away,
         "{expanded} {own}"
+    );
+}
+
+#[test]
+fn where_the_data_contradict_the_certificate_the_expanded_uncertainty_reaches_the_values_without_it()
+ {
+    let azimuths: Vec<f64> = (0..12).map(|k| 30.0 * f64::from(k)).collect();
+    let mut set = painted(poses(5, 8.0, &azimuths), &TRUTH, 5e-4, 3);
+    set.material = Material::Dielectric {
+        eta: 1.5,
+        eta_std: 0.004,
+    };
+    let options = FitOptions {
+        misfit: false,
+        ..FitOptions::default()
+    };
+    let never = AtomicBool::new(false);
+    let e = estimate(&set, Variant::Sawtooth, &options, None, &never).unwrap();
+    let denied = crate::fit::denials::denials(&e);
+    assert!(
+        denied.iter().any(|d| d.quantity == Quantity::Eta),
+        "{denied:?}"
+    );
+    let j = e
+        .problem
+        .free()
+        .iter()
+        .position(|q| *q == Quantity::RhoD)
+        .unwrap();
+    let budget = uncertainty(&e).budgets[j];
+    let off = (e.values.rho_d - TRUTH.rho_d).abs();
+    assert!(
+        budget.shape > 0.0 && off < 2.0 * budget.combined(),
+        "{off} {budget:?}"
     );
 }

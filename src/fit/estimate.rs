@@ -38,6 +38,8 @@ pub struct Estimate<'a> {
     pub held: Vec<Quantity>,
     /// Other minima that the data do not exclude at the coverage of the report.
     pub rivals: Vec<Minimum>,
+    /// Other ends of the search at any cost, best first: a term that joins the fit may prefer one of them.
+    pub elsewhere: Vec<Minimum>,
     /// A surface without a lobe, if the data do not exclude it: light of the body alone.
     pub no_lobe: Option<Minimum>,
     /// What the ray tracer did, if the estimate depends on it.

@@ -151,6 +151,8 @@ fn estimate_thinned<'a>(
         undecided: found.tier_undecided,
         starts: found.starts,
         rivals,
+        // The terms that may join need all observations at once.
+        elsewhere: Vec::new(),
         tier_left_out: found.tier_left_out,
     };
     let mut all = conclude(reached, variant, &weighing);

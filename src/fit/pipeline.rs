@@ -54,6 +54,7 @@ pub(super) fn whole<'a>(
     }
     let starts = search.report();
     let candidates = search.rivals(&settled.problem, &settled.minimum, RIVAL_RISE);
+    let elsewhere = search.rivals(&settled.problem, &settled.minimum, f64::INFINITY);
     let mut narrow: Vec<Minimum> = Vec::new();
     if options.misfit && tier.is_some() && settled.narrow() && !search.over() {
         narrow = search.look_again(&settled.problem, &settled.minimum);
@@ -121,6 +122,7 @@ pub(super) fn whole<'a>(
         undecided,
         starts,
         rivals,
+        elsewhere,
         tier_left_out,
     };
     Some(conclude(reached, variant, &weighing))
@@ -228,6 +230,7 @@ pub(super) struct Reached<'a> {
     pub undecided: bool,
     pub starts: StartReport,
     pub rivals: Vec<Minimum>,
+    pub elsewhere: Vec<Minimum>,
     pub tier_left_out: Option<f64>,
 }
 
@@ -244,6 +247,7 @@ pub(super) fn conclude<'a>(
         undecided,
         starts,
         rivals,
+        elsewhere,
         tier_left_out,
     } = reached;
     let no_lobe = no_lobe(&settled.problem, &settled.minimum, weighing.cancel);
@@ -304,6 +308,7 @@ pub(super) fn conclude<'a>(
             .map(|t| t.quantity)
             .collect(),
         rivals,
+        elsewhere,
         no_lobe,
         traced: None,
         tier_left_out,

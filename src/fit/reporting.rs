@@ -100,7 +100,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         _ => causes::all(e, drift.as_ref(), across.as_ref()),
     };
     if !e.explained {
-        warnings.push(unexplained(&findings));
+        warnings.push(unexplained(&findings, !set.views.is_empty()));
     }
     if e.discrepancy > LOUD && variant != VariantName::Paper {
         let way_out = match variant {

@@ -10,6 +10,7 @@
 //! 0.04 % of the peak), not with the discrepancy of the fit that is examined.
 
 mod list;
+mod settled;
 #[cfg(test)]
 mod tests;
 
@@ -20,14 +21,12 @@ use rayon::prelude::*;
 use super::blunders::{bad_block, bad_poses};
 use super::estimate::Estimate;
 use super::findings::{Code, Finding, sorted};
-use super::misfit::{freedom, lightened, misfit_scale, peak};
+use super::misfit::{lightened, peak};
 use super::problem::{Problem, Quantity, Values};
-use super::search::{AMBIGUOUS_RISE, ONE_SURFACE, usable};
-use super::settle::{Settled, Weighing};
+use super::search::{ONE_SURFACE, usable};
 use super::solver::{Minimum, Settings, minimise};
 use super::start::distance;
 use super::tier::Tier;
-use super::unseen::no_lobe;
 use super::{FitOptions, Loss};
 use crate::material::Material;
 use crate::model::Variant;
@@ -44,6 +43,15 @@ const ALIKE: f64 = 2.0;
 /// Maximum passes of walls, tier and refit, and the change of ridge angle (rad) below which they end.
 const PASSES: usize = 4;
 const STILL: f64 = 2e-5;
+/// Number of other ends of the search that are tried with the terms that join.
+const OTHERS: usize = 3;
+/// Such a descent first goes on for so long; most end at another surface.
+const BRIEF: Settings = Settings {
+    max_iterations: 30,
+    ..Settings::DEFAULT
+};
+/// Factors of θr of two more starts with the terms that join.
+const BESIDE: [f64; 2] = [0.85, 1.0 / 0.85];
 /// Maximum number of terms that join a fit.
 const JOINING: usize = 2;
 
@@ -193,7 +201,7 @@ impl<'a> Inquiry<'_, 'a> {
                 break;
             }
             joined.push(best.quantity);
-            trial = first;
+            trial = self.or_elsewhere(first);
         }
         let mut settled = if joined.is_empty() {
             self.e.clone()
@@ -256,6 +264,12 @@ impl<'a> Inquiry<'_, 'a> {
         };
         let added = tier(&problem, values)?;
         Some(problem.with_correction(added))
+    }
+
+    /// Descends for some steps only.
+    pub(super) fn looked(&self, problem: Problem<'a>, start: &[f64]) -> Option<Trial<'a>> {
+        let minimum = minimise(&problem, start, &problem.bounds(), &BRIEF, self.cancel);
+        usable(&minimum).then_some(Trial { problem, minimum })
     }
 
     fn descended(&self, problem: Problem<'a>, start: &[f64]) -> Option<Trial<'a>> {
@@ -323,6 +337,50 @@ impl<'a> Inquiry<'_, 'a> {
         ends.min_by(|a, b| a.minimum.cost.total_cmp(&b.minimum.cost))
     }
 
+    /// Starts a trial again from the other ends of the search and beside it, and returns the best. Without the term that joins, the right
+    /// surface may have been one of them.
+    fn or_elsewhere(&self, found: Trial<'a>) -> Trial<'a> {
+        let here = found.values();
+        let beside = BESIDE.map(|factor| Values {
+            theta_r: factor * here.theta_r,
+            ..here
+        });
+        let ends = self.e.elsewhere.iter().take(OTHERS);
+        let ends = ends.map(|end| self.with_terms_of(&here, &end.parameters));
+        let starts: Vec<Values> = ends.chain(beside).collect();
+        let others = starts.into_par_iter().filter_map(|there| {
+            if distance(&there.folded(), &here.folded()) < ONE_SURFACE {
+                return None;
+            }
+            let problem = found
+                .problem
+                .clone()
+                .with_fixed(there)
+                .with_walls_of(&there);
+            let start = problem.pack(&there);
+            let near = self.looked(problem, &start)?;
+            if near.minimum.cost > ALIKE * found.minimum.cost {
+                return None;
+            }
+            let there = near.values();
+            let problem = self.corrected(near.problem.with_walls_of(&there), &there)?;
+            self.descended(problem, &near.minimum.parameters)
+        });
+        let others: Vec<Trial<'a>> = others.collect();
+        let all = others.into_iter().chain(std::iter::once(found));
+        all.min_by(|a, b| a.minimum.cost.total_cmp(&b.minimum.cost))
+            .expect("one is there")
+    }
+
+    /// Returns the values at an end of the search, with the terms of `here`.
+    fn with_terms_of(&self, here: &Values, end: &[f64]) -> Values {
+        let mut there = self.e.problem.unpack(end);
+        for q in Quantity::REAL {
+            there.set_inner(q, here.inner(q));
+        }
+        there
+    }
+
     /// Describes a suspect.
     fn finding(
         &self,
@@ -380,109 +438,6 @@ impl<'a> Inquiry<'_, 'a> {
             explains,
             change_of_theta_r_deg: Some((values.theta_r - before).to_degrees()),
             advice,
-        }
-    }
-
-    /// Fits with all terms that joined; weights, walls and tier are those of its own values.
-    fn settled(&self, trial: Trial<'a>, joined: usize) -> Option<Estimate<'a>> {
-        let e = self.e;
-        let set = e.problem.set();
-        let fitted = e.fitted + joined;
-        let sigma: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
-        let own = lightened(&sigma, &e.loss_weights);
-        let scale = misfit_scale(set);
-        let linear = FitOptions {
-            loss: Loss::Linear,
-            ..self.options.clone()
-        };
-        let weighing = Weighing {
-            own: &own,
-            scale: &scale,
-            kept: None,
-            fitted,
-            options: &linear,
-            cancel: self.cancel,
-        };
-        let mut settled = Settled {
-            problem: trial.problem,
-            minimum: trial.minimum,
-            discrepancy: e.discrepancy,
-        };
-        for _ in 0..PASSES {
-            let before = settled.problem.unpack(&settled.minimum.parameters);
-            let problem = settled.problem.clone().with_walls_of(&before);
-            settled.problem = self.corrected(problem, &before)?;
-            settled.settle(&weighing);
-            let now = settled.problem.unpack(&settled.minimum.parameters);
-            if (now.theta_r - before.theta_r).abs() < STILL {
-                break;
-            }
-        }
-        if !usable(&settled.minimum) {
-            return None;
-        }
-        Some(self.estimate(settled, &weighing))
-    }
-
-    fn estimate(&self, settled: Settled<'a>, weighing: &Weighing<'_>) -> Estimate<'a> {
-        let e = self.e;
-        let Settled {
-            problem,
-            minimum,
-            discrepancy,
-        } = settled;
-        let set = problem.set();
-        let values = problem.unpack(&minimum.parameters);
-        let predicted = problem.predicted(&values);
-        let residuals = predicted.iter().zip(&set.observations);
-        let residuals: Vec<f64> = residuals.map(|(p, o)| p - o.signal).collect();
-        let count = residuals.len();
-        let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
-            let each = residuals.iter().enumerate();
-            each.map(|(i, r)| e.loss_weights[i] * (r * weight(i)).powi(2))
-                .sum()
-        };
-        let descend = |problem: &Problem<'a>, start: &[f64]| {
-            let bounds = problem.bounds();
-            minimise(problem, start, &bounds, &Settings::default(), self.cancel)
-        };
-        // Change of each parameter by the tier.
-        let closed = problem.clone().with_correction(vec![0.0; count]);
-        let closed = descend(&closed, &minimum.parameters);
-        let shift = minimum.parameters.iter().zip(&closed.parameters);
-        let tier_shift = match usable(&closed) {
-            true => shift.map(|(a, b)| a - b).collect(),
-            false => vec![0.0; minimum.parameters.len()],
-        };
-        // Other surfaces are compared with the form that is reported.
-        let here = values.folded();
-        let rivals = e.rivals.par_iter().map(|rival| {
-            let mut there = e.problem.unpack(&rival.parameters);
-            there.real = values.real;
-            descend(&problem, &problem.pack(&there))
-        });
-        let rivals: Vec<Minimum> = rivals.collect();
-        let rivals = rivals.into_iter().filter(|m| {
-            let there = problem.unpack(&m.parameters).folded();
-            let near = m.cost - minimum.cost < AMBIGUOUS_RISE;
-            usable(m) && near && distance(&there, &here) > ONE_SURFACE
-        });
-        Estimate {
-            rivals: rivals.collect(),
-            no_lobe: no_lobe(&problem, &minimum, self.cancel),
-            chi2_reduced_without_model: squares(&|i| 1.0 / set.observations[i].sigma)
-                / freedom(count, weighing.fitted),
-            rms_residual: (squares(&|_| 1.0 / peak(set)) / count.max(1) as f64).sqrt(),
-            misfit: weighing.scale.iter().map(|s| discrepancy * s).collect(),
-            discrepancy,
-            fitted: weighing.fitted,
-            values,
-            tier_shift,
-            tier_undecided: false,
-            explained: true,
-            minimum,
-            problem,
-            ..e.clone()
         }
     }
 }

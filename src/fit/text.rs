@@ -2,6 +2,7 @@
 
 use super::budget::Budget;
 use super::coverage::{COVERAGE_FACTOR, other_factor};
+use super::findings::Code;
 use super::joint::{EACH_ITS_OWN, JointReport};
 use super::report::Interval;
 use super::report::{FitReport, Parameter, ReferencePlane, Status};
@@ -203,7 +204,12 @@ fn basis(report: &FitReport, form: &Form, out: &mut String) {
         &paint("findings", "1"),
         report.findings.iter().map(|f| {
             let moves = f.change_of_theta_r_deg.map_or_else(String::new, |change| {
-                format!(", changes θr by {change:+.3}°")
+                // The index never joins the fit, because it has a certificate.
+                let changes = match f.code {
+                    Code::Index => "would change",
+                    _ => "changes",
+                };
+                format!(", {changes} θr by {change:+.3}°")
             });
             format!(
                 "{} explains {} of χ²{moves}: {}",

@@ -18,10 +18,11 @@ use super::report::{
     VariantName,
 };
 use super::reporting::{build, program, report_with, spoken, status, summary};
+use super::solver::Ending;
 use super::suspects::investigated;
 use super::tier::Tier;
 use super::traced::{Watch, estimate_traced};
-use super::trail::{Time, retrace};
+use super::trail::{Time, in_time, retrace};
 use super::{FitOptions, VariantChoice};
 use super::{thin, wedge};
 use crate::model::Variant;
@@ -148,17 +149,27 @@ fn fit_each(
     tracer: &Tracer<'_>,
     cancel: &AtomicBool,
 ) -> FitReport {
-    let run = |variant: Variant| {
-        let tier = tier.filter(|_| variant == Variant::Sawtooth);
-        let late = || tracer.time.is_some_and(|time| !time.allows());
-        estimate_until(set, variant, options, tier, &late, cancel)
-    };
-    let (paper, ideal) = (run(Variant::Paper), run(Variant::Sawtooth));
-    let enough = tracer.time.is_some_and(|time| !time.allows());
-    let sawtooth = match &ideal {
-        Some(ideal) if !enough => Some(investigated(ideal.clone(), options, tier, cancel)),
-        _ => ideal.clone(),
-    };
+    let late = || tracer.time.is_some_and(|time| !time.allows());
+    let mut all = in_time(tracer.time, cancel, |over| {
+        let run = |variant: Variant| {
+            let tier = tier.filter(|_| variant == Variant::Sawtooth);
+            estimate_until(set, variant, options, tier, &late, over)
+        };
+        let (paper, ideal) = (run(Variant::Paper), run(Variant::Sawtooth));
+        let sawtooth = match &ideal {
+            Some(ideal) if !late() => Some(investigated(ideal.clone(), options, tier, over)),
+            _ => ideal.clone(),
+        };
+        [paper, ideal, sawtooth]
+    });
+    let enough = late();
+    for e in all.iter_mut().flatten() {
+        if enough && e.minimum.ending == Ending::Cancelled {
+            e.minimum.ending = Ending::MaxIterations;
+            e.cut_short = true;
+        }
+    }
+    let [paper, ideal, sawtooth] = all;
     if set.lamp.is_none()
         && let Some(drift) = sawtooth.as_ref().and_then(drift)
         && !(enough || cancel.load(Ordering::Relaxed))

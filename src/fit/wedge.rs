@@ -20,7 +20,7 @@ use crate::observation::ObservationSet;
 use crate::units::Angle;
 
 /// Largest tilt of a sample on the turntable that a person overlooks, degrees.
-const MOUNTED_DEG: f64 = 3.0;
+const MOUNTED_DEG: f64 = 5.0;
 
 /// The plane that angles refer to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]

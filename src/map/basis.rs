@@ -173,7 +173,7 @@ pub(super) fn finished(basis: Basis, tiles: Tiles) -> Result<Map, MapError> {
         )),
     }
     let at_least = |std: [f64; FREE]| match &mean {
-        Ok(mean) => mean.at_least(std, &layers, |k| typical(&layers, k)),
+        Ok(mean) => mean.at_least(std, &layers, |k| average(&layers, k)),
         Err(_) => std,
     };
     let wedge = wedge_of(&basis.manifest);
@@ -252,6 +252,16 @@ fn in_layer_units(std: &Parameters, layers: &Layers) -> [f64; FREE] {
         std[3] * typical(3),
         std[4],
     ]
+}
+
+/// Returns the mean of a layer's values without the outer twentieths, as a fit of all pixels together sees it.
+fn average(layers: &Layers, k: usize) -> f64 {
+    let values = layers.parameters[k].values.iter().map(|x| f64::from(*x));
+    let mut values: Vec<f64> = values.filter(|x| x.is_finite()).collect();
+    values.sort_by(f64::total_cmp);
+    let out = values.len() / 20;
+    let middle = &values[out..values.len() - out];
+    middle.iter().sum::<f64>() / middle.len().max(1) as f64
 }
 
 /// Returns the median of a layer's values.

@@ -29,6 +29,8 @@ use crate::units::Angle;
 
 /// Residual of the mean's fit (root mean square over the peak) up to which all pixels count as one kind of surface.
 const WELL_MET: f64 = 3e-3;
+/// Residual from which the pixels are no surface at all.
+const MIXED: f64 = 0.01;
 /// The region of a layout that is fitted.
 const REGION: &str = "even";
 
@@ -83,6 +85,12 @@ pub(super) fn together(
         Status::NotFinite | Status::TooFewObservations | Status::Cancelled
     ) {
         return Err("the fit gave no result".to_owned());
+    }
+    if let Some(rms) = report.rms_residual.filter(|rms| *rms > MIXED) {
+        return Err(format!(
+            "its residual is {:.1} % of the peak: they are not one surface, or the sample does not fill the field",
+            100.0 * rms
+        ));
     }
     let p = &report.parameters;
     let absolute = set.white_reference.is_some();

@@ -312,6 +312,12 @@ impl SegmentSums {
 }
 
 impl Level {
+    /// Root mean square deviation of the cells from the level, as a share of it, beyond noise.
+    pub(super) fn unevenness(&self) -> f64 {
+        let cells = (CELLS * CELLS) as f64;
+        (self.variance_texture * cells).sqrt() / self.rate_dn_s.abs().max(f64::MIN_POSITIVE)
+    }
+
     pub(super) fn of(cells: &[Cell], inverse_response2: f64, exposure_s: f64) -> Level {
         let n: f64 = cells.iter().map(|c| c.n).sum();
         if n < 1.0 {

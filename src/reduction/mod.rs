@@ -286,8 +286,9 @@ pub fn reduce(
     load::refuse_impossible(&calls, FrameKind::Sample, &log)?;
     if far && matches!(segments, Segments::Whole) {
         let clean = measured.iter().filter(|m| m.is_clean());
-        let slopes = clean.filter_map(|m| m.levels.first().map(|level| level.slope));
-        shading_check::warn(slopes, &mut log);
+        let of_frames = clean.filter_map(|m| m.levels.first());
+        shading_check::warn(of_frames.clone().map(|level| level.slope), &mut log);
+        shading_check::warn_of_parts(of_frames.map(levels::Level::unevenness), &mut log);
     }
     let context = MergeContext {
         rows: source.rows(),

@@ -1,4 +1,4 @@
-//! Detects brightness that slopes over an even field, and differently from pose to pose.
+//! Detects a field that is not even: brightness that slopes over it, differently from pose to pose, and parts that differ.
 //!
 //! With a telecentric camera and a far lamp all pixels of an even sample have the same directions. With a near camera or lamp
 //! one side of the field is brighter on the flank of a lobe, and the mean over the field makes lobes look too wide (8 % at 3°
@@ -10,6 +10,8 @@ use crate::wording::percent;
 
 /// Smallest slope that is reported: from the middle of the field to its edge, as a share of the level.
 const REPORTED: f64 = 0.05;
+/// Smallest difference between parts of the field that is reported, root mean square.
+const UNEVEN: f64 = 0.1;
 /// Largest standard uncertainty of the slope of a frame that counts.
 const STD_MAX: f64 = 0.02;
 /// Smallest number of such frames.
@@ -22,6 +24,24 @@ pub(super) struct Slope {
     pub(super) down: f64,
     /// Standard uncertainty of either, from the pixels' noise; 0 where no slope was determined.
     pub(super) std: f64,
+}
+
+/// Warns where parts of the field differ at a quarter of the poses or more: by `shares` of the level, root mean square.
+pub(super) fn warn_of_parts(shares: impl Iterator<Item = f64>, log: &mut ReductionLog) {
+    let mut shares: Vec<f64> = shares.collect();
+    if shares.len() < FRAMES {
+        return;
+    }
+    shares.sort_by(f64::total_cmp);
+    let usual = shares[shares.len() * 3 / 4];
+    if usual > UNEVEN {
+        log.warn(format!(
+            "parts of the field differ in brightness by {} (root mean square) at a quarter of the poses or more: the sample \
+             does not fill the field, or is uneven. The fit is that of the mean: crop the frames to an even part, or read the \
+             map",
+            percent(usual)
+        ));
+    }
 }
 
 /// Warns where slopes change from pose to pose.
@@ -85,5 +105,20 @@ mod tests {
             .collect();
         assert_eq!(warning(&noise, 0.015), None);
         assert_eq!(warning(&near[..4], 1e-3), None);
+    }
+
+    #[test]
+    fn parts_that_differ_at_a_quarter_of_the_poses_are_reported() {
+        let warned = |shares: &[f64]| {
+            let mut log = ReductionLog::default();
+            warn_of_parts(shares.iter().copied(), &mut log);
+            log.close(&[]).1.join("")
+        };
+        let text = warned(&[0.0, 0.01, 0.02, 0.0, 0.01, 0.3, 0.25, 0.4]);
+        assert!(text.contains("does not fill the field"), "{text}");
+        // A texture, and a single frame of another kind, are none.
+        assert_eq!(warned(&[0.05; 8]), "");
+        assert_eq!(warned(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.9]), "");
+        assert_eq!(warned(&[0.5; 3]), "");
     }
 }

@@ -171,7 +171,7 @@ fn angle(rows: &[ResultRow]) -> Printed {
     };
     Printed {
         heading: match common {
-            Some(k) => format!("θr ± U (k = {k})"),
+            Some(k) => format!("θr ± U (k = {})", (k * 1e3).round() / 1e3),
             None => "θr ± U".to_owned(),
         },
         cells: rows.iter().map(cell).collect(),

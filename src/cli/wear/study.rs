@@ -106,8 +106,8 @@ impl Study {
         );
         if !(low >= 0.2 && low < high && high <= 45.0 && step >= 0.01 && step <= high - low) {
             return bad(format!(
-                "ridge angles from {low} to {high} by {step} degrees are out of range: expected bounds within 0.2 and 45 \
-                and a step of at least 0.01"
+                "ridge angles from {low} to {high} by {step} degrees are out of range: expected rising bounds within 0.2 and \
+                 45, and a step from 0.01 up to their distance"
             ));
         }
         let (rig, optics, surface) = args.scene.build(&[low, high])?;

@@ -18,9 +18,9 @@ const STRAIGHT_LOG_ALPHA: f64 = 0.05;
 /// The same for the diffuse reflectance.
 const STRAIGHT_RHO_D: f64 = 0.02;
 
-/// Addition that extends the expanded uncertainty to the farthest minimum that the data do not exclude and to that
-/// minimum's own standard uncertainty, taken as `own`: U = d + k u, so (U/k)² − u² is added.
-pub(super) fn to_rivals(estimate: &Estimate<'_>, j: usize, own: f64) -> f64 {
+/// Addition that extends the expanded uncertainty to the farthest minimum that the data do not exclude, at least to the
+/// distance `least`, and to that minimum's own standard uncertainty, taken as `own`: U = d + k u, so (U/k)² − u² is added.
+pub(super) fn to_rivals(estimate: &Estimate<'_>, j: usize, own: f64, least: f64) -> f64 {
     let quantity = estimate.problem.free()[j];
     let here = estimate.values.folded().inner(quantity);
     let distance = |m: &Minimum| {
@@ -37,7 +37,7 @@ pub(super) fn to_rivals(estimate: &Estimate<'_>, j: usize, own: f64) -> f64 {
         }
     };
     let others = estimate.rivals.iter().chain(&estimate.no_lobe);
-    let farthest = others.map(distance).fold(0.0, f64::max);
+    let farthest = others.map(distance).fold(least, f64::max);
     let way = farthest / COVERAGE_FACTOR;
     match own.is_finite() {
         true => (way * (way + 2.0 * own)).sqrt(),

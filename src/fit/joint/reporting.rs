@@ -146,7 +146,8 @@ impl Joint<'_, '_> {
             if birge > chance(freedom, DISAGREES) {
                 warnings.push(format!(
                     "The {} scans disagree on {spoken} by {:.1} times their uncertainties. Check that they are of the \
-                     same part, mounted in the same way.",
+                     same part, and that it lay flat in each: a sample that is tilted on the turntable has another angle \
+                     after it is turned.",
                     scans.len(),
                     birge.sqrt()
                 ));

@@ -19,7 +19,7 @@ pub const ALPHA_MIN: f64 = 1e-4;
 /// Largest zero of the tilt that a fit considers, rad.
 pub const TILT_OFFSET_MAX: f64 = 15.0 * PI / 180.0;
 /// Largest tilt of the sample across v that a fit considers, rad: larger ones are seen.
-const WEDGE_MAX: f64 = 3.0 * PI / 180.0;
+const WEDGE_MAX: f64 = 5.0 * PI / 180.0;
 /// Largest turn of the lamp about the camera's axis that a fit considers, rad.
 const LAMP_TURN_MAX: f64 = 15.0 * PI / 180.0;
 /// Roughest facet that a fit considers.

@@ -1,9 +1,9 @@
 //! Messages about stated values that the data contradict.
 
 use super::spoken;
-use crate::fit::denials::{Denial, denials};
+use crate::fit::denials::{Denial, denials, tells_the_material};
 use crate::fit::estimate::Estimate;
-use crate::fit::misfit::{LOUD, peak};
+use crate::fit::misfit::peak;
 use crate::fit::problem::Quantity;
 use crate::wording::{percent, significant};
 
@@ -12,17 +12,13 @@ const FAINT: f64 = 1e-5;
 
 /// Lists stated values that the data contradict, as messages.
 pub(super) fn denied(e: &Estimate<'_>) -> Vec<String> {
-    // If the model error is large, a fitted index absorbs it and says nothing about the material.
-    let loud = e.discrepancy > LOUD;
-    // Without a lobe, the light hardly depends on the index.
-    let unseen = e.no_lobe.is_some();
-    let material = |d: &Denial| !d.by_user && matches!(d.quantity, Quantity::Eta | Quantity::K);
     let top = peak(e.problem.set());
     let faint = |d: &Denial| {
         !d.by_user && d.quantity == Quantity::Background && e.values.background.abs() < FAINT * top
     };
     let denials = denials(e).into_iter();
-    let denials = denials.filter(|d| !((loud || unseen) && material(d) || faint(d)));
+    let told = tells_the_material(e);
+    let denials = denials.filter(|d| (told || !d.is_of_material()) && !faint(d));
     let messages = denials.map(|denial| {
         let Denial {
             quantity,
@@ -30,6 +26,7 @@ pub(super) fn denied(e: &Estimate<'_>) -> Vec<String> {
             by_user,
             deviations,
             leverage,
+            ..
         } = denial;
         let off = match deviations {
             ..1000.0 => format!("about {deviations:.0} standard deviations"),

@@ -16,7 +16,7 @@ const MOST: f64 = 0.5;
 
 /// Says what to do about residuals that exceed noise and model error: follow the finding that explains most of them, if
 /// there is one.
-pub(super) fn unexplained(findings: &[Finding]) -> String {
+pub(super) fn unexplained(findings: &[Finding], is_near: bool) -> String {
     let cause = findings
         .iter()
         .max_by(|a, b| a.explains.total_cmp(&b.explains));
@@ -27,6 +27,10 @@ pub(super) fn unexplained(findings: &[Finding]) -> String {
             percent(finding.explains),
             finding.advice
         ),
+        None if is_near => "The residuals exceed noise and model error. Check the keys of the near rig: \
+                            rig.tilt_centre_px, camera.principal_point_px, camera.camera_distance_mm and \
+                            rig.light_distance_mm; then measure more poses around the bright spot."
+            .to_owned(),
         None => "The residuals exceed noise and model error; possibly no start found the lobe. Check the residuals, and \
                  measure more poses around the bright spot or allow more starts."
             .to_owned(),
@@ -138,12 +142,12 @@ mod tests {
             advice: format!("Do what {} asks.", Code::word(code)),
         };
         let found = [finding(Code::Tails, 0.2), finding(Code::Index, 0.9)];
-        let text = unexplained(&found);
+        let text = unexplained(&found, false);
         assert!(
             text.contains("`index` explains 90 %") && text.ends_with("what index asks."),
             "{text}"
         );
-        let text = unexplained(&found[..1]);
+        let text = unexplained(&found[..1], false);
         assert!(text.contains("no start found the lobe"), "{text}");
     }
 }

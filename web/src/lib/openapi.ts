@@ -1093,7 +1093,7 @@ export interface components {
          * @description A known cause. Scripts compare its code.
          * @enum {string}
          */
-        readonly FitFindingCode: "tails" | "rounded-crests" | "translucent" | "wedge-across" | "non-linear" | "lamp-drift" | "index" | "bad-block" | "bad-pose";
+        readonly FitFindingCode: "tails" | "rounded-crests" | "translucent" | "wedge-across" | "lamp-azimuth" | "non-linear" | "lamp-drift" | "index" | "bad-block" | "bad-pose";
         /** @description Degrees of freedom of a budget's parts. The other parts count as exactly known. */
         readonly FitFreedom: {
             /**
@@ -4661,6 +4661,11 @@ export interface components {
             /** @description Number of the part or order in another system */
             readonly external_id?: string | null;
             /**
+             * @description Known cause that explains most of the residual; null if none was found
+             * @enum {string|null}
+             */
+            readonly finding?: "tails" | "rounded-crests" | "translucent" | "wedge-across" | "lamp-azimuth" | "non-linear" | "lamp-drift" | "index" | "bad-block" | "bad-pose" | null;
+            /**
              * Format: int64
              * @description Number of the newest completed fit
              */
@@ -4923,6 +4928,11 @@ export interface components {
                 readonly eta?: number | null;
                 /** @description Number of the part or order in another system */
                 readonly external_id?: string | null;
+                /**
+                 * @description Known cause that explains most of the residual; null if none was found
+                 * @enum {string|null}
+                 */
+                readonly finding?: "tails" | "rounded-crests" | "translucent" | "wedge-across" | "lamp-azimuth" | "non-linear" | "lamp-drift" | "index" | "bad-block" | "bad-pose" | null;
                 /**
                  * Format: int64
                  * @description Number of the newest completed fit

@@ -1,0 +1,129 @@
+//! The fit with the terms that joined.
+
+use rayon::prelude::*;
+
+use super::{ALIKE, Inquiry, OTHERS, PASSES, STILL, Trial};
+use crate::fit::estimate::Estimate;
+use crate::fit::misfit::{freedom, lightened, misfit_scale, peak};
+use crate::fit::problem::{Problem, Values};
+use crate::fit::search::{AMBIGUOUS_RISE, ONE_SURFACE, usable};
+use crate::fit::settle::{Settled, Weighing};
+use crate::fit::solver::{Minimum, Settings, minimise};
+use crate::fit::start::distance;
+use crate::fit::unseen::no_lobe;
+use crate::fit::{FitOptions, Loss};
+
+impl<'a> Inquiry<'_, 'a> {
+    /// Fits with all terms that joined; weights, walls and tier are those of its own values.
+    pub(super) fn settled(&self, trial: Trial<'a>, joined: usize) -> Option<Estimate<'a>> {
+        let e = self.e;
+        let set = e.problem.set();
+        let fitted = e.fitted + joined;
+        let sigma: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
+        let own = lightened(&sigma, &e.loss_weights);
+        let scale = misfit_scale(set);
+        let linear = FitOptions {
+            loss: Loss::Linear,
+            ..self.options.clone()
+        };
+        let weighing = Weighing {
+            own: &own,
+            scale: &scale,
+            kept: None,
+            fitted,
+            options: &linear,
+            cancel: self.cancel,
+        };
+        let mut settled = Settled {
+            problem: trial.problem,
+            minimum: trial.minimum,
+            discrepancy: e.discrepancy,
+        };
+        for _ in 0..PASSES {
+            let before = settled.problem.unpack(&settled.minimum.parameters);
+            let problem = settled.problem.clone().with_walls_of(&before);
+            settled.problem = self.corrected(problem, &before)?;
+            settled.settle(&weighing);
+            let now = settled.problem.unpack(&settled.minimum.parameters);
+            if (now.theta_r - before.theta_r).abs() < STILL {
+                break;
+            }
+        }
+        if !usable(&settled.minimum) {
+            return None;
+        }
+        Some(self.estimate(settled, &weighing))
+    }
+
+    fn estimate(&self, settled: Settled<'a>, weighing: &Weighing<'_>) -> Estimate<'a> {
+        let e = self.e;
+        let Settled {
+            problem,
+            minimum,
+            discrepancy,
+        } = settled;
+        let set = problem.set();
+        let values = problem.unpack(&minimum.parameters);
+        let predicted = problem.predicted(&values);
+        let residuals = predicted.iter().zip(&set.observations);
+        let residuals: Vec<f64> = residuals.map(|(p, o)| p - o.signal).collect();
+        let count = residuals.len();
+        let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
+            let each = residuals.iter().enumerate();
+            each.map(|(i, r)| e.loss_weights[i] * (r * weight(i)).powi(2))
+                .sum()
+        };
+        let descend = |problem: &Problem<'a>, start: &[f64]| {
+            let bounds = problem.bounds();
+            minimise(problem, start, &bounds, &Settings::default(), self.cancel)
+        };
+        // Change of each parameter by the tier.
+        let closed = problem.clone().with_correction(vec![0.0; count]);
+        let closed = descend(&closed, &minimum.parameters);
+        let shift = minimum.parameters.iter().zip(&closed.parameters);
+        let tier_shift = match usable(&closed) {
+            true => shift.map(|(a, b)| a - b).collect(),
+            false => vec![0.0; minimum.parameters.len()],
+        };
+        // Other surfaces are compared with the form that is reported.
+        let here = values.folded();
+        let others = e.elsewhere.iter().take(OTHERS);
+        let ends = e.rivals.iter().chain(others).chain([&e.minimum]);
+        let mut starts: Vec<Values> = Vec::new();
+        for end in ends {
+            let there = self.with_terms_of(&values, &end.parameters);
+            let is_new = |known: &Values| distance(&there.folded(), &known.folded()) > ONE_SURFACE;
+            if is_new(&values) && starts.iter().all(is_new) {
+                starts.push(there);
+            }
+        }
+        let rivals = starts.par_iter().filter_map(|there| {
+            let near = self.looked(problem.clone(), &problem.pack(there))?;
+            let hopeless = near.minimum.cost > ALIKE * minimum.cost + AMBIGUOUS_RISE;
+            (!hopeless).then(|| descend(&problem, &near.minimum.parameters))
+        });
+        let rivals: Vec<Minimum> = rivals.collect();
+        let rivals = rivals.into_iter().filter(|m| {
+            let there = problem.unpack(&m.parameters).folded();
+            let near = m.cost - minimum.cost < AMBIGUOUS_RISE;
+            usable(m) && near && distance(&there, &here) > ONE_SURFACE
+        });
+        Estimate {
+            rivals: rivals.collect(),
+            no_lobe: no_lobe(&problem, &minimum, self.cancel),
+            chi2_reduced_without_model: squares(&|i| 1.0 / set.observations[i].sigma)
+                / freedom(count, weighing.fitted),
+            rms_residual: (squares(&|_| 1.0 / peak(set)) / count.max(1) as f64).sqrt(),
+            misfit: weighing.scale.iter().map(|s| discrepancy * s).collect(),
+            discrepancy,
+            fitted: weighing.fitted,
+            values,
+            tier_shift,
+            tier_undecided: false,
+            explained: true,
+            minimum,
+            problem,
+            ..e.clone()
+        }
+    }
+}
