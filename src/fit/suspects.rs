@@ -341,7 +341,8 @@ impl<'a> Inquiry<'_, 'a> {
     /// surface may have been one of them.
     fn or_elsewhere(&self, found: Trial<'a>) -> Trial<'a> {
         let here = found.values();
-        let beside = BESIDE.map(|factor| Values {
+        let moves = found.problem.free().contains(&Quantity::ThetaR);
+        let beside = BESIDE.iter().filter(|_| moves).map(|factor| Values {
             theta_r: factor * here.theta_r,
             ..here
         });
