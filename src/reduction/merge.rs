@@ -450,16 +450,8 @@ fn drop_black_poses(context: &MergeContext<'_>, groups: &mut [Group], log: &mut 
             Some((rate, variance.sqrt()))
         })
         .collect();
-    let known = levels.iter().flatten();
-    let below = known
-        .clone()
-        .filter(|(rate, std)| *rate < -AGREE_SIGMAS * std);
-    let (below, all) = (below.count(), known.count());
-    if 2 * below > all {
-        log.warn(format!(
-            "the dark frames are brighter than {below} of {all} poses: light reached the sensor, or dark and sample frames are \
-             swapped; take dark frames with the lens capped"
-        ));
+    if let Some(text) = bright_darks(levels.iter().flatten()) {
+        log.warn(text);
     }
     let metal = matches!(context.material, Material::Conductor { .. });
     let mut sorted: Vec<f64> = levels.iter().flatten().map(|l| l.0).collect();
@@ -488,6 +480,20 @@ fn drop_black_poses(context: &MergeContext<'_>, groups: &mut [Group], log: &mut 
             log.reject(m.index, black("the other poses"));
         }
     }
+}
+
+/// Names dark frames that are brighter than most poses, from rate and standard uncertainty of each.
+fn bright_darks<'l>(levels: impl Iterator<Item = &'l (f64, f64)> + Clone) -> Option<String> {
+    let below = levels
+        .clone()
+        .filter(|(rate, std)| *rate < -AGREE_SIGMAS * std);
+    let (below, all) = (below.count(), levels.count());
+    (2 * below > all).then(|| {
+        format!(
+            "the dark frames are brighter than {below} of {all} poses: light reached the sensor, or dark and sample frames are \
+             swapped; take dark frames with the lens capped"
+        )
+    })
 }
 
 /// Returns the relative scatter of the level between frames of one pose beyond counting noise.
@@ -593,4 +599,20 @@ fn merged(context: &MergeContext<'_>, group: &Group, lamp_scatter: f64) -> PoseL
 pub(super) fn mean_time<'r>(frames: impl Iterator<Item = &'r FrameRow>) -> Option<f64> {
     let times: Vec<f64> = frames.map(FrameRow::taken_s).collect::<Option<_>>()?;
     (!times.is_empty()).then(|| times.iter().sum::<f64>() / times.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dark_frames_that_are_brighter_than_most_poses_are_named() {
+        let dim = [(-5.0, 0.1), (-2.0, 0.1), (-1.0, 0.1), (4.0, 0.1)];
+        let text = bright_darks(dim.iter()).unwrap();
+        assert!(text.contains("brighter than 3 of 4 poses"), "{text}");
+        // Noise below zero, and a half of the poses, say nothing.
+        assert_eq!(bright_darks([(-0.3, 0.1); 4].iter()), None);
+        assert_eq!(bright_darks(dim[1..].iter().chain(&dim[3..])), None);
+        assert_eq!(bright_darks([].iter()), None);
+    }
 }

@@ -292,25 +292,20 @@ fn dark_frames_brighter_than_the_sample_are_named() {
     means.sort_by(f64::total_cmp);
     let light = means[means.len() * 3 / 4] as u16;
     let mut series = polymer_part().clone();
-    let mut lit = |kind: FrameKind| {
-        let frames = series.rows.iter().zip(&mut series.frames);
-        for (_, frame) in frames.filter(|(row, _)| row.kind == kind) {
-            let counts = frame.as_ref().unwrap().pixels_dn();
-            let counts = counts.iter().map(|dn| dn.saturating_add(light)).collect();
-            *frame = Some(Frame::new(80, 80, counts).unwrap());
+    for (row, frame) in series.rows.iter().zip(&mut series.frames) {
+        if row.kind == FrameKind::Dark {
+            let lit = frame.as_ref().unwrap().pixels_dn();
+            let lit = lit.iter().map(|dn| dn.saturating_add(light)).collect();
+            *frame = Some(Frame::new(80, 80, lit).unwrap());
         }
-        series.clone()
-    };
+    }
     let named = |series: &Memory| match reduce(series, None, &AtomicBool::new(false)) {
         Ok(set) => set.warnings.join("\n"),
         Err(error) => error.to_string(),
     };
-    let text = named(&lit(FrameKind::Dark));
+    let text = named(&series);
     assert!(text.contains("darker than the dark frames"), "{text}");
-    // A white reference that the same light reached tells nothing.
-    let text = named(&lit(FrameKind::Flat));
-    assert!(text.contains("dark frames are brighter than"), "{text}");
-    assert!(!named(polymer_part()).contains("brighter"));
+    assert!(!named(polymer_part()).contains("dark frames"));
 }
 
 #[test]
