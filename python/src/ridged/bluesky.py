@@ -349,7 +349,8 @@ def measure(flyer: ScanFlyer, *, md: Mapping[str, Any] | None = None) -> MsgGene
     def abort(error: Exception) -> MsgGenerator[None]:
         del error
         flyer.abort()
-        yield from plan_stubs.null()
+        # Nothing is yielded: the engine would raise the failed status of the aborted scan in place of the abort.
+        yield from ()
 
     def run() -> MsgGenerator[None]:
         yield from plan_stubs.checkpoint()
