@@ -191,17 +191,21 @@ impl<'a> Inquiry<'_, 'a> {
                 break;
             };
             let ratio = |t: &Trial<'_>| t.minimum.cost / trial.minimum.cost;
-            let explains = ratio(&first);
-            let alike = ranked[1..]
-                .iter()
-                .filter(|(_, other)| ratio(other) < ALIKE * explains);
+            let least = ALIKE * ratio(&first);
+            let alike = ranked[1..].iter().filter(|(_, other)| ratio(other) < least);
             let alike: Vec<Code> = alike.map(|(suspect, _)| suspect.code).collect();
-            findings.push(self.finding(best, &first, before, 1.0 - explains, &alike));
-            if best.code == Code::Index {
+            let joins = best.code != Code::Index;
+            let first = match joins {
+                true => self.or_elsewhere(first),
+                false => first,
+            };
+            let explains = 1.0 - ratio(&first);
+            findings.push(self.finding(best, &first, before, explains, &alike));
+            if !joins {
                 break;
             }
             joined.push(best.quantity);
-            trial = self.or_elsewhere(first);
+            trial = first;
         }
         let mut settled = if joined.is_empty() {
             self.e.clone()
@@ -266,15 +270,17 @@ impl<'a> Inquiry<'_, 'a> {
         Some(problem.with_correction(added))
     }
 
-    /// Descends for some steps only.
-    pub(super) fn looked(&self, problem: Problem<'a>, start: &[f64]) -> Option<Trial<'a>> {
-        let minimum = minimise(&problem, start, &problem.bounds(), &BRIEF, self.cancel);
-        usable(&minimum).then_some(Trial { problem, minimum })
+    fn descended(&self, problem: Problem<'a>, start: &[f64]) -> Option<Trial<'a>> {
+        self.descended_by(&Settings::DEFAULT, problem, start)
     }
 
-    fn descended(&self, problem: Problem<'a>, start: &[f64]) -> Option<Trial<'a>> {
-        let settings = Settings::default();
-        let minimum = minimise(&problem, start, &problem.bounds(), &settings, self.cancel);
+    fn descended_by(
+        &self,
+        settings: &Settings,
+        problem: Problem<'a>,
+        start: &[f64],
+    ) -> Option<Trial<'a>> {
+        let minimum = minimise(&problem, start, &problem.bounds(), settings, self.cancel);
         usable(&minimum).then_some(Trial { problem, minimum })
     }
 
@@ -337,8 +343,8 @@ impl<'a> Inquiry<'_, 'a> {
         ends.min_by(|a, b| a.minimum.cost.total_cmp(&b.minimum.cost))
     }
 
-    /// Starts a trial again from the other ends of the search and beside it, and returns the best. Without the term that joins, the right
-    /// surface may have been one of them.
+    /// Starts a trial again from the other ends of the search and beside it, and returns the best. Without the term that
+    /// joins, the right surface may have been one of them.
     fn or_elsewhere(&self, found: Trial<'a>) -> Trial<'a> {
         let here = found.values();
         let moves = found.problem.free().contains(&Quantity::ThetaR);
@@ -359,7 +365,7 @@ impl<'a> Inquiry<'_, 'a> {
                 .with_fixed(there)
                 .with_walls_of(&there);
             let start = problem.pack(&there);
-            let near = self.looked(problem, &start)?;
+            let near = self.descended_by(&BRIEF, problem, &start)?;
             if near.minimum.cost > ALIKE * found.minimum.cost {
                 return None;
             }

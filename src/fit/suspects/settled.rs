@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{ALIKE, Inquiry, OTHERS, PASSES, STILL, Trial};
+use super::{ALIKE, BRIEF, Inquiry, OTHERS, PASSES, STILL, Trial};
 use crate::fit::estimate::Estimate;
 use crate::fit::misfit::{freedom, lightened, misfit_scale, peak};
 use crate::fit::problem::{Problem, Values};
@@ -98,7 +98,7 @@ impl<'a> Inquiry<'_, 'a> {
             }
         }
         let rivals = starts.par_iter().filter_map(|there| {
-            let near = self.looked(problem.clone(), &problem.pack(there))?;
+            let near = self.descended_by(&BRIEF, problem.clone(), &problem.pack(there))?;
             let hopeless = near.minimum.cost > ALIKE * minimum.cost + AMBIGUOUS_RISE;
             (!hopeless).then(|| descend(&problem, &near.minimum.parameters))
         });
