@@ -214,6 +214,18 @@ pub struct ObservationSet {
 }
 
 impl ObservationSet {
+    /// Whether lamp and camera move freely, as on a goniometer: each observation has directions of its own.
+    #[must_use]
+    pub fn is_of_goniometer(&self) -> bool {
+        self.views.first().is_some_and(|views| views.len() == 1)
+    }
+
+    /// Whether camera or lamp are near.
+    #[must_use]
+    pub fn is_of_near_rig(&self) -> bool {
+        !self.views.is_empty() && !self.is_of_goniometer()
+    }
+
     /// Makes a set of one sample on a distant rig, with one frame per observation, without flats
     /// and without a certificate.
     #[must_use]

@@ -100,7 +100,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         _ => causes::all(e, drift.as_ref(), across.as_ref()),
     };
     if !e.explained {
-        warnings.push(unexplained(&findings, !set.views.is_empty()));
+        warnings.push(unexplained(&findings, set.is_of_near_rig()));
     }
     if e.discrepancy > LOUD && variant != VariantName::Paper {
         let way_out = match variant {
@@ -253,8 +253,7 @@ fn is_anchored(e: &Estimate<'_>) -> bool {
 
 fn no_reference(set: &ObservationSet, variant: VariantName, values: &Values) -> String {
     let half = set.rig.theta_l.deg() / 2.0;
-    let freely = set.views.first().is_some_and(|views| views.len() == 1);
-    let mut text = match freely {
+    let mut text = match set.is_of_goniometer() {
         true => "g, ρd and η cannot be separated from relative values. Give the values on an absolute scale to fix the gain g.".to_owned(),
         false => format!(
             "g, ρd and η cannot be separated on this rig: the difference angle is {}° in every frame. Measure a white \

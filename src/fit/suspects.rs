@@ -287,9 +287,12 @@ impl<'a> Inquiry<'_, 'a> {
     /// Lists the suspects that explain the residual of a fit, each free in addition to it, best first.
     fn ranked(&self, on: &Trial<'a>, joined: &[Quantity]) -> Vec<(Suspect, Trial<'a>)> {
         let body = has_body(self.e);
+        // On a goniometer the lamp has no place beside the camera.
+        let turns = !self.e.problem.set().is_of_goniometer();
         let may = |s: &&Suspect| {
             !joined.contains(&s.quantity)
                 && (body || s.quantity != Quantity::Translucency)
+                && (turns || s.quantity != Quantity::LampTurn)
                 && !self.e.held.contains(&s.quantity)
         };
         let suspects: Vec<Suspect> = SUSPECTS.iter().filter(may).copied().collect();

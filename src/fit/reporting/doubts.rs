@@ -28,7 +28,7 @@ pub(super) fn unexplained(findings: &[Finding], is_near: bool) -> String {
             finding.advice
         ),
         None if is_near => "The residuals exceed noise and model error. Check the keys of the near rig: \
-                            rig.tilt_centre_px, camera.principal_point_px, camera.camera_distance_mm and \
+                            rig.tilt_centre_px, camera.principal_point_px, rig.camera_distance_mm and \
                             rig.light_distance_mm; then measure more poses around the bright spot."
             .to_owned(),
         None => "The residuals exceed noise and model error; possibly no start found the lobe. Check the residuals, and \
@@ -147,6 +147,8 @@ mod tests {
             text.contains("`index` explains 90 %") && text.ends_with("what index asks."),
             "{text}"
         );
+        let text = unexplained(&found[..1], true);
+        assert!(text.contains("rig.tilt_centre_px"), "{text}");
         let text = unexplained(&found[..1], false);
         assert!(text.contains("no start found the lobe"), "{text}");
     }

@@ -40,7 +40,7 @@ pub(in crate::fit) fn everywhere(
 ) -> Option<Everywhere> {
     let set = problem.set();
     // Individual directions of an observation are not a function of the pose.
-    if set.views.iter().any(|views| views.len() == 1) {
+    if set.is_of_goniometer() {
         return Some(Everywhere {
             offsets: tier(problem, values)?,
             nodes: None,
