@@ -86,7 +86,7 @@ describe('a lab’s day', () => {
     expect(polymer.text).toMatch(/^\d+\.\d+ ± \d+\.\d+° k = \d\.\d+$/);
     await page.getByRole('link', { name: 'Open the result' }).click();
     await page.getByRole('button', { name: 'sawtooth', exact: true }).waitFor();
-    expect(await page.getByTestId('curves').locator('figure').count()).toBe(5);
+    await expect.poll(() => page.getByTestId('curves').locator('figure').count()).toBe(5);
     const [fit] = (await get('/fits'))['items'] as { parameters: Record<string, { value: number; expanded: number }> }[];
     expect(polymer.theta_r_deg).toBeCloseTo(fit?.parameters['theta_r_deg']?.value ?? Number.NaN, 1);
 
@@ -97,7 +97,7 @@ describe('a lab’s day', () => {
     await doSteps(page, completed(page), SCAN_MS_MAX);
     const model = await fitted(page, 60_000);
     expect(Math.abs(model.theta_r_deg - 15)).toBeLessThan(0.5);
-    expect(await page.getByTestId('last-results').locator('tbody tr').count()).toBe(2);
+    await expect.poll(() => page.getByTestId('last-results').locator('tbody tr').count()).toBe(2);
     await openView(page, 'Records');
     await page.getByLabel('Search').fill('polymer');
     await expect.poll(() => page.getByTestId('scans').locator('tbody tr').count()).toBe(1);
@@ -198,7 +198,7 @@ describe('a lab’s day', () => {
     await openPart(page, 'Contrast');
     await card.getByRole('button', { name: 'Measure contrast' }).click();
     await card.getByTestId('contrast').waitFor({ timeout: CALCULATION_MS_MAX });
-    expect(await card.getByTestId('contrast').locator('tbody tr').count()).toBe(5);
+    await expect.poll(() => card.getByTestId('contrast').locator('tbody tr').count()).toBe(5);
 
     await openPart(page, 'Verdict');
     const verdict = card.getByTestId('verdict');

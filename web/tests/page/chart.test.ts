@@ -37,7 +37,7 @@ describe('the control chart', () => {
     expect(await text('[data-testid=chart-limits]')).toBe('9.926° to 10.074°');
     expect(await text('[data-testid=chart-tolerance]')).toBe('9.7° to 10.4°');
     await expect.poll(() => text('[data-testid=chart-accepted]')).toBe('9.750° to 10.350°');
-    expect(await plot().getByTestId('tolerance-limit').count()).toBe(2);
+    await expect.poll(() => plot().getByTestId('tolerance-limit').count()).toBe(2);
     expect(await page.getByText('Limits beyond the drawn range').count()).toBe(0);
     expect(await text('[data-testid=chart-signals]')).toContain('no signal');
     expect((await rows().first().innerText()).replace(/\s+/g, ' ')).toBe('6 traced polymer 9.980 ± 0.040 0.040 pass 2026-03-01 08:05');
@@ -53,7 +53,7 @@ describe('the control chart', () => {
     await page.goto(`${url}/#/chart?specification=drawing+4711`);
     await expect.poll(() => text('[data-testid=chart-signals]')).toMatch(/2 signals .* Scans 9 to 17: 9 values in a row below the mean\. Scan 8: 10\.\d+° is above the control limit 10\.\d+° \(mean \+ 3 s\)\./);
     expect(await plot().locator('g.beyond').evaluateAll((marks) => marks.map((m) => m.getAttribute('data-scan')))).toEqual(['8']);
-    expect(await plot().locator('g.run').count()).toBe(9);
+    await expect.poll(() => plot().locator('g.run').count()).toBe(9);
     expect((await rows().nth(9).innerText()).replace(/\s+/g, ' ')).toContain('beyond 3 s');
   });
 
@@ -85,7 +85,7 @@ describe('the control chart', () => {
     series([10, 10.1]);
     await page.goto(`${url}/#/chart`);
     await page.getByText('Limits beyond the drawn range').waitFor();
-    expect(await plot().getByTestId('tolerance-limit').count()).toBe(1);
+    await expect.poll(() => plot().getByTestId('tolerance-limit').count()).toBe(1);
     expect(await text('[data-testid=chart-tolerance]')).toBe('9.7° to 90°');
   });
 

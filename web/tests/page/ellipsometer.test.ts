@@ -155,7 +155,7 @@ describe('the virtual ellipsometer', () => {
     await card.getByTestId('plane-curves').waitFor();
     const words = (await card.innerText()).replace(/\s+/g, ' ');
     for (const part of ['0.70000 ± 0.00080', 'R2', '500 000', 'The target error 0.01 was not reached', 'interference and diffraction', '15 % (15 %)']) expect(words).toContain(part);
-    expect(await card.locator('[data-component]').count()).toBe(6);
+    await expect.poll(() => card.locator('[data-component]').count()).toBe(6);
     const disc = card.getByTestId('hemisphere');
     const reading = card.getByTestId('reading');
     const point = async (share: number): Promise<void> => {
@@ -184,7 +184,7 @@ describe('the virtual ellipsometer', () => {
     await card.getByRole('combobox', { name: 'Angle of reflection' }).selectOption({ label: '40°, mirror direction' });
     expect(await axeViolations()).toEqual([]);
     await card.getByRole('button', { name: 'Mueller' }).click();
-    expect(await card.locator('[data-component]').count()).toBe(16);
+    await expect.poll(() => card.locator('[data-component]').count()).toBe(16);
     await card.getByRole('button', { name: 'Against scalar' }).click();
     await card.locator('[data-component=adm]').click();
     await point(0.75);

@@ -70,7 +70,7 @@ describe('a store of many fits', () => {
     expect(await page.getByTestId('missing').count()).toBe(0);
     await page.getByLabel('of all scans').check();
     const rows = page.getByTestId('fits').locator('tbody tr');
-    expect(await rows.count()).toBe(50);
+    await expect.poll(() => rows.count()).toBe(50);
     expect(await page.getByTestId('fits-count').innerText()).toBe('101 newest fits');
     const older = page.getByRole('button', { name: 'Older fits' });
     for (const n of [100, 150, 200, 231]) {
@@ -95,12 +95,12 @@ describe('a fit with few degrees of freedom', () => {
     expect(await text('[data-parameter=alpha_u]')).toMatch(/ k = 2$/);
     expect(await text('section[aria-labelledby=answer-title] .sum')).toContain('± is the expanded uncertainty, k = 2 … 4.53 ·');
     const table = page.getByTestId('parameters');
-    expect(await table.getByRole('columnheader', { name: 'U (k = 2 … 4.53)' }).count()).toBe(1);
+    await expect.poll(() => table.getByRole('columnheader', { name: 'U (k = 2 … 4.53)' }).count()).toBe(1);
     expect((await table.locator('[data-row=theta_r_deg] td').nth(1).innerText()).replace(/\s+/g, ' ')).toBe('± 0.19° k = 4.53');
     // The other scan has one factor, which is stated once.
     await page.goto(`${url}/#/result/1/uncertainty`);
     await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.031 ± 0.085°');
-    expect(await table.getByRole('columnheader', { name: 'U (k = 2)' }).count()).toBe(1);
+    await expect.poll(() => table.getByRole('columnheader', { name: 'U (k = 2)' }).count()).toBe(1);
     await page.goto(`${url}/#/measure`);
     const last = page.getByTestId('last-results');
     await last.getByRole('columnheader', { name: 'θr ± U (k = 2 … 4.53)' }).waitFor();
@@ -155,7 +155,7 @@ describe('error against run time', () => {
     const view = page.getByTestId('accuracy');
     await view.waitFor();
     await expect.poll(() => view.locator('g[data-method]').count()).toBe(3);
-    expect(await view.locator('g[data-method=split] circle').count()).toBe(3);
+    await expect.poll(() => view.locator('g[data-method=split] circle').count()).toBe(3);
     expect(await view.locator('text[data-axis=y]').textContent()).toBe('relative error');
     const words = await view.innerText();
     for (const part of ['slope −0.50', 'levels off', 'exact (flat layers)', '1 of 1 within', 'factor of 2: 1 of 2', 'ridged, two threads']) expect(words).toContain(part);

@@ -197,8 +197,8 @@ describe('the map of poses', () => {
     await page.goto(`${url}/#/result/1/frames`);
     const poses = page.getByTestId('poses');
     await poses.waitFor();
-    expect(await poses.locator('button[tabindex="0"]').count()).toBe(1);
-    expect(await poses.locator('button').count()).toBe(108);
+    await expect.poll(() => poses.locator('button[tabindex="0"]').count()).toBe(1);
+    await expect.poll(() => poses.locator('button').count()).toBe(108);
     await poses.locator('button[tabindex="0"]').focus();
     const before = await poses.locator('button[aria-current]').getAttribute('data-at');
     await page.keyboard.press('ArrowDown');

@@ -38,7 +38,7 @@ describe('the help', () => {
     }
     expect(met.size).toBeGreaterThan(30);
     await open('measure', 'Last results');
-    expect(await page.getByRole('link', { name: 'Help: Last results', exact: true }).count()).toBe(1);
+    await expect.poll(() => page.getByRole('link', { name: 'Help: Last results', exact: true }).count()).toBe(1);
   });
 
   it('opens beside the page, is readable on a phone, and has no violation of axe-core', async () => {

@@ -416,7 +416,7 @@ describe('axes that are not homed', () => {
     await page.goto(`${url}/#/rig`);
     await expect.poll(() => text('[data-axis=theta_c] output')).toBe('position unknown – home the axis');
     await page.locator('header').getByText('position unknown – home the axes').waitFor();
-    expect(await page.locator('header .dot.warn').count()).toBe(1);
+    await expect.poll(() => page.locator('header .dot.warn').count()).toBe(1);
     expect(await page.getByText('65.000').count()).toBe(0);
     expect(await page.locator('[data-axis=theta_c] .marker').count()).toBe(0);
     await page.locator('[data-axis=theta_c]').getByRole('button', { name: 'Home' }).click();

@@ -20,7 +20,7 @@ describe('on paper', () => {
     await print();
     const titles = page.getByTestId('curves').locator('figcaption');
     expect((await titles.allInnerTexts()).map((t) => t.replace(/\s+/g, ' ').trim())).toEqual(['−20°', '−15°', '−10°', '−5°', '0°', '5°', '10°', '15°', '20°'].map((tilt) => expect.stringContaining(tilt)));
-    expect(await titles.locator('button:visible').count()).toBe(9);
+    await expect.poll(() => titles.locator('button:visible').count()).toBe(9);
     expect(await page.getByRole('button', { name: 'sawtooth', exact: true }).isVisible()).toBe(true);
     for (const name of [/STOP/, /^Fit/, 'Repeat']) expect(await page.getByRole('button', { name }).count()).toBe(0);
   });

@@ -172,7 +172,7 @@ describe('the repeatability of a part', () => {
     await expect.poll(() => text('[data-testid=repeat-scatter]')).toBe('0.020°');
     // Counting and reference do not explain it.
     expect(await text('[data-testid=repeat-stated]')).toBe('0.0021°');
-    expect(await page.getByTestId('repeat-scans').locator('tbody tr').count()).toBe(3);
+    await expect.poll(() => page.getByTestId('repeat-scans').locator('tbody tr').count()).toBe(3);
     expect(await text('[data-testid=repeat-verdict]')).toBe('scatter too large');
     expect(await text('[data-testid=repeat-probability]')).toBe('< 0.01 %');
     await page.getByText('Lines of the budget that are the same').click();
