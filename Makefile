@@ -38,7 +38,7 @@ build-tests: check
 
 check: web  ## Formatting and lints
 	cargo fmt --check
-	cargo clippy --all-targets -- -D warnings
+	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/tools/lint cargo build --all-targets
 
 test-rust: web  ## Rust tests
 	cargo test

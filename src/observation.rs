@@ -271,6 +271,19 @@ impl ObservationSet {
         }
     }
 
+    /// Returns the place of a tilt in the range of the recorded ones: −1 at the lowest, 1 at the
+    /// highest; 0 everywhere if all are equal.
+    pub(crate) fn tilt_scale(&self) -> impl Fn(Angle) -> f64 + use<> {
+        let tilts = self.observations.iter().map(|o| o.pose.theta_c.rad());
+        let (low, high) = tilts.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), tilt| {
+            (low.min(tilt), high.max(tilt))
+        });
+        move |tilt| match high > low {
+            true => (2.0 * tilt.rad() - low - high) / (high - low),
+            false => 0.0,
+        }
+    }
+
     /// Returns the set with the lamp moved away from the camera by an angle: the geometry changes,
     /// the signals stay.
     #[must_use]

@@ -4,7 +4,8 @@
 //! increasing effort. The error is the distance from a reference that is never the method itself: exact
 //! numbers, tables in 60-digit arithmetic, the path tracer of another program, or a long run of another method.
 //! [`forecast`] estimates the duration of a fit, [`trace_forecast`] that of a trace, which is measured here too, and
-//! [`map_forecast`] that of a map. [`model_error`] measures the errors of the closed forms. This module reads the clock,
+//! [`map_forecast`] that of a map. [`model_error`] measures the errors of the closed forms.
+//! [`stated_errors`] draws errors of the size that a series states. This module reads the clock,
 //! which is its purpose; it writes no files.
 
 mod fits;
@@ -15,6 +16,7 @@ pub mod model_error;
 pub mod page;
 pub mod plan_check;
 pub mod plot;
+pub mod stated_errors;
 pub mod trace_forecast;
 mod traced;
 

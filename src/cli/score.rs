@@ -2,15 +2,22 @@
 //!
 //! The truth is the file `truth.toml` of a series, which neither reduction nor fit reads. E_n is the difference divided by
 //! the expanded uncertainty; below 1 the interval contains the truth.
+//!
+//! A synthetic series often has a rig, a reference and a material without errors, so its E_n say nothing about the lines
+//! of a budget for such errors. `--draws` therefore also fits each series with errors of the stated sizes
+//! (`accuracy::stated_errors`).
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 
 use anyhow::Context as _;
 use serde::{Deserialize, Serialize};
 
+use super::progress::Bar;
 use super::{CliError, fit, interrupt, output};
-use crate::analysis::AnalysisOptions;
+use crate::accuracy::stated_errors::with_stated_errors;
+use crate::analysis::{Analysis, AnalysisOptions, analyse_observations};
 use crate::fit::coverage::other_factor;
 use crate::fit::report::{FitReport, Parameter};
 use crate::series::Series;
@@ -19,10 +26,15 @@ use crate::wording::decimals;
 /// Text above the table in a file.
 const HEAD: &str = "# Fits of samples, rigs and cameras as labs have them, against the truth
 
-Made by `ridged score tests/data/series tests/data/series2 --out docs/explanation/real-samples.md`. Each series was path-traced on ridges of known
-shape, with a camera's noise and pattern; `truth.toml` in its folder says what is real in it, and no fit reads it. U is the expanded
-uncertainty (k = 2), E_n = (value − truth)/U. The first finding is what explains most of what an ideal sawtooth, a steady lamp and a
+Made by `ridged score tests/data/series tests/data/series2 --draws 10 --out docs/explanation/real-samples.md`. Each series was path-traced on
+ridges of known shape, with a camera's noise and pattern; `truth.toml` in its folder says what is real in it, and no fit reads it. U is the
+expanded uncertainty (k = 2), E_n = (value − truth)/U. The first finding is what explains most of what an ideal sawtooth, a steady lamp and a
 linear camera leave. [sawtooth.md](sawtooth.md) has the formulas.
+
+The stages, the white reference and the index of these series have no errors, but U allows for those that the manifest states. Each
+series is therefore fitted again with random errors of the stated sizes: zero and scale of the tilt, zero and eccentricity of the rotation,
+lamp angle, certificate, lamp drift, camera, index. The column “E_n, drawn” has the root mean square of E_n over these fits. U is of the
+right size if it is about 0.5: the errors are then half of U, that is one standard uncertainty.
 
 ";
 
@@ -31,12 +43,15 @@ linear camera leave. [sawtooth.md](sawtooth.md) has the formulas.
 #[command(
     after_help = "Example:\n  ridged score tests/data/series tests/data/series2\n  \
                   ridged score tests/data/series2/translucent-12 --json\n  \
-                  ridged score tests/data/series tests/data/series2 --out docs/explanation/real-samples.md"
+                  ridged score tests/data/series tests/data/series2 --draws 10 --out docs/explanation/real-samples.md"
 )]
 pub struct Args {
     /// Series with a truth.toml, or folders that hold such series.
     #[arg(value_name = "DIR", required = true)]
     pub dirs: Vec<PathBuf>,
+    /// Fit each series N times more, with random errors of the sizes that its manifest states.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=1000))]
+    pub draws: u64,
     /// Write the table to a file (Markdown), too.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -61,6 +76,9 @@ pub struct ScoreRow {
     pub coverage_factor: Option<f64>,
     /// (value − truth)/expanded.
     pub e_n: f64,
+    /// The same of each fit with drawn errors.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub drawn_e_n: Vec<f64>,
 }
 
 /// One series.
@@ -78,17 +96,28 @@ pub struct Score {
     pub rows: Vec<ScoreRow>,
 }
 
-/// All series.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Scores {
-    /// Each series.
-    pub series: Vec<Score>,
+/// Many E_n in brief.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ScoreSummary {
     /// Root mean square of all E_n.
     pub rms_e_n: f64,
     /// Largest |E_n|.
     pub worst_e_n: f64,
     /// Share of |E_n| above 1.
     pub share_above_1: f64,
+}
+
+/// All series.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Scores {
+    /// Each series.
+    pub series: Vec<Score>,
+    /// Over the series as they are.
+    #[serde(flatten)]
+    pub summary: ScoreSummary,
+    /// Over the fits with drawn errors; none without `--draws`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drawn: Option<ScoreSummary>,
 }
 
 /// The values of `truth.toml` that are compared.
@@ -186,7 +215,9 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         let truth = truth_of(dir).map_err(CliError::bad_input)?;
         let options = AnalysisOptions::default();
         let analysis = fit::watched(&source, &options, None, &cancel)?;
-        scores.push(score(&name_of(dir), &truth, &analysis.report));
+        let mut score = score(&name_of(dir), &truth, &analysis.report);
+        add_draws(&mut score, &truth, &analysis, args.draws, &cancel)?;
+        scores.push(score);
     }
     let scores = summed(scores);
     let table = markdown(&scores);
@@ -196,6 +227,29 @@ pub fn run(args: &Args) -> Result<(), CliError> {
             .map_err(CliError::bad_input)?;
     }
     output::write(args.json, &scores, || table)
+}
+
+/// Fits the observations again with errors of the stated sizes. A value that such a fit does not report has no E_n.
+fn add_draws(
+    to: &mut Score,
+    truth: &KnownTruth,
+    analysis: &Analysis,
+    draws: u64,
+    cancel: &AtomicBool,
+) -> Result<(), CliError> {
+    let bar = Bar::new("fits with drawn errors");
+    for seed in 0..draws {
+        let set = with_stated_errors(&analysis.observations, seed);
+        let drawn = analyse_observations(set, &AnalysisOptions::default(), &|_| {}, cancel)
+            .map_err(|_| CliError::Interrupted)?;
+        for row in score(&to.series, truth, &drawn.report).rows {
+            if let Some(known) = to.rows.iter_mut().find(|k| k.parameter == row.parameter) {
+                known.drawn_e_n.push(row.e_n);
+            }
+        }
+        bar.at(seed + 1, draws);
+    }
+    Ok(())
 }
 
 fn name_of(dir: &Path) -> String {
@@ -242,6 +296,7 @@ fn score(name: &str, truth: &KnownTruth, report: &FitReport) -> Score {
             expanded,
             coverage_factor: p.coverage_factor,
             e_n: (value - truth) / expanded,
+            drawn_e_n: Vec::new(),
         })
     };
     Score {
@@ -259,52 +314,77 @@ fn score(name: &str, truth: &KnownTruth, report: &FitReport) -> Score {
 }
 
 fn summed(series: Vec<Score>) -> Scores {
-    let all: Vec<f64> = series
-        .iter()
-        .flat_map(|s| s.rows.iter().map(|row| row.e_n.abs()))
-        .collect();
-    let count = all.len().max(1) as f64;
+    let rows = || series.iter().flat_map(|s| &s.rows);
+    let drawn: Vec<f64> = rows().flat_map(|row| row.drawn_e_n.clone()).collect();
+    let plain: Vec<f64> = rows().map(|row| row.e_n).collect();
     Scores {
-        rms_e_n: (all.iter().map(|e| e * e).sum::<f64>() / count).sqrt(),
-        worst_e_n: all.iter().copied().fold(0.0, f64::max),
-        share_above_1: all.iter().filter(|e| **e > 1.0).count() as f64 / count,
+        summary: ScoreSummary::of(&plain),
+        drawn: (!drawn.is_empty()).then(|| ScoreSummary::of(&drawn)),
         series,
     }
 }
 
+impl ScoreSummary {
+    fn of(all: &[f64]) -> Self {
+        let count = all.len().max(1) as f64;
+        ScoreSummary {
+            rms_e_n: root_mean_square(all),
+            worst_e_n: all.iter().fold(0.0, |worst, e| worst.max(e.abs())),
+            share_above_1: all.iter().filter(|e| e.abs() > 1.0).count() as f64 / count,
+        }
+    }
+}
+
+fn root_mean_square(all: &[f64]) -> f64 {
+    (all.iter().map(|e| e * e).sum::<f64>() / all.len().max(1) as f64).sqrt()
+}
+
 fn markdown(scores: &Scores) -> String {
-    let mut out = String::from(
-        "| series | parameter | truth | value ± U (k = 2) | E_n | first finding |\n| --- | --- | --- | --- | --- | --- |\n",
-    );
+    let mut out = String::new();
+    let mut heads = vec!["series", "parameter", "truth", "value ± U (k = 2)", "E_n"];
+    heads.extend(scores.drawn.map(|_| "E_n, drawn"));
+    heads.push("first finding");
+    let _ = writeln!(out, "| {} |", heads.join(" | "));
+    let _ = writeln!(out, "| {} |", vec!["---"; heads.len()].join(" | "));
     for score in &scores.series {
         for (k, row) in score.rows.iter().enumerate() {
             let digits = decimals(row.expanded);
-            let first = k == 0;
+            let factor = other_factor(row.coverage_factor);
+            let drawn = scores.drawn.map(|_| match row.drawn_e_n.as_slice() {
+                [] => String::from("| "),
+                all => format!("| {:.2} ", root_mean_square(all)),
+            });
             let _ = writeln!(
                 out,
-                "| {} | {} | {} | {:.digits$} ± {:.digits$}{} | {:.2} | {} |",
-                if first { score.series.as_str() } else { "" },
+                "| {} | {} | {} | {:.digits$} ± {:.digits$}{} | {:.2} {}| {} |",
+                if k == 0 { score.series.as_str() } else { "" },
                 row.parameter,
                 (row.truth * 1e4).round() / 1e4,
                 row.value,
                 row.expanded,
-                other_factor(row.coverage_factor).map_or_else(String::new, |k| format!(" ({k})")),
+                factor.map_or_else(String::new, |k| format!(" ({k})")),
                 row.e_n,
-                match (&score.first_finding, first) {
-                    (Some(code), true) => code.as_str(),
-                    (None, true) => "none",
+                drawn.unwrap_or_default(),
+                match k {
+                    0 => score.first_finding.as_deref().unwrap_or("none"),
                     _ => "",
                 }
             );
         }
     }
-    let _ = writeln!(
-        out,
-        "\nE_n over all: {:.2} root mean square, {:.2} at most, {:.0} % above 1.",
-        scores.rms_e_n,
-        scores.worst_e_n,
-        100.0 * scores.share_above_1
-    );
+    let mut line = |what: &str, s: ScoreSummary| {
+        let _ = writeln!(
+            out,
+            "\n{what}: {:.2} root mean square, {:.2} at most, {:.1} % above 1.",
+            s.rms_e_n,
+            s.worst_e_n,
+            100.0 * s.share_above_1
+        );
+    };
+    line("E_n over all", scores.summary);
+    if let Some(drawn) = scores.drawn {
+        line("E_n with drawn errors", drawn);
+    }
     out
 }
 
@@ -333,6 +413,7 @@ mod tests {
             expanded: 0.1,
             coverage_factor: Some(2.0),
             e_n,
+            drawn_e_n: vec![2.0 * e_n, 0.0],
         };
         let series = |rows| Score {
             series: "a".into(),
@@ -345,8 +426,18 @@ mod tests {
             series(vec![row(0.5), row(-2.0)]),
             series(vec![row(0.5)]),
         ]);
-        assert!((scores.rms_e_n - 1.5f64.sqrt()).abs() < 1e-12);
-        assert_eq!(scores.worst_e_n, 2.0);
-        assert!(markdown(&scores).contains("10.05 ± 0.10"));
+        assert!((scores.summary.rms_e_n - 1.5f64.sqrt()).abs() < 1e-12);
+        assert_eq!(scores.summary.worst_e_n, 2.0);
+        let drawn = scores.drawn.unwrap();
+        assert!((drawn.rms_e_n - 3f64.sqrt()).abs() < 1e-12);
+        assert!((drawn.share_above_1 - 1.0 / 6.0).abs() < 1e-12);
+        let table = markdown(&scores);
+        assert!(
+            table.contains("| 10.05 ± 0.10 | 0.50 | 0.71 | none |"),
+            "{table}"
+        );
+        assert!(table.contains(
+            "E_n with drawn errors: 1.73 root mean square, 4.00 at most, 16.7 % above 1."
+        ));
     }
 }

@@ -46,15 +46,7 @@ impl Shared {
         let mut detector = none.clone();
         let mut angles: [Vec<f64>; ANGLE_ERRORS] = std::array::from_fn(|_| none.clone());
         let ready = problem.ready(values);
-        let tilts = || set.observations.iter().map(|o| o.pose.theta_c.rad());
-        let (low, high) = tilts().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), tilt| {
-            (low.min(tilt), high.max(tilt))
-        });
-        // From −1 at one end of the range of tilts to 1 at the other; a single tilt has no range.
-        let along = |tilt: Angle| match high > low {
-            true => (2.0 * tilt.rad() - low - high) / (high - low),
-            false => 0.0,
-        };
+        let along = set.tilt_scale();
         for (i, o) in set.observations.iter().enumerate() {
             let g = problem.corrected(i, &ready);
             let weight = values.scale / problem.sigma()[i];
