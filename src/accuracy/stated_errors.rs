@@ -63,7 +63,7 @@ pub fn with_stated_errors(set: &ObservationSet, seed: u64) -> ObservationSet {
 mod tests {
     use super::*;
     use crate::geometry::{Pose, RigGeometry};
-    use crate::observation::{Observation, Prior, WhiteReference};
+    use crate::observation::{Observation, Prior, View, WhiteReference};
 
     fn stated() -> ObservationSet {
         let observations = (0..40).map(|i| {
@@ -131,6 +131,32 @@ mod tests {
         );
         close(std_of(&|d| d.material.index().0 - 1.5), 0.01);
         assert_eq!(with_stated_errors(&set, 3), draws[3]);
+    }
+
+    #[test]
+    fn the_directions_of_a_near_rig_follow_its_recorded_tilt() {
+        let mut set = stated();
+        let recorded = |set: &ObservationSet, i: usize| {
+            set.rig.rig_directions(set.observations[i].pose.theta_c)
+        };
+        let views = (0..40).map(|i| {
+            let directions = recorded(&set, i);
+            let weight = 0.5;
+            vec![View { directions, weight }; 2]
+        });
+        set.views = views.collect();
+        let drawn = with_stated_errors(&set, 5);
+        for (i, views) in drawn.views.iter().enumerate() {
+            assert_ne!(
+                drawn.observations[i].pose.theta_c,
+                set.observations[i].pose.theta_c
+            );
+            for view in views {
+                let expected = recorded(&drawn, i);
+                assert!((view.directions.outgoing - expected.outgoing).norm() < 1e-12);
+                assert!((view.directions.incident - expected.incident).norm() < 1e-12);
+            }
+        }
     }
 
     #[test]

@@ -8,6 +8,7 @@
 //! (`accuracy::stated_errors`).
 
 use std::fmt::Write as _;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -200,7 +201,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     }
     let cancel = interrupt::flag()?;
     let mut scores = Vec::new();
-    for dir in &series {
+    for (index, dir) in series.iter().enumerate() {
         super::say(&format_args!("{}", dir.display()));
         let source = Series::open(dir).map_err(CliError::bad_input)?;
         // Each patch of a board has its own truth.
@@ -216,7 +217,10 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         let options = AnalysisOptions::default();
         let analysis = fit::watched(&source, &options, None, &cancel)?;
         let mut score = score(&name_of(dir), &truth, &analysis.report);
-        add_draws(&mut score, &truth, &analysis, args.draws, &cancel)?;
+        // Errors of one series say nothing about those of the next.
+        let first = index as u64 * args.draws;
+        let seeds = first..first + args.draws;
+        add_draws(&mut score, &truth, &analysis, seeds, &cancel)?;
         scores.push(score);
     }
     let scores = summed(scores);
@@ -234,11 +238,12 @@ fn add_draws(
     to: &mut Score,
     truth: &KnownTruth,
     analysis: &Analysis,
-    draws: u64,
+    seeds: Range<u64>,
     cancel: &AtomicBool,
 ) -> Result<(), CliError> {
     let bar = Bar::new("fits with drawn errors");
-    for seed in 0..draws {
+    let draws = seeds.end - seeds.start;
+    for (done, seed) in (1..).zip(seeds) {
         let set = with_stated_errors(&analysis.observations, seed);
         let drawn = analyse_observations(set, &AnalysisOptions::default(), &|_| {}, cancel)
             .map_err(|_| CliError::Interrupted)?;
@@ -247,7 +252,7 @@ fn add_draws(
                 known.drawn_e_n.push(row.e_n);
             }
         }
-        bar.at(seed + 1, draws);
+        bar.at(done, draws);
     }
     Ok(())
 }
