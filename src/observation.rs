@@ -100,6 +100,8 @@ pub struct LampDrift {
     pub t: f64,
     /// Variance explained by the drift divided by the remaining one, each per degree of freedom.
     pub f: f64,
+    /// Probability of so large an F by chance.
+    pub chance: f64,
     /// Fraction of χ² that the drift explains, 0 to 1.
     pub explains: f64,
     /// Fraction of the time column that the other parameters explain: above 0.95 the drift cannot

@@ -173,10 +173,12 @@ fn floor(quantity: Quantity, values: &Values) -> f64 {
         // A crest is modelled to first order, and the data do not determine the draft of its riser.
         Quantity::ThetaR if values.real.crest > 0.0 => 0.055f64.to_radians(),
         Quantity::AlphaU | Quantity::AlphaV if values.real.crest > 0.0 => 0.005,
-        Quantity::RhoD if values.real.crest > 0.0 => 0.004 * values.rho_d,
+        Quantity::RhoD if values.real.crest > 0.0 => 0.01 * values.rho_d,
         Quantity::ThetaR => 0.0025f64.to_radians(),
         Quantity::AlphaU | Quantity::AlphaV => 0.001,
-        Quantity::RhoD => 0.001 * values.rho_d,
+        // The error of the light of the body over the tilts is one or two thousandths of it. Where tilts end at 20°,
+        // ρd and stray light together take up such an error five times as large, with opposite signs.
+        Quantity::RhoD => 0.005 * values.rho_d,
         // Errors of the terms themselves: a body between the two limits, the second order of a crest.
         Quantity::Translucency => 0.02,
         Quantity::Tail => 0.01,

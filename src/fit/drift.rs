@@ -7,14 +7,15 @@
 //! everything that remains, model error included. [`drift`] returns the drift to report. [`without`] returns the
 //! observations of a steady lamp, which are then fitted again.
 //!
-//! A drift is reported at F > 10, for one degree or for all, if it has one direction (|t| > 3.2). The model error also
-//! depends on time if the poses are visited in an order. Leaving out whole tilts and azimuths in turn must therefore
+//! A drift is reported if chance gives so large an F, for one degree or for all, less than once in 10,000 series, and if it
+//! has one direction (|t| > 3.2). The model error also depends on time if the poses are visited in an order. Leaving out whole tilts and azimuths in turn must therefore
 //! not change the drift ([`jackknife::by_groups`]).
 //!
 //! A lamp that warms up does not follow polynomials. Half of the correction and the covariance of the coefficients are
 //! therefore in the budget line `drift`.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use super::estimate::Estimate;
 use super::leftover::Leftover;
@@ -22,8 +23,11 @@ use crate::jackknife;
 use crate::observation::{LampDrift, ObservationSet};
 
 const SECONDS_PER_HOUR: f64 = 3600.0;
-/// F above which a drift is reported.
-const REPORTED_F: f64 = 10.0;
+/// Probability of an F by chance below which a drift is reported: at a hundred degrees of freedom F is then above 10, at
+/// eight above 36.
+const CHANCE: f64 = 1e-4;
+/// F above which a third degree is fitted.
+const ANOTHER_F: f64 = 10.0;
 /// Standard deviations of the line, or of the change from end to end, above which a drift is reported. A curve without
 /// one direction is what a model error looks like if the poses are visited in an order.
 const REPORTED_T: f64 = 3.2;
@@ -156,6 +160,13 @@ impl Curve {
     fn f(&self, before: f64, degrees: usize) -> f64 {
         (before - self.chi2) / degrees as f64 / (self.chi2 / self.freedom)
     }
+
+    /// The same F, and the probability of a larger one by chance.
+    fn f_and_chance(&self, before: f64, degrees: usize) -> (f64, f64) {
+        let f = self.f(before, degrees);
+        let by_chance = FisherSnedecor::new(degrees as f64, self.freedom);
+        (f, by_chance.map_or(1.0, |d| d.sf(f.max(0.0))))
+    }
 }
 
 /// Fits the drift of the lamp over the observations of an estimate, significant or not; `None` if they have no times or
@@ -175,9 +186,16 @@ pub fn fitted(estimate: &Estimate<'_>) -> Option<LampDrift> {
     let before = left.chi2();
     let straight = Curve::of(&left, &columns[..1])?;
     let mut curve = Curve::of(&left, &columns[..DEGREES])?;
-    let f = straight.f(before, 1).max(curve.f(before, DEGREES));
+    let [of_line, of_curve] = [
+        straight.f_and_chance(before, 1),
+        curve.f_and_chance(before, DEGREES),
+    ];
+    let (f, chance) = match of_line.1 < of_curve.1 {
+        true => of_line,
+        false => of_curve,
+    };
     if let Some(more) = Curve::of(&left, &columns)
-        && more.f(curve.chi2, 1) > REPORTED_F
+        && more.f(curve.chi2, 1) > ANOTHER_F
     {
         curve = more;
     }
@@ -205,6 +223,7 @@ pub fn fitted(estimate: &Estimate<'_>) -> Option<LampDrift> {
         hours: times.hours,
         t: straight.coefficients[0] / straight.covariance[(0, 0)].sqrt(),
         f,
+        chance,
         explains: 1.0 - curve.chi2 / before,
         alike: 1.0 - open / square,
         theta_r_before: estimate.values.folded().theta_r,
@@ -242,7 +261,7 @@ pub(super) fn drift(estimate: &Estimate<'_>) -> Option<Drift> {
                 .abs()
                 .max((lamp.change_over_series / lamp.change_std).abs());
             let stands_out =
-                lamp.f > REPORTED_F && one_way > REPORTED_T && lamp.steady_over_groups > GROUPS;
+                lamp.chance < CHANCE && one_way > REPORTED_T && lamp.steady_over_groups > GROUPS;
             ((plausible && stands_out).then_some(lamp)?, 1.0)
         }
     };

@@ -61,7 +61,12 @@ pub fn painted_by(
         )
     };
     let free = Quantity::ALL.to_vec();
-    let clean = Problem::new(&set, variant, free, *truth).predicted(truth);
+    let mut problem = Problem::new(&set, variant, free, *truth);
+    if truth.real != TRUTH.real {
+        problem = problem.with_walls_of(truth);
+    }
+    let clean = problem.predicted(truth);
+    drop(problem);
     let peak = clean.iter().copied().fold(0.0, f64::max);
     let mut draw = rand_pcg::Pcg64::seed_from_u64(seed);
     for (o, clean) in set.observations.iter_mut().zip(clean) {

@@ -1,18 +1,19 @@
 //! Deviations of a sample from an ideal sawtooth, tried one by one if the closed form leaves a residual.
 //!
-//! Call [`investigated`]. If the residual exceeds that of the closed form on ideal ridges, or poses stand out, each suspect
-//! (a translucent body, tails of the slopes, rounded crests, a tilt of the sample, a lamp beside its stated place,
-//! another index) is freed separately, with one more descent from the existing minimum. A suspect explains the residual if χ²
-//! falls below half. The best suspect joins the fit; so does one more if it halves χ² again and stays inside its range. The
-//! index never joins, because it has a certificate.
-//!
-//! χ² counts each observation with its own uncertainty and the usual error of the closed form (0.07 % of the signal and
-//! 0.04 % of the peak), not with the discrepancy of the fit that is examined.
+//! Call [`investigated`]. χ² counts each observation with its own uncertainty and the usual error of the closed form (0.07 % of
+//! the signal and 0.04 % of the peak), not with the discrepancy of the fit that is examined. If it is unusually large
+//! for its degrees of freedom, or poses stand out, each suspect (a translucent body, tails of the slopes, rounded crests, a tilt of the
+//! sample, a lamp beside its stated place, another index) is freed separately, with one more descent from the existing
+//! minimum. A suspect explains the residual if χ² falls below half. The best suspect joins the fit; so does one more if χ²
+//! is still too large, if it halves χ² again and stays inside its range. If no suspect explains the residual
+//! alone, other ends of the search are tried, and then two suspects together, which must quarter χ². The index never
+//! joins, because it has a certificate.
 
 mod list;
 mod settled;
 #[cfg(test)]
 mod tests;
+mod tried;
 
 use std::sync::atomic::AtomicBool;
 
@@ -21,25 +22,24 @@ use rayon::prelude::*;
 use super::blunders::{bad_block, bad_poses};
 use super::estimate::Estimate;
 use super::findings::{Code, Finding, sorted};
-use super::misfit::{lightened, peak};
+use super::misfit::{freedom, lightened, peak};
 use super::problem::{Problem, Quantity, Values};
-use super::search::{ONE_SURFACE, usable};
+use super::search::usable;
 use super::solver::{Minimum, Settings, minimise};
-use super::start::distance;
 use super::tier::Tier;
 use super::{FitOptions, Loss};
 use crate::material::Material;
 use crate::model::Variant;
-use list::{SUSPECTS, Suspect};
+use tried::Step;
 
-/// Model error of the closed form on traced ideal ridges (root mean square, relative to the peak).
-const OWN_MISFIT: f64 = 1.5e-3;
 /// Usual model error at the right surface, as a share of the signal and of the peak.
 const MISSES: (f64, f64) = (7e-4, 4e-4);
 /// Largest share of χ² that a reported suspect may leave.
 const EXPLAINED: f64 = 0.5;
 /// Ratio of χ² up to which two suspects cannot be distinguished.
 const ALIKE: f64 = 2.0;
+/// Cost of another end of the search, relative to that of the minimum, up to which a term may turn the order.
+const TURNED: f64 = 10.0;
 /// Maximum passes of walls, tier and refit, and the change of ridge angle (rad) below which they end.
 const PASSES: usize = 4;
 const STILL: f64 = 2e-5;
@@ -66,6 +66,13 @@ impl Trial<'_> {
     fn values(&self) -> Values {
         self.problem.unpack(&self.minimum.parameters)
     }
+
+    /// Whether the residuals ask for an explanation, with `fitted` parameters.
+    fn is_unexplained(&self, fitted: usize) -> bool {
+        let count = self.problem.set().observations.len();
+        let rows = &self.minimum.residuals[..count];
+        is_large(rows.iter().map(|r| r * r).sum(), freedom(count, fitted))
+    }
 }
 
 /// Returns the estimate with the terms that explain its residual, and with its findings. `tier` is the integrated
@@ -82,7 +89,7 @@ pub(super) fn investigated<'a>(
     }
     // Poses are to blame for what no property of sample and rig explains.
     let stands_out = |e| bad_poses(e).is_some() || bad_block(e).is_some();
-    let doubted = options.misfit && (misfit(&e) > OWN_MISFIT || stands_out(&e));
+    let doubted = options.misfit && (is_unexplained(&e) || stands_out(&e));
     if !doubted && stated.is_empty() {
         return e;
     }
@@ -164,10 +171,28 @@ fn has_body(e: &Estimate<'_>) -> bool {
     matches!(e.problem.set().material, Material::Dielectric { .. })
 }
 
-/// Model error as a share of the peak, root mean square.
-fn misfit(e: &Estimate<'_>) -> f64 {
-    let square: f64 = e.misfit.iter().map(|m| m * m).sum();
-    (square / e.misfit.len().max(1) as f64).sqrt() / peak(e.problem.set())
+/// Whether the residuals of an estimate exceed noise and the usual error of the closed form.
+fn is_unexplained(e: &Estimate<'_>) -> bool {
+    let set = e.problem.set();
+    let sigma = usual(e);
+    let predicted = e.problem.predicted(&e.values);
+    let each = set.observations.iter().zip(predicted).zip(&sigma);
+    let chi2 = each.map(|((o, p), s)| ((p - o.signal) / s).powi(2)).sum();
+    is_large(chi2, freedom(set.observations.len(), e.fitted))
+}
+
+/// Whether χ² exceeds its degrees of freedom by more than two of its standard deviations.
+fn is_large(chi2: f64, freedom: f64) -> bool {
+    chi2 > freedom + 2.0 * (2.0 * freedom).sqrt()
+}
+
+/// Standard uncertainties of the observations in the χ² of the suspects.
+fn usual(e: &Estimate<'_>) -> Vec<f64> {
+    let set = e.problem.set();
+    let floor = MISSES.1 * peak(set);
+    let each = set.observations.iter();
+    let sigma = each.map(|o| o.sigma.hypot(MISSES.0 * o.signal).hypot(floor));
+    lightened(&sigma.collect::<Vec<f64>>(), &e.loss_weights)
 }
 
 struct Inquiry<'i, 'a> {
@@ -185,27 +210,33 @@ impl<'a> Inquiry<'_, 'a> {
         let before = trial.values().folded().theta_r;
         let mut findings = Vec::new();
         let mut joined: Vec<Quantity> = stated.to_vec();
-        for _ in 0..if doubted { JOINING } else { 0 } {
-            let ranked = self.ranked(&trial, &joined);
-            let Some((best, first)) = ranked.first().cloned() else {
+        while doubted
+            && joined.len() < stated.len() + JOINING
+            && trial.is_unexplained(self.e.fitted + joined.len())
+        {
+            let mut steps = self.next(&trial, &joined, joined.len() == stated.len());
+            let Some(last) = steps.pop() else {
                 break;
             };
-            let ratio = |t: &Trial<'_>| t.minimum.cost / trial.minimum.cost;
-            let least = ALIKE * ratio(&first);
-            let alike = ranked[1..].iter().filter(|(_, other)| ratio(other) < least);
-            let alike: Vec<Code> = alike.map(|(suspect, _)| suspect.code).collect();
-            let joins = best.code != Code::Index;
-            let first = match joins {
-                true => self.or_elsewhere(first),
-                false => first,
-            };
-            let explains = 1.0 - ratio(&first);
-            findings.push(self.finding(best, &first, before, explains, &alike));
-            if !joins {
+            let is_index = last.suspect.code == Code::Index;
+            steps.push(match is_index {
+                true => last,
+                false => Step {
+                    trial: self.or_elsewhere(last.trial),
+                    ..last
+                },
+            });
+            for step in steps {
+                let explains = 1.0 - step.trial.minimum.cost / trial.minimum.cost;
+                findings.push(self.finding(&step, before, explains));
+                if !is_index {
+                    joined.push(step.suspect.quantity);
+                    trial = step.trial;
+                }
+            }
+            if is_index {
                 break;
             }
-            joined.push(best.quantity);
-            trial = first;
         }
         let mut settled = if joined.is_empty() {
             self.e.clone()
@@ -215,15 +246,6 @@ impl<'a> Inquiry<'_, 'a> {
         settled.findings = sorted(findings);
         settled.investigated = doubted;
         Some(settled)
-    }
-
-    /// Standard uncertainties of the observations in the χ² of the suspects.
-    fn sigma(&self) -> Vec<f64> {
-        let set = self.e.problem.set();
-        let floor = MISSES.1 * peak(set);
-        let each = set.observations.iter();
-        let sigma = each.map(|o| o.sigma.hypot(MISSES.0 * o.signal).hypot(floor));
-        lightened(&sigma.collect::<Vec<f64>>(), &self.e.loss_weights)
     }
 
     /// Returns the problem with rough walls and the stated real terms, at its minimum.
@@ -253,7 +275,7 @@ impl<'a> Inquiry<'_, 'a> {
         }
         let ones = vec![1.0; e.problem.set().observations.len()];
         let problem = e.problem.clone();
-        let problem = problem.with_factor(ones).with_sigma(self.sigma());
+        let problem = problem.with_factor(ones).with_sigma(usual(e));
         let problem = problem.with_loss(Loss::Linear).with_fixed(values);
         let problem = problem.with_free(free).with_walls_of(&values);
         let problem = self.corrected(problem, &values)?;
@@ -284,122 +306,13 @@ impl<'a> Inquiry<'_, 'a> {
         usable(&minimum).then_some(Trial { problem, minimum })
     }
 
-    /// Lists the suspects that explain the residual of a fit, each free in addition to it, best first.
-    fn ranked(&self, on: &Trial<'a>, joined: &[Quantity]) -> Vec<(Suspect, Trial<'a>)> {
-        let body = has_body(self.e);
-        // On a goniometer the lamp has no place beside the camera.
-        let turns = !self.e.problem.set().is_of_goniometer();
-        let may = |s: &&Suspect| {
-            !joined.contains(&s.quantity)
-                && (body || s.quantity != Quantity::Translucency)
-                && (turns || s.quantity != Quantity::LampTurn)
-                && !self.e.held.contains(&s.quantity)
-        };
-        let suspects: Vec<Suspect> = SUSPECTS.iter().filter(may).copied().collect();
-        let tried: Vec<(Suspect, Trial<'a>)> = suspects
-            .into_par_iter()
-            .filter_map(|suspect| Some((suspect, self.freed(on, suspect)?)))
-            .collect();
-        let explains = |(suspect, trial): &(Suspect, Trial<'a>)| {
-            let values = trial.values();
-            let much = values.inner(suspect.quantity).abs();
-            let there = match suspect.code {
-                Code::Index => true,
-                // A plane that is tilted imitates gentle ridges that lean the other way.
-                Code::WedgeAcross if much > 0.5 * values.theta_r.abs() => false,
-                _ => much > suspect.least,
-            };
-            there && trial.minimum.cost < EXPLAINED * on.minimum.cost
-        };
-        let mut ranked: Vec<_> = tried.into_iter().filter(explains).collect();
-        ranked.sort_by(|a, b| a.1.minimum.cost.total_cmp(&b.1.minimum.cost));
-        // If a term of the surface explains the residual at all, it is preferred to the index.
-        if ranked.iter().any(|(s, _)| s.code != Code::Index) {
-            ranked.retain(|(s, _)| s.code != Code::Index);
-        }
-        ranked
-    }
-
-    /// Frees a suspect in addition to a fit, with the walls at its own result.
-    fn freed(&self, on: &Trial<'a>, suspect: Suspect) -> Option<Trial<'a>> {
-        let here = on.values();
-        let mut free = on.problem.free().to_vec();
-        if !free.contains(&suspect.quantity) {
-            free.push(suspect.quantity);
-        }
-        let mut problem = on.problem.clone().with_fixed(here).with_free(free);
-        if suspect.code == Code::Index {
-            problem = problem.without_priors(&[Quantity::Eta]);
-            return self.descended(problem.clone(), &problem.pack(&here));
-        }
-        let ends = suspect.starts.iter().filter_map(|start| {
-            let mut values = here;
-            values.set_inner(suspect.quantity, *start);
-            let from = problem.pack(&values);
-            let near = self.descended(problem.clone().with_walls_of(&values), &from)?;
-            let values = near.values();
-            self.descended(
-                near.problem.with_walls_of(&values),
-                &near.minimum.parameters,
-            )
-        });
-        ends.min_by(|a, b| a.minimum.cost.total_cmp(&b.minimum.cost))
-    }
-
-    /// Starts a trial again from the other ends of the search and beside it, and returns the best. Without the term that
-    /// joins, the right surface may have been one of them.
-    fn or_elsewhere(&self, found: Trial<'a>) -> Trial<'a> {
-        let here = found.values();
-        let moves = found.problem.free().contains(&Quantity::ThetaR);
-        let beside = BESIDE.iter().filter(|_| moves).map(|factor| Values {
-            theta_r: factor * here.theta_r,
-            ..here
-        });
-        let ends = self.e.elsewhere.iter().take(OTHERS);
-        let ends = ends.map(|end| self.with_terms_of(&here, &end.parameters));
-        let starts: Vec<Values> = ends.chain(beside).collect();
-        let others = starts.into_par_iter().filter_map(|there| {
-            if distance(&there.folded(), &here.folded()) < ONE_SURFACE {
-                return None;
-            }
-            let problem = found
-                .problem
-                .clone()
-                .with_fixed(there)
-                .with_walls_of(&there);
-            let start = problem.pack(&there);
-            let near = self.descended_by(&BRIEF, problem, &start)?;
-            if near.minimum.cost > ALIKE * found.minimum.cost {
-                return None;
-            }
-            let there = near.values();
-            let problem = self.corrected(near.problem.with_walls_of(&there), &there)?;
-            self.descended(problem, &near.minimum.parameters)
-        });
-        let others: Vec<Trial<'a>> = others.collect();
-        let all = others.into_iter().chain(std::iter::once(found));
-        all.min_by(|a, b| a.minimum.cost.total_cmp(&b.minimum.cost))
-            .expect("one is there")
-    }
-
-    /// Returns the values at an end of the search, with the terms of `here`.
-    fn with_terms_of(&self, here: &Values, end: &[f64]) -> Values {
-        let mut there = self.e.problem.unpack(end);
-        for q in Quantity::REAL {
-            there.set_inner(q, here.inner(q));
-        }
-        there
-    }
-
     /// Describes a suspect.
-    fn finding(
-        &self,
-        suspect: Suspect,
-        found: &Trial<'_>,
-        before: f64,
-        explains: f64,
-        alike: &[Code],
-    ) -> Finding {
+    fn finding(&self, step: &Step<'_>, before: f64, explains: f64) -> Finding {
+        let Step {
+            suspect,
+            trial: found,
+            alike,
+        } = step;
         let values = found.values().folded();
         let mut advice = match suspect.code {
             Code::Translucent => format!(

@@ -1,5 +1,6 @@
-//! The known causes of a residual of an estimate: of the surface, the detector, the lamp and single poses.
+//! The known causes of a residual of an estimate: of the surface, the detector, the lamp, the index and single poses.
 
+use super::contradictions::index;
 use crate::fit::blunders::{bad_block, bad_poses};
 use crate::fit::budget::{Budget, Uncertainty};
 use crate::fit::drift::Drift;
@@ -11,7 +12,7 @@ use crate::fit::wedge::{self, Across};
 use crate::units::Angle;
 use crate::wording::{counted, significant};
 
-/// Returns all findings of an estimate: of the surface, the detector, the lamp and single poses.
+/// Returns all findings of an estimate: of the surface, the detector, the lamp, the index and single poses.
 pub(super) fn all(
     e: &Estimate<'_>,
     drift: Option<&Drift>,
@@ -66,6 +67,7 @@ pub(super) fn all(
             ),
         });
     }
+    found.extend(index(e));
     let is_known = found.iter().any(|f| f.code == Code::WedgeAcross);
     if let Some(across) = across.filter(|across| across.is_wedge() && !is_known) {
         found.push(Finding {

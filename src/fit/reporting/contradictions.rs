@@ -3,6 +3,7 @@
 use super::spoken;
 use crate::fit::denials::{Denial, denials, tells_the_material};
 use crate::fit::estimate::Estimate;
+use crate::fit::findings::{Code, Finding};
 use crate::fit::misfit::peak;
 use crate::fit::problem::Quantity;
 use crate::wording::{percent, significant};
@@ -16,8 +17,8 @@ pub(super) fn denied(e: &Estimate<'_>) -> Vec<String> {
     let faint = |d: &Denial| {
         !d.by_user && d.quantity == Quantity::Background && e.values.background.abs() < FAINT * top
     };
-    let denials = denials(e).into_iter();
     let told = tells_the_material(e);
+    let denials = denials(e).into_iter();
     let denials = denials.filter(|d| (told || !d.is_of_material()) && !faint(d));
     let messages = denials.map(|denial| {
         let Denial {
@@ -60,10 +61,48 @@ pub(super) fn denied(e: &Estimate<'_>) -> Vec<String> {
                  material of the sample and the certificate of the white reference; an error of the certificate \
                  changes ρd by the same share.",
                 spoken(quantity),
-                // Without the pull of the prior.
-                significant(mean + (e.values.natural(quantity) - mean) / (1.0 - leverage))
+                significant(without_prior(e, quantity, mean, leverage))
             ),
         }
     });
     messages.collect()
+}
+
+/// Returns the value that the data give without the pull of the prior, to first order.
+fn without_prior(e: &Estimate<'_>, quantity: Quantity, mean: f64, leverage: f64) -> f64 {
+    mean + (e.values.natural(quantity) - mean) / (1.0 - leverage)
+}
+
+/// Returns the finding for an index that the data contradict, if they do.
+pub(super) fn index(e: &Estimate<'_>) -> Option<Finding> {
+    let known = |f: &Finding| f.code == Code::Index;
+    if !tells_the_material(e) || e.findings.iter().any(known) {
+        return None;
+    }
+    let denials = denials(e).into_iter().filter(Denial::is_of_material);
+    let worst = denials.max_by(|a, b| a.deviations.total_cmp(&b.deviations))?;
+    // Without the certificate χ² is lower by the square of the deviations. Earlier findings have explained their
+    // shares.
+    let chi2: f64 = e.minimum.residuals.iter().map(|r| r * r).sum();
+    let others = e.findings.iter().map(|f| f.explains).fold(0.0, f64::max);
+    let share = (worst.deviations.powi(2) / chi2).min(1.0);
+    let theta_r = e.problem.free().iter().position(|q| *q == Quantity::ThetaR);
+    let sign = e.values.theta_r.signum();
+    Some(Finding {
+        code: Code::Index,
+        explains: (1.0 - others) * share,
+        change_of_theta_r_deg: theta_r.map(|j| (sign * worst.shift[j]).to_degrees()),
+        advice: format!(
+            "The data give an {} of about {}; the manifest states {}. Check the material of the sample and the \
+             certificate of the white reference.",
+            spoken(worst.quantity),
+            significant(without_prior(
+                e,
+                worst.quantity,
+                worst.prior.mean,
+                worst.leverage
+            )),
+            worst.prior.mean
+        ),
+    })
 }

@@ -1,4 +1,5 @@
-//! A tilt of the sample across the ridges and a lamp beside its stated place, painted by the closed form.
+//! A tilt of the sample across the ridges, a lamp beside its stated place, tails of the slopes at few poses, two causes at once
+//! and another index, painted by the closed form.
 
 use std::sync::atomic::AtomicBool;
 
@@ -8,6 +9,7 @@ use crate::fit::painted::{TRUTH, painted};
 use crate::fit::problem::Values;
 use crate::fit::{FitOptions, VariantChoice, fit};
 use crate::geometry::Pose;
+use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::units::Angle;
@@ -100,4 +102,84 @@ fn to_first_order_a_tilt_across_the_ridges_turns_the_azimuth() {
         (turned - 0.5 - 0.2 / TRUTH.theta_r.tan()).abs() < 0.1,
         "{turned}"
     );
+}
+
+/// Poses of five tilts or more, 10° or 7° apart, at equal steps of azimuth.
+fn poses(tilts: i32, step_deg: f64, azimuths: i32) -> impl Iterator<Item = Pose> {
+    (0..tilts * azimuths).map(move |n| {
+        let tilt = step_deg * f64::from(n / azimuths - tilts / 2);
+        Pose::from_deg(tilt, 360.0 / f64::from(azimuths) * f64::from(n % azimuths))
+    })
+}
+
+fn surface(theta_r_deg: f64, alpha: f64, rho_d: f64, tail: f64, crest: f64) -> Values {
+    let mut truth = Values {
+        theta_r: theta_r_deg.to_radians(),
+        alpha_u: alpha,
+        alpha_v: alpha,
+        rho_d,
+        ..TRUTH
+    };
+    truth.real.tail = tail;
+    truth.real.crest = crest;
+    truth
+}
+
+/// θr in standard uncertainties from the truth, U(θr) in degrees, and the codes of the findings.
+fn found(set: &ObservationSet, truth: &Values) -> (f64, f64, Vec<Code>) {
+    let options = FitOptions {
+        variant: VariantChoice::Sawtooth,
+        ..FitOptions::default()
+    };
+    let report = fit(set, &options, &AtomicBool::new(false));
+    let theta_r = &report.parameters.theta_r_deg;
+    let away = theta_r.value.unwrap() - truth.theta_r.to_degrees();
+    let codes = report.findings.iter().map(|f| f.code).collect();
+    (
+        away / theta_r.std.unwrap(),
+        theta_r.expanded.unwrap(),
+        codes,
+    )
+}
+
+#[test]
+fn tails_are_found_at_few_poses_where_another_surface_fits_better_without_them() {
+    for (truth, azimuths) in [
+        (surface(15.06, 0.083, 0.56, 0.5, 0.0), 3),
+        (surface(12.03, 0.1, 0.62, 0.6, 0.0), 4),
+        (surface(8.3, 0.07, 0.19, 0.8, 0.0), 4),
+    ] {
+        let set = painted(poses(5, 10.0, azimuths), &truth, 2e-4, 5);
+        let (away, u, codes) = found(&set, &truth);
+        assert_eq!(codes, [Code::Tails], "{truth:?}");
+        assert!(away.abs() < 2.5 && u < 0.5, "{truth:?}: {away} {u}");
+    }
+}
+
+#[test]
+fn two_causes_that_explain_little_alone_are_found_together() {
+    let truth = surface(13.15, 0.169, 0.669, 0.67, 0.073);
+    let set = painted(poses(7, 7.0, 8), &truth, 2e-4, 5);
+    let (away, u, mut codes) = found(&set, &truth);
+    codes.sort_by_key(|code| code.word());
+    assert_eq!(codes, [Code::RoundedCrests, Code::Tails]);
+    assert!(away.abs() < 2.5 && u < 0.5, "{away} {u}");
+}
+
+#[test]
+fn an_index_that_the_data_contradict_is_a_finding() {
+    let truth = Values { eta: 1.6, ..TRUTH };
+    let mut set = painted(poses(7, 7.0, 8), &truth, 2e-4, 5);
+    set.material = Material::Dielectric {
+        eta: 1.54,
+        eta_std: 0.005,
+    };
+    let (away, u, codes) = found(&set, &truth);
+    assert_eq!(codes, [Code::Index]);
+    assert!(away.abs() < 2.5 && u < 0.5, "{away} {u}");
+    set.material = Material::Dielectric {
+        eta: 1.6,
+        eta_std: 0.005,
+    };
+    assert_eq!(found(&set, &truth).2, []);
 }
