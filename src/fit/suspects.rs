@@ -210,10 +210,12 @@ impl<'a> Inquiry<'_, 'a> {
         let before = trial.values().folded().theta_r;
         let mut findings = Vec::new();
         let mut joined: Vec<Quantity> = stated.to_vec();
+        let mut tried = false;
         while doubted
             && joined.len() < stated.len() + JOINING
             && trial.is_unexplained(self.e.fitted + joined.len())
         {
+            tried = true;
             let mut steps = self.next(&trial, &joined, joined.len() == stated.len());
             let Some(last) = steps.pop() else {
                 break;
@@ -244,7 +246,7 @@ impl<'a> Inquiry<'_, 'a> {
             self.settled(trial, joined.len())?
         };
         settled.findings = sorted(findings);
-        settled.investigated = doubted;
+        settled.investigated = tried;
         Some(settled)
     }
 
