@@ -7,9 +7,9 @@
 //! everything that remains, model error included. [`drift`] returns the drift to report. [`without`] returns the
 //! observations of a steady lamp, which are then fitted again.
 //!
-//! A drift is reported if chance gives so large an F, for one degree or for all, less than once in 10,000 series, and if it
-//! has one direction (|t| > 3.2). The model error also depends on time if the poses are visited in an order. Leaving out whole tilts and azimuths in turn must therefore
-//! not change the drift ([`jackknife::by_groups`]).
+//! A drift is reported if chance gives so large an F, for one degree or for all, less than once in 10,000 series, and if
+//! it has one direction (|t| > 3.2). The model error also depends on time if the poses are visited in an order. Leaving
+//! out whole tilts and azimuths in turn must therefore not change the drift ([`jackknife::by_groups`]).
 //!
 //! A lamp that warms up does not follow polynomials. Half of the correction and the covariance of the coefficients are
 //! therefore in the budget line `drift`.

@@ -1,11 +1,11 @@
 //! Deviations of a sample from an ideal sawtooth, tried one by one if the closed form leaves a residual.
 //!
-//! Call [`investigated`]. χ² counts each observation with its own uncertainty and the usual error of the closed form (0.07 % of
-//! the signal and 0.04 % of the peak), not with the discrepancy of the fit that is examined. If it is unusually large
-//! for its degrees of freedom, or poses stand out, each suspect (a translucent body, tails of the slopes, rounded crests, a tilt of the
-//! sample, a lamp beside its stated place, another index) is freed separately, with one more descent from the existing
-//! minimum. A suspect explains the residual if χ² falls below half. The best suspect joins the fit; so does one more if χ²
-//! is still too large, if it halves χ² again and stays inside its range. If no suspect explains the residual
+//! Call [`investigated`]. χ² counts each observation with its own uncertainty and the usual error of the closed form (0.07 %
+//! of the signal and 0.04 % of the peak), not with the discrepancy of the fit that is examined. If it is unusually large for
+//! its degrees of freedom, or poses stand out, each suspect (a translucent body, tails of the slopes, rounded crests, a
+//! tilt of the sample, a lamp beside its stated place, another index) is freed separately, with one more descent from the
+//! existing minimum. A suspect explains the residual if χ² falls below half. The best suspect joins the fit; so does one
+//! more if χ² is still too large, if it halves χ² again and stays inside its range. If no suspect explains the residual
 //! alone, other ends of the search are tried, and then two suspects together, which must quarter χ². The index never
 //! joins, because it has a certificate.
 
@@ -43,7 +43,7 @@ const TURNED: f64 = 10.0;
 /// Maximum passes of walls, tier and refit, and the change of ridge angle (rad) below which they end.
 const PASSES: usize = 4;
 const STILL: f64 = 2e-5;
-/// Number of other ends of the search that are tried with the terms that join.
+/// Number of other ends of the search that are tried with a term, and of terms that are tried with a second one.
 const OTHERS: usize = 3;
 /// Such a descent first goes on for so long; most end at another surface.
 const BRIEF: Settings = Settings {

@@ -17,8 +17,8 @@ pub(super) fn denied(e: &Estimate<'_>) -> Vec<String> {
     let faint = |d: &Denial| {
         !d.by_user && d.quantity == Quantity::Background && e.values.background.abs() < FAINT * top
     };
-    let told = tells_the_material(e);
     let denials = denials(e).into_iter();
+    let told = tells_the_material(e);
     let denials = denials.filter(|d| (told || !d.is_of_material()) && !faint(d));
     let messages = denials.map(|denial| {
         let Denial {
