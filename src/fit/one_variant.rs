@@ -127,7 +127,7 @@ fn estimate_thinned<'a>(
             interpolated = everywhere.nodes.map(|n| (n, everywhere.error));
             settled.problem = settled.problem.with_correction(everywhere.offsets);
         }
-        settled.settle_sparingly(&weighing);
+        settled.settle(&weighing);
         if tier.is_none() || cancel.load(Ordering::Relaxed) {
             break;
         }

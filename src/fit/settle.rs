@@ -153,15 +153,16 @@ impl Settled<'_> {
         (0..problem.set().observations.len()).filter(inside).count()
     }
 
-    /// Runs rounds of discrepancy, weights and refit.
+    /// Runs rounds of discrepancy, weights and refit, and goes to the end of the last one.
     pub(super) fn settle(&mut self, weighing: &Weighing<'_>) {
-        self.settle_by(&Settings::default(), weighing);
+        self.settle_near(weighing);
+        self.minimum = self.again(&self.minimum.parameters, weighing.cancel);
     }
 
-    /// The same for expensive observations: descents only come near until the weights stay.
-    pub(super) fn settle_sparingly(&mut self, weighing: &Weighing<'_>) {
+    /// The rounds, whose descents only come near. More digits change no weight, and on a kink of the model they cost hundreds of
+    /// steps.
+    pub(super) fn settle_near(&mut self, weighing: &Weighing<'_>) {
         self.settle_by(&NEAR, weighing);
-        self.minimum = self.again(&self.minimum.parameters, weighing.cancel);
     }
 
     /// Starts from another end and continues until the model error there is known.
@@ -249,10 +250,13 @@ impl Settled<'_> {
         for pass in 0..PASSES {
             let values = costly.problem.unpack(&costly.minimum.parameters);
             let Some(correction) = tier(&costly.problem, &values) else {
-                return (pass > 0).then_some(costly);
+                if pass == 0 {
+                    return None;
+                }
+                break;
             };
             costly.problem = costly.problem.with_correction(correction);
-            costly.settle(weighing);
+            costly.settle_near(weighing);
             let now = costly.problem.unpack(&costly.minimum.parameters);
             let moved = [
                 now.theta_r - values.theta_r,
@@ -263,6 +267,7 @@ impl Settled<'_> {
                 break;
             }
         }
+        costly.minimum = costly.again(&costly.minimum.parameters, weighing.cancel);
         Some(costly)
     }
 
@@ -413,8 +418,7 @@ pub(super) fn with_tier<'a>(
         .par_iter()
         .map(|end| {
             let mut trial = closed.clone();
-            trial.minimum = trial.again(&end.parameters, weighing.cancel);
-            trial.settle(weighing);
+            trial.settle_from(&end.parameters, weighing);
             trial
         })
         .collect();

@@ -25,6 +25,7 @@ use super::findings::{Code, Finding, sorted};
 use super::misfit::{freedom, lightened, peak};
 use super::problem::{Problem, Quantity, Values};
 use super::search::usable;
+use super::settle::NEAR;
 use super::solver::{Minimum, Settings, minimise};
 use super::tier::Tier;
 use super::{FitOptions, Loss};
@@ -48,7 +49,7 @@ const OTHERS: usize = 3;
 /// Such a descent first goes on for so long; most end at another surface.
 const BRIEF: Settings = Settings {
     max_iterations: 30,
-    ..Settings::DEFAULT
+    ..NEAR
 };
 /// Factors of θr of two more starts with the terms that join.
 const BESIDE: [f64; 2] = [0.85, 1.0 / 0.85];
@@ -294,8 +295,9 @@ impl<'a> Inquiry<'_, 'a> {
         Some(problem.with_correction(added))
     }
 
+    /// Descends near to the minimum: suspects are compared by factors of χ².
     fn descended(&self, problem: Problem<'a>, start: &[f64]) -> Option<Trial<'a>> {
-        self.descended_by(&Settings::DEFAULT, problem, start)
+        self.descended_by(&NEAR, problem, start)
     }
 
     fn descended_by(

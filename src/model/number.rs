@@ -102,10 +102,12 @@ impl<T: Scalar> Number for T {
     fn choose(choice: bool, yes: Self, no: Self) -> Self {
         if choice { yes } else { no }
     }
+    #[inline(always)]
     fn map(self, f: impl Fn(f64) -> (f64, f64)) -> Self {
         let (value, slope) = f(self.value());
         Scalar::map(self, value, slope)
     }
+    #[inline(always)]
     fn map2(self, other: Self, f: impl Fn(f64, f64) -> (f64, f64, f64)) -> Self {
         let (value, first, second) = f(self.value(), other.value());
         T::map3(
@@ -116,6 +118,7 @@ impl<T: Scalar> Number for T {
     fn mirrored(self, eta: Self, k: Self) -> (Self, Self) {
         fresnel::reflectances_of(self, eta, k)
     }
+    #[inline(always)]
     fn times(self, factor: f64) -> Self {
         self * factor
     }

@@ -43,12 +43,13 @@ impl<'a> Inquiry<'_, 'a> {
             let before = settled.problem.unpack(&settled.minimum.parameters);
             let problem = settled.problem.clone().with_walls_of(&before);
             settled.problem = self.corrected(problem, &before)?;
-            settled.settle(&weighing);
+            settled.settle_near(&weighing);
             let now = settled.problem.unpack(&settled.minimum.parameters);
             if (now.theta_r - before.theta_r).abs() < STILL {
                 break;
             }
         }
+        settled.minimum = settled.again(&settled.minimum.parameters, self.cancel);
         if !usable(&settled.minimum) {
             return None;
         }

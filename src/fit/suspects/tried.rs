@@ -99,9 +99,9 @@ impl<'a> Inquiry<'_, 'a> {
             let start = problem.pack(&there);
             self.descended_by(&BRIEF, problem, &start)
         });
-        let tried = ends.flat_map(|end| self.tried(&end, joined));
-        let real = tried.filter(|step| step.suspect.code != Code::Index);
-        let explaining = real.filter(|step| step.trial.minimum.cost < most);
+        let without_index = with(joined, Quantity::Eta);
+        let tried = ends.flat_map(|end| self.tried(&end, &without_index));
+        let explaining = tried.filter(|step| step.trial.minimum.cost < most);
         let corrected = explaining.filter_map(|step| {
             let there = step.trial.values();
             let problem = self.corrected(step.trial.problem, &there)?;
@@ -117,13 +117,8 @@ impl<'a> Inquiry<'_, 'a> {
     /// than `most`.
     fn pair(&self, alone: &[Step<'a>], joined: &[Quantity], most: f64) -> Vec<Step<'a>> {
         let pairs = alone.iter().take(OTHERS).filter_map(|first| {
-            let with: Vec<Quantity> = joined
-                .iter()
-                .copied()
-                .chain([first.suspect.quantity])
-                .collect();
-            let mut seconds = self.tried(&first.trial, &with).into_iter();
-            let second = seconds.find(|step| step.suspect.code != Code::Index)?;
+            let settled = with(&with(joined, first.suspect.quantity), Quantity::Eta);
+            let second = self.tried(&first.trial, &settled).into_iter().next()?;
             (second.trial.minimum.cost < most).then(|| vec![first.clone(), second])
         });
         pairs
@@ -201,6 +196,11 @@ impl<'a> Inquiry<'_, 'a> {
         }
         there
     }
+}
+
+/// Returns a list with one more quantity.
+fn with(joined: &[Quantity], q: Quantity) -> Vec<Quantity> {
+    joined.iter().copied().chain([q]).collect()
 }
 
 /// Sorts steps, lowest cost first.
