@@ -93,8 +93,7 @@ impl Scalar for f64 {
     }
 }
 
-/// A value with `N` partial derivatives. Its operations are always inlined: as calls, which copy both numbers, they took five sixths
-/// of the time of a form.
+/// A value with `N` partial derivatives. Its operations are always inlined, because a call copies whole numbers in and out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dual<const N: usize> {
     /// The value.
