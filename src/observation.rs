@@ -6,7 +6,7 @@
 //! stray light; the fit determines both together with the flats. Without one the unit is arbitrary
 //! and [`ObservationSet::white_reference`] is `None`.
 
-use crate::geometry::{Directions, Pose, RigGeometry};
+use crate::geometry::{Directions, Field, Pose, RigGeometry};
 use crate::material::Material;
 use crate::units::Angle;
 
@@ -148,6 +148,21 @@ pub struct View {
     pub weight: f64,
 }
 
+impl From<(Directions, f64)> for View {
+    fn from((directions, weight): (Directions, f64)) -> Self {
+        View { directions, weight }
+    }
+}
+
+/// The frame over all of whose pixels each observation of a near camera or lamp averages.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WholeField {
+    /// The frame.
+    pub field: Field,
+    /// Width α of the narrowest lobe that the views sum right.
+    pub narrowest: f64,
+}
+
 impl Observation {
     /// Makes an observation of one frame without shared errors.
     #[must_use]
@@ -176,6 +191,8 @@ pub struct ObservationSet {
     /// gain · (Σ weight · L(directions) + s). One view each if lamp and camera move freely, as on a
     /// goniometer. Empty if both are distant and the lamp is fixed to the camera.
     pub views: Vec<Vec<View>>,
+    /// What the views stand for, if it is a whole frame of a near camera or lamp; without it they cannot be made finer.
+    pub field: Option<WholeField>,
     /// The white reference over its tilts; empty without one.
     pub flats: Vec<FlatObservation>,
     /// Certificate of the white reference; if `None`, the fit determines the scale.
@@ -243,6 +260,7 @@ impl ObservationSet {
             n_frames_used: u32::try_from(observations.len()).unwrap_or(u32::MAX),
             observations,
             views: Vec::new(),
+            field: None,
             flats: Vec::new(),
             white_reference: None,
             background,
@@ -284,6 +302,29 @@ impl ObservationSet {
             true => (2.0 * tilt.rad() - low - high) / (high - low),
             false => 0.0,
         }
+    }
+
+    /// Returns the set with views that sum a lobe of the width α right. `None` if its own views do, or if no finer ones can be
+    /// had.
+    #[must_use]
+    pub fn with_finer_views(&self, alpha: f64) -> Option<Self> {
+        /// Part of the width that a fit with finer views may find the lobe to be narrower.
+        const MARGIN: f64 = 0.8;
+        let whole = self.field.filter(|whole| alpha < whole.narrowest)?;
+        let narrowest = MARGIN * alpha;
+        let mut field = whole.field;
+        field.imaging.rig = self.rig;
+        let views = self.observations.iter().map(|o| {
+            let views = field.views(o.pose.theta_c, narrowest);
+            views.into_iter().map(View::from).collect()
+        });
+        let views: Vec<Vec<View>> = views.collect();
+        let count = |views: &[Vec<View>]| views.iter().map(Vec::len).sum::<usize>();
+        (count(&views) > count(&self.views)).then(|| ObservationSet {
+            field: Some(WholeField { field, narrowest }),
+            views,
+            ..self.clone()
+        })
     }
 
     /// Returns the set with the lamp moved away from the camera by an angle: the geometry changes,

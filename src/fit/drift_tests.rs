@@ -8,6 +8,7 @@ use rand_distr::StandardNormal;
 
 use super::*;
 use crate::fit::budget::uncertainty;
+use crate::fit::findings::Code;
 use crate::fit::one_variant::estimate;
 use crate::fit::painted::{TRUTH, painted};
 use crate::fit::problem::{Quantity, Values};
@@ -15,6 +16,7 @@ use crate::fit::tier::Tier;
 use crate::fit::{FitOptions, VariantChoice, fit, tier};
 use crate::geometry::Pose;
 use crate::model::Variant;
+use crate::model::extended::Real;
 use crate::observation::{FlatObservation, Observation};
 use crate::series::Series;
 
@@ -23,13 +25,19 @@ const NOISE: f64 = 1e-3;
 
 /// Five tilts at eight azimuths, one pose per minute, with a lamp that changes by `per_hour`.
 fn series(per_hour: f64, noise: f64, seed: u64) -> ObservationSet {
-    let poses =
-        (0..40).map(|k| Pose::from_deg(f64::from(k % 5) * 10.0 - 20.0, f64::from(k / 5) * 45.0));
     let truth = Values {
         azimuth_offset: 0.05,
         ..TRUTH
     };
-    let mut set = painted(poses, &truth, noise, seed);
+    timed(&truth, 8, per_hour, noise, seed)
+}
+
+/// The same of any surface, at any number of azimuths.
+fn timed(truth: &Values, azimuths: u32, per_hour: f64, noise: f64, seed: u64) -> ObservationSet {
+    let turn_deg = 360.0 / f64::from(azimuths);
+    let tilt_deg = |k: u32| f64::from(k % 5) * 10.0 - 20.0;
+    let poses = (0..5 * azimuths).map(|k| Pose::from_deg(tilt_deg(k), f64::from(k / 5) * turn_deg));
+    let mut set = painted(poses, truth, noise, seed);
     for (k, o) in set.observations.iter_mut().enumerate() {
         let taken_s = 60.0 * (k as f64 + 1.0);
         o.taken_s = Some(taken_s);
@@ -120,6 +128,26 @@ fn a_steady_lamp_and_frames_without_times_are_not_reported_to_drift() {
     let mut set = series(-0.1, NOISE, 7);
     set.observations[3].taken_s = None;
     assert_eq!(drift(&fitted_to(&set, None)), None);
+}
+
+/// With 20 poses the residual of the ideal sawtooth has few degrees of freedom and may look like a trend.
+#[test]
+fn tails_that_few_poses_see_are_not_taken_for_a_drift() {
+    let tailed = Values {
+        azimuth_offset: 0.05,
+        real: Real {
+            tail: 0.25,
+            ..Real::NONE
+        },
+        ..TRUTH
+    };
+    for seed in 0..4 {
+        let set = timed(&tailed, 4, 0.0, NOISE, seed);
+        let report = fit(&set, &FitOptions::default(), &AtomicBool::new(false));
+        let codes: Vec<Code> = report.findings.iter().map(|f| f.code).collect();
+        assert_eq!(codes.first(), Some(&Code::Tails), "seed {seed}");
+        assert!(!codes.contains(&Code::LampDrift), "seed {seed}");
+    }
 }
 
 fn recorded() -> PathBuf {

@@ -4,6 +4,7 @@ use super::findings::Finding;
 use super::minimum::Minimum;
 use super::problem::{Problem, Quantity, Values};
 use super::traced::Tracing;
+use crate::observation::ObservationSet;
 
 /// A fitted variant.
 #[derive(Debug, Clone)]
@@ -60,6 +61,13 @@ impl Estimate<'_> {
     /// Whether the corrections of the costlier tier are in use.
     pub(super) fn takes_tier(&self) -> bool {
         self.tier_shift.iter().any(|s| *s != 0.0)
+    }
+
+    /// The observations with views that sum a lobe as narrow as the fitted one right; `None` if they have them, or none finer.
+    pub(super) fn with_finer_views(&self) -> Option<ObservationSet> {
+        let set = self.problem.set();
+        let alpha = self.values.alpha_u.min(self.values.alpha_v);
+        set.with_finer_views(alpha.hypot(set.rig.cones.widening().sqrt()))
     }
 }
 

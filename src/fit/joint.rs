@@ -26,6 +26,7 @@ use super::one_variant::estimate_until;
 use super::problem::{Problem, Quantity, Values};
 use super::report::FitReport;
 use super::search::Late;
+use super::settle::NEAR;
 use super::solver::{Minimum, Settings, minimise};
 use super::suspects::agreed;
 use super::tier::Tier;
@@ -127,25 +128,38 @@ pub fn fit_joint(
         VariantChoice::Paper => Variant::Paper,
         _ => Variant::Sawtooth,
     };
-    let tier = Some(tier).filter(|_| variant == Variant::Sawtooth);
+    let integrated = Some(tier).filter(|_| variant == Variant::Sawtooth);
     let alone: Vec<Estimate<'_>> = scans
         .par_iter()
         .map(|scan| {
             let refusal = super::variants::refused(scan.set, options);
             let fitted = match &refusal {
                 Some(_) => None,
-                None => estimate_until(scan.set, variant, options, tier, late, cancel),
+                None => estimate_until(scan.set, variant, options, integrated, late, cancel),
             };
             let reason = || refusal.unwrap_or_else(|| "No start has a finite cost.".to_owned());
             fitted.ok_or_else(|| JointError::NoFit(scan.name.to_owned(), reason()))
         })
         .collect::<Result<_, _>>()?;
-    let alone = agreed(alone, options, tier, cancel);
+    let finer: Vec<Option<ObservationSet>> = alone.iter().map(Estimate::with_finer_views).collect();
+    if finer.iter().any(Option::is_some) && !cancel.load(Ordering::Relaxed) {
+        let scans: Vec<Scan<'_>> = scans
+            .iter()
+            .zip(&finer)
+            .map(|(scan, finer)| Scan {
+                name: scan.name,
+                set: finer.as_ref().unwrap_or(scan.set),
+            })
+            .collect();
+        return fit_joint(&scans, options, tier, late, cancel);
+    }
+    let alone = agreed(alone, options, integrated, cancel);
     let mut joint = Joint::new(&alone, options, cancel);
-    joint.settle();
-    if let Some(tier) = tier {
+    joint.settle_near();
+    if let Some(tier) = integrated {
         joint.correct(tier);
     }
+    joint.refit(&Settings::default());
     if cancel.load(Ordering::Relaxed) {
         return Err(JointError::Cancelled);
     }
@@ -247,7 +261,7 @@ impl<'e, 'a> Joint<'e, 'a> {
                         start[*c] = x;
                     }
                 }
-                minimise(&stacked, &start, &bounds, &Settings::default(), cancel)
+                minimise(&stacked, &start, &bounds, &NEAR, cancel)
             })
             .collect();
         let best = minima
@@ -282,15 +296,15 @@ impl<'e, 'a> Joint<'e, 'a> {
         self.problems[scan].unpack(&own)
     }
 
-    fn refit(&mut self) {
+    fn refit(&mut self, settings: &Settings) {
         let stacked = self.stacked();
         let start = &self.minimum.parameters;
         let bounds = bounds(&stacked);
-        self.minimum = minimise(&stacked, start, &bounds, &Settings::default(), self.cancel);
+        self.minimum = minimise(&stacked, start, &bounds, settings, self.cancel);
     }
 
-    /// Runs rounds of discrepancies, weights and refit.
-    fn settle(&mut self) {
+    /// Runs rounds of discrepancies, weights and refit, whose descents only come near (see [`NEAR`]).
+    fn settle_near(&mut self) {
         for _ in 0..ROUNDS {
             let mut still = true;
             for scan in 0..self.alone.len() {
@@ -315,7 +329,7 @@ impl<'e, 'a> Joint<'e, 'a> {
                 let sigma = both.map(|(o, s)| o.hypot(next * s)).collect();
                 self.problems[scan] = self.problems[scan].clone().with_sigma(sigma);
             }
-            self.refit();
+            self.refit(&NEAR);
             if still || self.cancel.load(Ordering::Relaxed) {
                 break;
             }
@@ -351,7 +365,7 @@ impl<'e, 'a> Joint<'e, 'a> {
                     self.problems[scan] = problem.with_correction(correction);
                 }
             }
-            self.settle();
+            self.settle_near();
         }
     }
 
@@ -370,7 +384,7 @@ impl<'e, 'a> Joint<'e, 'a> {
             weights.push(w);
         }
         if loss != Loss::Linear {
-            self.refit();
+            self.refit(&Settings::default());
         }
         let m = self.minimum.residuals.len();
         let mut first = 0;

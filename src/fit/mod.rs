@@ -93,6 +93,8 @@ mod elsewhere_tests;
 #[cfg(test)]
 mod extreme_tests;
 #[cfg(test)]
+mod near_tests;
+#[cfg(test)]
 mod options_tests;
 #[cfg(test)]
 pub(crate) mod painted;

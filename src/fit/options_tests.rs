@@ -4,6 +4,7 @@
 mod uncertainty;
 
 use std::collections::HashMap;
+use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
 use rand::{RngExt, SeedableRng};
@@ -23,7 +24,7 @@ use super::variants::{Tracer, fit_with_tier, fit_with_tracer};
 use super::{Constraint, FitOptions, Loss, VariantChoice};
 use crate::geometry::Pose;
 use crate::model::Variant;
-use crate::observation::{ObservationSet, SharedErrors};
+use crate::observation::{Observation, ObservationSet, SharedErrors};
 use crate::units::Angle;
 
 const TRUTH: Values = Values {
@@ -188,6 +189,34 @@ fn a_held_value_stays_and_has_no_uncertainty() {
     assert_eq!((p.alpha_u.value, p.alpha_u.std), (Some(0.12), None));
     let theta = p.theta_r_deg.value.expect("it is free");
     assert!((theta - TRUTH.theta_r.to_degrees()).abs() < 0.2);
+}
+
+#[test]
+fn a_tier_is_taken_at_the_reported_surface_where_the_model_error_is_left_out() {
+    let mut set = series(3);
+    let signals = set.observations.iter().map(|o| o.signal);
+    let peak = signals.fold(0.0, f64::max);
+    // Light that the closed form lacks, and that grows with the angle.
+    let light = |theta_r: f64, o: &Observation| peak * 0.6 * theta_r * o.pose.theta_c.rad();
+    for o in &mut set.observations {
+        o.signal += light(TRUTH.theta_r, o);
+    }
+    let asked = Mutex::new(Vec::new());
+    let tier = |problem: &Problem<'_>, values: &Values| {
+        let theta_r = values.theta_r.abs();
+        asked.lock().expect("nothing panics").push(theta_r);
+        let observations = problem.set().observations.iter();
+        Some(observations.map(|o| light(theta_r, o)).collect())
+    };
+    let never = AtomicBool::new(false);
+    let found = estimate(&set, Variant::Sawtooth, &options(), Some(&tier), &never);
+    let found = found.expect("there is a minimum");
+    let steps = &found.tier_shift;
+    assert!(steps.iter().any(|step| step.abs() > 1e-3), "{steps:?}");
+    let asked = asked.into_inner().expect("nothing panics");
+    let off = |theta_r: &f64| (theta_r - found.values.theta_r.abs()).abs();
+    let nearest = asked.iter().map(off).fold(f64::INFINITY, f64::min);
+    assert!(nearest < 2e-4, "{nearest} {asked:?}");
 }
 
 #[test]

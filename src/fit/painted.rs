@@ -66,7 +66,6 @@ pub fn painted_by(
         problem = problem.with_walls_of(truth);
     }
     let clean = problem.predicted(truth);
-    drop(problem);
     let peak = clean.iter().copied().fold(0.0, f64::max);
     let mut draw = rand_pcg::Pcg64::seed_from_u64(seed);
     for (o, clean) in set.observations.iter_mut().zip(clean) {

@@ -182,7 +182,7 @@ impl Settled<'_> {
     /// The rounds alone, for a model whose usual error is not that of the closed form.
     pub(super) fn rounds(&mut self, settings: &Settings, weighing: &Weighing<'_>) {
         let bounds = self.problem.bounds();
-        for _ in 0..ROUNDS {
+        for round in 0..ROUNDS {
             let next = match weighing.options.misfit {
                 true => weighing.discrepancy(&self.residuals()),
                 false => 0.0,
@@ -190,14 +190,12 @@ impl Settled<'_> {
             let settled = (next - self.discrepancy).abs() <= 1e-3 * next;
             self.discrepancy = next;
             self.problem = self.problem.clone().with_sigma(weighing.sigma(next));
-            if settled && settings.polish_steps == 0 {
+            // The first round always descends, because the model may have changed and the weights not.
+            if round > 0 && settled || weighing.cancel.load(Ordering::Relaxed) {
                 break;
             }
             let from = &self.minimum.parameters;
             self.minimum = minimise(&self.problem, from, &bounds, settings, weighing.cancel);
-            if settled || weighing.cancel.load(Ordering::Relaxed) {
-                break;
-            }
         }
     }
 

@@ -150,14 +150,18 @@ fn fit_each(
     cancel: &AtomicBool,
 ) -> FitReport {
     let late = || tracer.time.is_some_and(|time| !time.allows());
+    let mut finer = None;
     let mut all = in_time(tracer.time, cancel, |over| {
         let run = |variant: Variant| {
             let tier = tier.filter(|_| variant == Variant::Sawtooth);
             estimate_until(set, variant, options, tier, &late, over)
         };
         let (paper, ideal) = (run(Variant::Paper), run(Variant::Sawtooth));
+        finer = ideal.as_ref().and_then(Estimate::with_finer_views);
         let sawtooth = match &ideal {
-            Some(ideal) if !late() => Some(investigated(ideal.clone(), options, tier, over)),
+            Some(ideal) if finer.is_none() && !late() => {
+                Some(investigated(ideal.clone(), options, tier, over))
+            }
             _ => ideal.clone(),
         };
         [paper, ideal, sawtooth]
@@ -168,6 +172,11 @@ fn fit_each(
             e.minimum.ending = Ending::MaxIterations;
             e.cut_short = true;
         }
+    }
+    if let Some(finer) = finer
+        && !(enough || cancel.load(Ordering::Relaxed))
+    {
+        return fit_each(&finer, options, tier, tracer, cancel);
     }
     let [paper, ideal, sawtooth] = all;
     if set.lamp.is_none()

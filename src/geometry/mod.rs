@@ -24,6 +24,7 @@
 
 mod angle_groups;
 mod cones;
+pub mod field;
 mod imaging;
 
 use nalgebra::Vector3;
@@ -31,6 +32,7 @@ use nalgebra::Vector3;
 use crate::units::Angle;
 pub use angle_groups::{group_angles, group_directions};
 pub use cones::Cones;
+pub use field::Field;
 pub use imaging::{AIM_MAX, Imaging};
 
 /// Positions of the two stages: camera tilt θc and sample azimuth φs, as read from the stages.

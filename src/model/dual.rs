@@ -93,7 +93,8 @@ impl Scalar for f64 {
     }
 }
 
-/// A value with `N` partial derivatives. Its operations are always inlined, because a call copies whole numbers in and out.
+/// A value with `N` partial derivatives. Its operations are always inlined, because a call copies whole numbers in and out; not in
+/// a build with assertions, which takes longer to compile than its tests would gain.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dual<const N: usize> {
     /// The value.
@@ -105,7 +106,7 @@ pub struct Dual<const N: usize> {
 impl<const N: usize> Dual<N> {
     /// The `index`-th variable.
     #[must_use]
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn variable(value: f64, index: usize) -> Self {
         let mut partials = [0.0; N];
         partials[index] = 1.0;
@@ -115,7 +116,7 @@ impl<const N: usize> Dual<N> {
 
 impl<const N: usize> Add for Dual<N> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn add(mut self, other: Self) -> Self {
         self.value += other.value;
         for (a, b) in self.partials.iter_mut().zip(other.partials) {
@@ -127,7 +128,7 @@ impl<const N: usize> Add for Dual<N> {
 
 impl<const N: usize> Sub for Dual<N> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn sub(mut self, other: Self) -> Self {
         self.value -= other.value;
         for (a, b) in self.partials.iter_mut().zip(other.partials) {
@@ -139,7 +140,7 @@ impl<const N: usize> Sub for Dual<N> {
 
 impl<const N: usize> Mul for Dual<N> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn mul(mut self, other: Self) -> Self {
         for (a, b) in self.partials.iter_mut().zip(other.partials) {
             *a = *a * other.value + self.value * b;
@@ -151,7 +152,7 @@ impl<const N: usize> Mul for Dual<N> {
 
 impl<const N: usize> Div for Dual<N> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn div(mut self, other: Self) -> Self {
         let inverse = 1.0 / other.value;
         let quotient = self.value * inverse;
@@ -165,7 +166,7 @@ impl<const N: usize> Div for Dual<N> {
 
 impl<const N: usize> Neg for Dual<N> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn neg(self) -> Self {
         self * -1.0
     }
@@ -173,7 +174,7 @@ impl<const N: usize> Neg for Dual<N> {
 
 impl<const N: usize> Mul<f64> for Dual<N> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn mul(mut self, factor: f64) -> Self {
         self.value *= factor;
         for a in &mut self.partials {
@@ -184,18 +185,18 @@ impl<const N: usize> Mul<f64> for Dual<N> {
 }
 
 impl<const N: usize> Scalar for Dual<N> {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn constant(value: f64) -> Self {
         Dual {
             value,
             partials: [0.0; N],
         }
     }
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn value(self) -> f64 {
         self.value
     }
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn map(mut self, value: f64, slope: f64) -> Self {
         self.value = value;
         for a in &mut self.partials {
@@ -203,7 +204,7 @@ impl<const N: usize> Scalar for Dual<N> {
         }
         self
     }
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn map3(value: f64, parts: [(Self, f64); 3]) -> Self {
         let mut sum = Self::constant(value);
         for (part, slope) in parts {

@@ -3,37 +3,18 @@
 
 use super::flats::Flats;
 use super::region::{Board, Segments};
-use crate::geometry::{Directions, Imaging, Pose};
-use crate::observation::View;
+use crate::geometry::field::{NODES_MAX, nodes, turned};
+use crate::geometry::{Directions, Field, Pose};
+use crate::observation::{View, WholeField};
 use crate::series::Manifest;
 use crate::units::Angle;
 
-/// Nodes along a piece of the field over which the half vector turns by this (rad) to either side, and at least: a lobe of
-/// α = 0.05 is summed within some 3e-4 of its top then.
-const WHOLE: Fineness = Fineness {
-    turn: 0.09,
-    nodes: 6,
-};
-/// The same of a patch, beside which there are others.
-const PATCH: Fineness = Fineness {
-    turn: 0.03,
-    nodes: 2,
-};
-/// Nodes along one axis at most.
-const NODES_MAX: usize = 36;
-
-/// How many nodes stand for the pixels along one axis.
-struct Fineness {
-    turn: f64,
-    nodes: usize,
-}
-
-impl Fineness {
-    fn nodes(&self, turned: f64) -> usize {
-        let due = (turned / self.turn * self.nodes as f64).ceil() as usize;
-        due.clamp(self.nodes, NODES_MAX)
-    }
-}
+/// Nodes along a patch over which the half vector turns by [`PATCH_TURN`] (rad) to either side, and at least. Other patches are
+/// beside it, so that a lobe is summed over all of them.
+const PATCH_NODES: usize = 2;
+const PATCH_TURN: f64 = 0.03;
+/// Width of the narrowest lobe that the views of a whole frame sum right, until a fit knows the lobe.
+const TYPICAL_LOBE: f64 = 0.08;
 
 /// The pixels of a segment that an observation is the mean of.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,50 +27,46 @@ pub(super) struct Part {
 
 /// The rig as the pixels see it.
 #[derive(Debug, Clone)]
-pub(super) struct Viewing {
-    imaging: Imaging,
-    width: usize,
-    height: usize,
-}
+pub(super) struct Viewing(Field);
 
 impl Viewing {
     /// `None` where a near camera or lamp is stated without the field's size.
     pub(super) fn new(manifest: &Manifest) -> Option<Viewing> {
-        Some(Viewing {
+        Some(Viewing(Field {
             imaging: manifest.imaging()?,
             width: manifest.camera.width_px as usize,
             height: manifest.camera.height_px as usize,
-        })
+        }))
     }
 
     /// Whether all pixels share directions and irradiance.
     pub(super) fn is_far(&self) -> bool {
-        self.imaging.is_far()
+        self.0.imaging.is_far()
     }
 
     /// The point of the sample's plane that shows at a column and row; whole numbers are corners.
     pub(super) fn point(&self, column: f64, row: f64, theta_c: Angle) -> [f64; 2] {
-        self.imaging.place(column, row, theta_c)
+        self.0.imaging.place(column, row, theta_c)
     }
 
     /// Directions at a point of the sample's plane and the irradiance on a surface facing the lamp,
     /// relative to the centre's.
     pub(super) fn at(&self, point: [f64; 2], theta_c: Angle) -> (Directions, f64) {
-        self.imaging.at(point, theta_c)
+        self.0.imaging.at(point, theta_c)
     }
 
     /// Brightness of a white plane at a pixel, relative to the centre.
     fn white(&self, pixel: usize, theta_c: Angle) -> f64 {
-        let column = (pixel % self.width) as f64 + 0.5;
-        let row = (pixel / self.width) as f64 + 0.5;
+        let column = (pixel % self.0.width) as f64 + 0.5;
+        let row = (pixel / self.0.width) as f64 + 0.5;
         let (directions, irradiance) = self.at(self.point(column, row, theta_c), theta_c);
-        irradiance * directions.incident.z.max(0.0) / self.imaging.rig.cos_incidence(theta_c)
+        irradiance * directions.incident.z.max(0.0) / self.0.imaging.rig.cos_incidence(theta_c)
     }
 
     /// Takes the lamp's pattern out of the response, which then is the camera's alone, and brings
     /// the flats' levels to the centre of tilt.
     pub(super) fn take_out_lamp(&self, flats: &mut Flats) {
-        if self.imaging.light_mm.is_none() || flats.levels.is_empty() {
+        if self.0.imaging.light_mm.is_none() || flats.levels.is_empty() {
             return;
         }
         let whole: f64 = flats.levels.iter().map(|l| l.rate_dn_s).sum();
@@ -126,36 +103,61 @@ impl Viewing {
         flats.lamp_shares = levels;
     }
 
+    /// The frame whose pixels an observation averages over, all of them, and the narrowest lobe that its views sum right.
+    pub(super) fn whole_field(&self, segments: &Segments) -> Option<WholeField> {
+        let whole = matches!(segments, Segments::Whole) && !self.is_far();
+        whole.then_some(WholeField {
+            field: self.0,
+            narrowest: TYPICAL_LOBE,
+        })
+    }
+
     /// The directions over which an observation at a recorded pose averages; `parts` are its segments.
     pub(super) fn views(&self, segments: &Segments, pose: Pose, parts: &[Part]) -> Vec<View> {
-        let theta_c = pose.theta_c;
-        let mut places = Vec::new();
         match segments {
             Segments::Whole => {
-                let place = |[a, b]: [f64; 2]| {
-                    let column = 0.5 * (1.0 + a) * self.width as f64;
-                    let row = 0.5 * (1.0 + b) * self.height as f64;
-                    self.point(column, row, theta_c)
-                };
-                let nodes = nodes(self.fineness(&place, theta_c, &WHOLE));
-                places.extend(nodes.map(|(at, share)| (place(at), share)));
+                let views = self.0.views(pose.theta_c, TYPICAL_LOBE);
+                views.into_iter().map(View::from).collect()
             }
-            Segments::Patches { board, patches } => {
-                for ((i, j), part) in patches.iter().zip(parts).filter(|(_, p)| p.pixels > 0.0) {
-                    let place = |at| Self::on_board(board, pose, (*i, *j), at);
-                    let along = self.fineness(&place, theta_c, &PATCH);
-                    // Levels are means over pixels, and what is nearer has more of them.
-                    let mut patch: Vec<([f64; 2], f64)> = nodes(along)
-                        .map(|(at, share)| {
-                            let point = place(at);
-                            (point, share * self.imaging.pixels_per_area(point, theta_c))
-                        })
-                        .collect();
-                    let [column, row] = part.middle_px;
-                    weigh(&mut patch, part.pixels, self.point(column, row, theta_c));
-                    places.extend(patch);
-                }
-            }
+            Segments::Patches { board, patches } => self.of_patches(board, patches, pose, parts),
+        }
+    }
+
+    fn of_patches(
+        &self,
+        board: &Board,
+        patches: &[(u32, u32)],
+        pose: Pose,
+        parts: &[Part],
+    ) -> Vec<View> {
+        let theta_c = pose.theta_c;
+        let mut places = Vec::new();
+        for ((i, j), part) in patches.iter().zip(parts).filter(|(_, p)| p.pixels > 0.0) {
+            let place = |at| Self::on_board(board, pose, (*i, *j), at);
+            let half_vector = |at| {
+                let (directions, _) = self.at(place(at), theta_c);
+                (directions.incident + directions.outgoing).normalize()
+            };
+            let due = |one, other| {
+                let turn = turned(half_vector(one), half_vector(other));
+                let due = (turn / PATCH_TURN * PATCH_NODES as f64).ceil() as usize;
+                due.clamp(PATCH_NODES, NODES_MAX)
+            };
+            let columns = due([-1.0, 0.0], [1.0, 0.0]);
+            let rows = due([0.0, -1.0], [0.0, 1.0]);
+            // Levels are means over pixels, and what is nearer has more of them.
+            let mut patch: Vec<([f64; 2], f64)> = nodes(columns, rows)
+                .map(|(at, share)| {
+                    let point = place(at);
+                    (
+                        point,
+                        share * self.0.imaging.pixels_per_area(point, theta_c),
+                    )
+                })
+                .collect();
+            let [column, row] = part.middle_px;
+            weigh(&mut patch, part.pixels, self.point(column, row, theta_c));
+            places.extend(patch);
         }
         let all: f64 = places.iter().map(|(_, share)| share).sum();
         let view = |(point, share): &([f64; 2], f64)| {
@@ -166,24 +168,6 @@ impl Viewing {
             }
         };
         places.iter().map(view).collect()
-    }
-
-    /// Nodes along both axes of a part of the field, its places given from −1 to 1, by how far the half vector turns over it.
-    fn fineness(
-        &self,
-        place: &dyn Fn([f64; 2]) -> [f64; 2],
-        theta_c: Angle,
-        fineness: &Fineness,
-    ) -> [usize; 2] {
-        let half_vector = |at| {
-            let (directions, _) = self.at(place(at), theta_c);
-            (directions.incident + directions.outgoing).normalize()
-        };
-        let across = |one, other| fineness.nodes(0.5 * half_vector(one).angle(&half_vector(other)));
-        [
-            across([-1.0, 0.0], [1.0, 0.0]),
-            across([0.0, -1.0], [0.0, 1.0]),
-        ]
     }
 
     /// A point of a patch, `at` from −1 to 1 across its inner part, in the rig's frame.
@@ -215,49 +199,15 @@ fn weigh(patch: &mut [([f64; 2], f64)], pixels: f64, middle: [f64; 2]) {
     }
 }
 
-/// Places from −1 to 1 along both axes and their shares: Gauss–Legendre nodes along each axis.
-fn nodes([columns, rows]: [usize; 2]) -> impl Iterator<Item = ([f64; 2], f64)> {
-    let (first, second) = (legendre(columns), legendre(rows));
-    first.into_iter().flat_map(move |(a, wa)| {
-        let row: Vec<_> = second.iter().map(|(b, wb)| ([a, *b], wa * wb)).collect();
-        row
-    })
-}
-
-/// The zeros of Legendre's polynomial of a degree, by Newton's steps from Tricomi's estimate, and the weights of their rule,
-/// which add up to 1.
-fn legendre(degree: usize) -> Vec<(f64, f64)> {
-    let n = degree as f64;
-    let at = |k: usize| {
-        let mut x = (std::f64::consts::PI * (k as f64 + 0.75) / (n + 0.5)).cos();
-        let mut slope = 1.0;
-        for _ in 0..8 {
-            let (mut before, mut value) = (1.0, x);
-            for j in 2..=degree {
-                let j = j as f64;
-                (before, value) = (
-                    value,
-                    ((2.0 * j - 1.0) * x * value - (j - 1.0) * before) / j,
-                );
-            }
-            slope = n * (x * value - before) / (x * x - 1.0);
-            x -= value / slope;
-        }
-        (x, 1.0 / ((1.0 - x * x) * slope * slope))
-    };
-    (0..degree).map(at).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use nalgebra::Vector3;
 
-    use super::super::region::Region;
     use super::*;
-    use crate::geometry::RigGeometry;
+    use crate::geometry::{Imaging, RigGeometry};
 
     fn viewing(camera_mm: Option<f64>, light_mm: Option<f64>) -> Viewing {
-        Viewing {
+        Viewing(Field {
             imaging: Imaging {
                 rig: RigGeometry::IN_PLANE,
                 pixel_mm: [0.4, 0.4],
@@ -269,58 +219,7 @@ mod tests {
             },
             width: 128,
             height: 100,
-        }
-    }
-
-    #[test]
-    fn the_views_of_a_very_near_rig_sum_a_narrow_lobe_as_its_pixels_do() {
-        let near = viewing(Some(150.0), Some(150.0));
-        let theta_c = Angle::from_deg(10.0);
-        // A lobe of α = 0.05 about a direction a third of the way to the field's edge.
-        let seen = |d: &Directions| {
-            let h = (d.incident + d.outgoing).normalize();
-            let (x, y) = (h.x / h.z - 0.3, h.y / h.z + 0.05);
-            (-(x * x + y * y) / (0.05 * 0.05)).exp()
-        };
-        let pose = Pose {
-            theta_c,
-            phi_s: Angle::ZERO,
-        };
-        let views = near.views(&Segments::Whole, pose, &[]);
-        let by_views: f64 = views.iter().map(|v| v.weight * seen(&v.directions)).sum();
-        let per_pixel = 4;
-        let (columns, rows) = (near.width * per_pixel, near.height * per_pixel);
-        let at = |k: usize| (k as f64 + 0.5) / per_pixel as f64;
-        let places =
-            (0..columns * rows).map(|k| near.point(at(k % columns), at(k / columns), theta_c));
-        let by_pixels = places
-            .map(|place| {
-                let (directions, irradiance) = near.at(place, theta_c);
-                irradiance * seen(&directions)
-            })
-            .sum::<f64>()
-            / (columns * rows) as f64;
-        assert!(by_pixels > 0.01, "{by_pixels}");
-        assert!(
-            (by_views - by_pixels).abs() < 3e-4,
-            "{by_views} {by_pixels}"
-        );
-        // Several nodes more than the least, and no more than it takes.
-        assert_eq!(views.len(), 12 * 9);
-        let far = viewing(Some(1000.0), Some(1000.0));
-        assert_eq!(far.views(&Segments::Whole, pose, &[]).len(), 36);
-    }
-
-    #[test]
-    fn nodes_integrate_polynomials_up_to_twice_their_number() {
-        for degree in [2, 6, 7, 13, 36] {
-            let rule = legendre(degree);
-            assert!((rule.iter().map(|(_, w)| w).sum::<f64>() - 1.0).abs() < 1e-13);
-            let power = 2 * degree as i32 - 2;
-            let sum: f64 = rule.iter().map(|(x, w)| w * x.powi(power)).sum();
-            let due = 1.0 / f64::from(power + 1);
-            assert!((sum / due - 1.0).abs() < 1e-11, "{degree} {sum} {due}");
-        }
+        })
     }
 
     #[test]
@@ -382,24 +281,8 @@ mod tests {
     }
 
     #[test]
-    fn views_average_a_smooth_light_over_the_field() {
-        let near = viewing(Some(300.0), Some(250.0));
-        let pose = Pose::from_deg(10.0, 0.0);
-        let light = |d: &Directions| (-((d.incident.x - 0.3) / 0.08).powi(2)).exp() + d.outgoing.y;
-        let views = near.views(&Segments::Whole, pose, &[]);
-        let seen: f64 = views.iter().map(|v| v.weight * light(&v.directions)).sum();
-        let mut sum = 0.0;
-        for pixel in 0..128 * 100 {
-            let (c, r) = (f64::from(pixel % 128) + 0.5, f64::from(pixel / 128) + 0.5);
-            let (d, e) = near.at(near.point(c, r, pose.theta_c), pose.theta_c);
-            sum += e * light(&d) / 12_800.0;
-        }
-        assert!((seen / sum - 1.0).abs() < 2e-4, "{seen} {sum}");
-    }
-
-    #[test]
     fn views_of_a_coarse_board_are_those_of_the_pixels_that_its_patches_have() {
-        use super::super::region::NOWHERE;
+        use super::super::region::{NOWHERE, Region};
         let text = include_str!("../../tests/data/series/checker/manifest.toml")
             .replace("\"infinity\"", "\"finite\"")
             .replace(

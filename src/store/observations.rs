@@ -4,11 +4,11 @@ use serde::{Deserialize, Serialize};
 use sqlx::FromRow;
 
 use super::{PROGRAM, Store, StoreError};
-use crate::geometry::{Cones, Directions, Pose, RigGeometry};
+use crate::geometry::{Cones, Directions, Field, Imaging, Pose, RigGeometry};
 use crate::material::Material;
 use crate::observation::{
     DetectorCurve, FlatObservation, Observation, ObservationSet, Prior, RejectedFrame,
-    SharedErrors, View, WhiteReference,
+    SharedErrors, View, WhiteReference, WholeField,
 };
 use crate::units::Angle;
 
@@ -29,6 +29,9 @@ struct Context {
     /// For a near camera or lamp: per observation, views as lamp x, y, z, camera x, y, z, weight.
     #[serde(default)]
     views: Vec<Vec<[f64; 7]>>,
+    /// What these views stand for; `None` in older rows.
+    #[serde(default)]
+    field: Option<FieldColumns>,
     /// Mean and standard uncertainty.
     background: (f64, f64),
     /// Per observation; empty in older rows, which have no times.
@@ -56,6 +59,57 @@ struct Context {
     n_frames_used: u32,
     rejected_frames: Vec<RejectedFrame>,
     warnings: Vec<String>,
+}
+
+/// A [`WholeField`]; its rig is that of the set.
+#[derive(Serialize, Deserialize)]
+struct FieldColumns {
+    pixel_mm: [f64; 2],
+    tilt_centre_px: [f64; 2],
+    principal_point_px: [f64; 2],
+    rotation_axis_px: [f64; 2],
+    camera_mm: Option<f64>,
+    light_mm: Option<f64>,
+    width_px: usize,
+    height_px: usize,
+    narrowest_alpha: f64,
+}
+
+impl FieldColumns {
+    fn of(whole: &WholeField) -> Self {
+        let WholeField { field, narrowest } = *whole;
+        let imaging = field.imaging;
+        FieldColumns {
+            pixel_mm: imaging.pixel_mm,
+            tilt_centre_px: imaging.tilt_centre_px,
+            principal_point_px: imaging.principal_point_px,
+            rotation_axis_px: imaging.rotation_axis_px,
+            camera_mm: imaging.camera_mm,
+            light_mm: imaging.light_mm,
+            width_px: field.width,
+            height_px: field.height,
+            narrowest_alpha: narrowest,
+        }
+    }
+
+    fn on(&self, rig: RigGeometry) -> WholeField {
+        WholeField {
+            field: Field {
+                imaging: Imaging {
+                    rig,
+                    pixel_mm: self.pixel_mm,
+                    tilt_centre_px: self.tilt_centre_px,
+                    principal_point_px: self.principal_point_px,
+                    rotation_axis_px: self.rotation_axis_px,
+                    camera_mm: self.camera_mm,
+                    light_mm: self.light_mm,
+                },
+                width: self.width_px,
+                height: self.height_px,
+            },
+            narrowest: self.narrowest_alpha,
+        }
+    }
 }
 
 #[derive(FromRow)]
@@ -103,6 +157,7 @@ impl Store {
                 .iter()
                 .map(|views| views.iter().map(seven).collect())
                 .collect(),
+            field: set.field.as_ref().map(FieldColumns::of),
             background: (set.background.mean, set.background.std),
             wedge_std_deg: set.wedge_std.map(Angle::deg),
             azimuth_zero_std_deg: set.azimuth_zero_std.map(Angle::deg),
@@ -203,21 +258,23 @@ impl Store {
         .bind(set_id)
         .fetch_all(self.readers())
         .await?;
+        let rig = RigGeometry {
+            theta_l: Angle::from_deg(context.theta_l_deg),
+            light_azimuth: Angle::from_deg(context.light_azimuth_deg),
+            azimuth_zero: Angle::from_deg(context.azimuth_zero_deg),
+            cones: Cones {
+                lamp: Angle::from_deg(context.light_angular_radius_deg),
+                lens: Angle::from_deg(context.lens_angular_radius_deg),
+            },
+        };
         Ok(ObservationSet {
             views: context
                 .views
                 .iter()
                 .map(|v| v.iter().map(view).collect())
                 .collect(),
-            rig: RigGeometry {
-                theta_l: Angle::from_deg(context.theta_l_deg),
-                light_azimuth: Angle::from_deg(context.light_azimuth_deg),
-                azimuth_zero: Angle::from_deg(context.azimuth_zero_deg),
-                cones: Cones {
-                    lamp: Angle::from_deg(context.light_angular_radius_deg),
-                    lens: Angle::from_deg(context.lens_angular_radius_deg),
-                },
-            },
+            field: context.field.map(|field| field.on(rig)),
+            rig,
             material: context.material,
             observations: rows
                 .iter()
@@ -314,6 +371,7 @@ mod tests {
     pub(super) fn set(n: u32) -> ObservationSet {
         ObservationSet {
             views: Vec::new(),
+            field: None,
             rig: RigGeometry::IN_PLANE,
             material: Material::Conductor {
                 eta: 2.9,

@@ -3,6 +3,7 @@
 use crate::fit::estimate::Estimate;
 use crate::fit::problem::Quantity;
 use crate::fit::report::{LeftOut, VariantName};
+use crate::geometry::field::SUMMED_WITHIN;
 use crate::material::Material;
 use crate::model::left_out;
 
@@ -46,6 +47,7 @@ pub(super) fn all_left_out(e: &Estimate<'_>, variant: VariantName) -> Vec<LeftOu
         }
     }
     list.extend(polarisation(e, variant));
+    list.extend(directions(e));
     if e.problem.set().wedge_std.is_none() {
         list.push(left_out::wedge());
     }
@@ -102,6 +104,22 @@ fn real_terms(e: &Estimate<'_>) -> Vec<LeftOut> {
         .filter(|(q, _)| !there(q) && (body || *q != Quantity::Translucency))
         .map(|(_, what)| left_out::real_term(what, e.rms_residual, e.investigated))
         .collect()
+}
+
+/// The directions over the field of a near camera or lamp that the sums of this fit skip.
+fn directions(e: &Estimate<'_>) -> Option<LeftOut> {
+    let set = e.problem.set();
+    let whole = set.field?;
+    let few = set.views.iter().map(Vec::len).max()?;
+    let pixels = whole.field.width * whole.field.height;
+    Some(LeftOut::new(
+        format!("directions of all but {few} of {pixels} points of the field"),
+        format!(
+            "these sum lobes of α = {:.3} and wider ones within {SUMMED_WITHIN:e} of their top",
+            whole.narrowest
+        ),
+        None,
+    ))
 }
 
 /// Whether the second reflection depends on the polarisation caused by the first. For metals the closed form includes
