@@ -101,9 +101,11 @@ pub fn utc_words(rfc3339: &str) -> String {
     parts.unwrap_or_else(|| rfc3339.to_owned())
 }
 
-/// Returns a stated value with the digits that it was stated with, as a power of ten where these would be many zeros.
+/// Returns a stated value with the digits that it was stated with, twelve at most, as a power of ten where these would be many
+/// zeros. A value that was converted to another unit and back differs in the sixteenth.
 #[must_use]
 pub fn stated(value: f64) -> String {
+    let value = format!("{value:.11e}").parse().unwrap_or(value);
     match value.abs() {
         0.0 | 1e-4..1e9 => format!("{value}"),
         _ => format!("{value:e}"),
@@ -152,6 +154,8 @@ mod tests {
             (-12.5, "-12.5"),
             (1e300, "1e300"),
             (5e-18, "5e-18"),
+            (12.000_000_000_000_002, "12"),
+            (10.062_5, "10.0625"),
         ] {
             assert_eq!(stated(value), said);
         }

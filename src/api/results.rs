@@ -19,8 +19,8 @@ use super::App;
 use super::status::{ApiError, Problem};
 use crate::store::Store;
 use crate::store::results::{
-    COLUMNS, Column, GENERAL, Kind, LIMIT_MAX, OF_THE_PAGE, QueryError, ResultFormat, ResultPages,
-    ResultQuery, ResultRow, csv_header, parameters,
+    ARCHIVED, COLUMNS, Column, GENERAL, Kind, LIMIT_MAX, OF_THE_PAGE, QueryError, ResultFormat,
+    ResultPages, ResultQuery, ResultRow, csv_header, parameters,
 };
 
 /// The parameters of a query of results, read from the list of columns.
@@ -123,7 +123,10 @@ fn of_column(column: &Column) -> Vec<Parameter> {
         )),
         Kind::Flag => list.push(parameter(
             (*name).to_owned(),
-            format!("{about}: true, false or all; false if omitted"),
+            match *name {
+                ARCHIVED => format!("{about}: true, false or all; false if omitted"),
+                _ => format!("{about}: true or false"),
+            },
             ObjectBuilder::new()
                 .schema_type(Type::String)
                 .enum_values(Some(["true", "false", "all"])),

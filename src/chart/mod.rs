@@ -29,7 +29,8 @@ pub struct ChartedResult {
     pub fit_id: i64,
     /// Name of the part.
     pub part: String,
-    /// Newest verdict: pass, fail or cannot-tell; null where the scan was not judged.
+    /// Newest verdict: pass, fail or cannot-tell; null where the scan was not judged, or where the verdict judged other values
+    /// than those of this fit.
     pub verdict: Option<String>,
     /// Number of that verdict.
     #[schema(minimum = 1)]

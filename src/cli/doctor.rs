@@ -132,6 +132,10 @@ async fn check(args: &Args, config: &Config, findings: &mut Findings) -> Result<
             Ok(parts) => (None, parts),
             Err(error) => {
                 findings.error("camera", &error);
+                findings.note(
+                    "stages",
+                    "not checked; run doctor again when the settings of the camera are right",
+                );
                 return Ok(());
             }
         }

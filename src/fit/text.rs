@@ -8,7 +8,7 @@ use super::report::Interval;
 use super::report::{FitReport, Parameter, ReferencePlane, Status};
 use crate::wording::layout::{width, wrapped};
 use crate::wording::names::{self, QuantityName};
-use crate::wording::{counted, decimals, fixed, percent, significant};
+use crate::wording::{counted, decimals, fixed, percent, significant, stated};
 
 /// Prose is hard to read in wider lines.
 const PROSE_COLUMNS: usize = 100;
@@ -74,6 +74,7 @@ fn answer(report: &FitReport, form: &Form) -> String {
             let value = form.paint(&format!("θr = {value}"), "1");
             format!("{value} (k = {factor:.2}), {word}")
         }
+        (Some(fixed), None) => format!("θr = {}° (fixed), {word}", stated(fixed)),
         _ => format!("θr is not determined, {word}"),
     }
 }

@@ -8,8 +8,13 @@ pub const CONTRAST_MEAN: &str = "contrast_mean";
 /// Mean Michelson contrast.
 pub const CONTRAST_MICHELSON_MEAN: &str = "contrast_michelson_mean";
 
+/// Share of the body's light that leaves evenly over the ridges.
+const TRANSLUCENCY: &str = "translucency";
+/// Radius of the crests divided by the length of the facets.
+const CREST_RADIUS: &str = "crest_radius";
+
 /// Quantities that may have limits.
-pub const QUANTITIES: [&str; 10] = [
+pub const QUANTITIES: [&str; 12] = [
     "theta_r_deg",
     "alpha_u",
     "alpha_v",
@@ -18,6 +23,8 @@ pub const QUANTITIES: [&str; 10] = [
     "background",
     "azimuth_offset_deg",
     "tilt_offset_deg",
+    TRANSLUCENCY,
+    CREST_RADIUS,
     CONTRAST_MEAN,
     CONTRAST_MICHELSON_MEAN,
 ];
@@ -49,7 +56,8 @@ pub struct MeasuredValue {
     pub may_cost: f64,
 }
 
-/// The parameters of a fit, under the names that a specification uses.
+/// The parameters of a fit, under the names that a specification uses; those of real samples also where the fit leaves them
+/// out.
 #[must_use]
 pub fn parameters(report: &FitReport) -> Vec<JudgedQuantity> {
     let failed = match report.status {
@@ -58,9 +66,17 @@ pub fn parameters(report: &FitReport) -> Vec<JudgedQuantity> {
             true
         }
     };
-    report
-        .parameters
-        .named()
+    let named = report.parameters.named();
+    let fitted = |name: &&str| named.iter().any(|(fitted, _)| fitted == name);
+    let left_out = [TRANSLUCENCY, CREST_RADIUS].into_iter();
+    let left_out: Vec<JudgedQuantity> = left_out
+        .filter(|name| !fitted(name))
+        .map(|name| JudgedQuantity {
+            name: name.to_owned(),
+            measured: Err("the fit leaves it out; `left_out` of the fit says why".to_owned()),
+        })
+        .collect();
+    named
         .into_iter()
         .map(|(name, parameter)| {
             let measured = match (parameter.value, parameter.std) {
@@ -82,5 +98,6 @@ pub fn parameters(report: &FitReport) -> Vec<JudgedQuantity> {
                 measured,
             }
         })
+        .chain(left_out)
         .collect()
 }

@@ -100,4 +100,21 @@ impl VerdictReport {
             program: report.program.clone(),
         }
     }
+
+    /// Whether the judged values are those of this fit, up to rounding: a later fit of the scan may have others. An azimuth is
+    /// judged on the turn of its limits, and an item without a value has nothing to compare.
+    #[must_use]
+    pub fn rests_on(&self, fit: &FitReport) -> bool {
+        /// Share of the standard uncertainty.
+        const ROUNDING: f64 = 0.01;
+        let named = fit.parameters.named();
+        self.judgement.items.iter().all(|item| {
+            let fitted = named.iter().find(|(name, _)| *name == item.quantity);
+            let (Some(judged), Some((_, fitted))) = (item.value, fitted) else {
+                return true;
+            };
+            let is_same = |value: f64| (value - judged).abs() <= ROUNDING * item.std.unwrap_or(0.0);
+            item.quantity == "azimuth_offset_deg" || fitted.value.is_some_and(is_same)
+        })
+    }
 }

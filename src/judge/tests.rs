@@ -292,3 +292,63 @@ fn too_few_poses_are_a_warning_only_where_the_uncertainty_is_too_large() {
         (&[note.to_owned()][..], 0)
     );
 }
+
+#[test]
+fn what_a_fit_leaves_out_cannot_be_judged_and_what_it_includes_can() {
+    let poses = (0..15).map(|k| {
+        Pose::from_deg(
+            f64::from(k % 5) * 10.0 - 20.0,
+            f64::from(k / 5) * 90.0 + 10.0,
+        )
+    });
+    let set = painted(poses, &TRUTH, 1e-3, 4);
+    let translucent = ObservationSet {
+        translucency: Some(crate::observation::Prior {
+            mean: 0.1,
+            std: 0.02,
+        }),
+        ..set.clone()
+    };
+    let limits = specification("name = \"s\"\n[limits]\ntranslucency = { upper = 0.3 }\n");
+    let options = FitOptions {
+        variant: crate::fit::VariantChoice::Sawtooth,
+        ..FitOptions::default()
+    };
+    let never = std::sync::atomic::AtomicBool::new(false);
+    let [without, with] = [&set, &translucent].map(|set| {
+        let report = fit(set, &options, &never);
+        judge(&limits, &parameters(&report)).items.remove(0)
+    });
+    assert_eq!(without.verdict, Verdict::CannotTell);
+    assert!(without.reason.contains("`left_out`"), "{}", without.reason);
+    assert_eq!(with.verdict, Verdict::Pass);
+}
+
+#[test]
+fn a_verdict_rests_on_the_fit_whose_values_it_judged() {
+    let limits = specification(
+        "name = \"s\"\n[limits]\ntheta_r_deg = { upper = 30.0 }\ncontrast_mean = { lower = 0.0 }\n",
+    );
+    let poses = (0..15).map(|k| {
+        Pose::from_deg(
+            f64::from(k % 5) * 10.0 - 20.0,
+            f64::from(k / 5) * 90.0 + 10.0,
+        )
+    });
+    let set = painted(poses, &TRUTH, 1e-3, 4);
+    let never = std::sync::atomic::AtomicBool::new(false);
+    let report = fit(&set, &FitOptions::default(), &never);
+    let verdict = VerdictReport::new(&limits, &report, &set, &[]);
+    assert!(verdict.rests_on(&report));
+    let std = report.parameters.theta_r_deg.std.unwrap();
+    let moved = |by: f64| {
+        let mut other = report.clone();
+        other.parameters.theta_r_deg.value = report.parameters.theta_r_deg.value.map(|v| v + by);
+        other
+    };
+    assert!(verdict.rests_on(&moved(0.005 * std)));
+    assert!(!verdict.rests_on(&moved(0.5 * std)));
+    let mut none = report.clone();
+    none.parameters.theta_r_deg.value = None;
+    assert!(!verdict.rests_on(&none));
+}

@@ -175,7 +175,7 @@ fn value_of(row: &ResultRow, parameter: &str) -> Option<ChartValue> {
         region: owned("region"),
         fit_id: id(row, "fit_id")?,
         part: owned("part").unwrap_or_default(),
-        verdict: owned("verdict"),
+        verdict: owned("verdict").filter(|_| !row.judged_other_values()),
         verdict_id: id(row, "verdict_id"),
         specification: owned("specification"),
         created_at: owned("created_at").unwrap_or_default(),

@@ -129,7 +129,7 @@ impl FrameSource for Series {
 #[derive(Debug, thiserror::Error)]
 pub enum ReductionError {
     /// The sample has patches and no region was chosen.
-    #[error("this part has regions, each with its own lean direction; choose one: {}", available.join(", "))]
+    #[error("this part has regions, each with its own lean direction; choose one with --region (`region` of a request): {}", available.join(", "))]
     RegionNeeded {
         /// Names of the regions.
         available: Vec<String>,
@@ -397,6 +397,7 @@ pub fn reduce(
     };
     Ok(ObservationSet {
         rig: manifest.rig_geometry(),
+        field: series.viewing.whole_field(&segments),
         views,
         material: manifest.material(),
         flats: calibration::flat_observations(&scale.levels, scale.unit_dn_s),

@@ -38,7 +38,7 @@ impl ScatterVerdict {
     #[must_use]
     pub const fn message(self) -> &'static str {
         match self {
-            ScatterVerdict::Consistent => "The scatter is as large as the stated uncertainty.",
+            ScatterVerdict::Consistent => "The scatter is consistent with the stated uncertainty.",
             ScatterVerdict::TooLarge => {
                 "The scans scatter more than the stated uncertainty explains. Look for an effect that the budget does not \
                  have, such as remounting."

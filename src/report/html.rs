@@ -72,12 +72,16 @@ fn answer(page: &mut Markup, report: &MeasurementReport) {
             page.text("= ").measured(value, expanded).text("° ± ");
             page.measured(expanded, expanded).text("°");
         }
+        (Some(value), None) => {
+            page.text("= ").stated(value).text("° (fixed)");
+        }
         _ => {
             page.text("not determined");
         }
     }
     page.tags("</span>\n");
-    if let Some(verdict) = &report.verdict {
+    // A verdict on other values does not stand beside these.
+    if let Some(verdict) = report.verdict.as_ref().filter(|v| v.result.rests_on(fit)) {
         badge(page, verdict.result.judgement.verdict);
     }
     page.tags("</div>\n<p class=\"sub k\">");
@@ -177,15 +181,18 @@ fn verdict(page: &mut Markup, report: &MeasurementReport) {
     page.foreign(&verdict.who).tags(".</p>\n<p>Decision rule: ");
     page.text(&judgement.decision_rule).text(".");
     if let Some(probability) = judgement.conformance_probability_min {
-        page.text(" The probability that all quantities conform is at least ");
+        page.text(match probability > CERTAIN {
+            true => " The probability that all quantities conform is ",
+            false => " The probability that all quantities conform is at least ",
+        });
         share(page, probability);
         page.text(".");
     }
     page.tags("</p>\n");
-    if verdict.result.variant != report.fit.result.variant {
-        page.tags("<p class=\"caution\">The verdict is based on its own fit of the variant ")
+    if !verdict.result.rests_on(&report.fit.result) {
+        page.tags("<p class=\"caution\">The verdict judged the values below, which are not those of the fit above (variant ")
             .text(&verdict.result.variant.to_string())
-            .tags(", not on the fit above.</p>\n");
+            .tags("). Judge the fit to get a verdict on it.</p>\n");
     }
     page.tags("<div class=\"scroll\"><table>\n").header(&[
         "quantity",
@@ -250,11 +257,13 @@ fn judged(page: &mut Markup, item: &JudgedItem) {
 }
 
 /// Writes a probability in per cent.
+/// Probability above which certainty is not shown: the digits of the uncertainty do not give it.
+const CERTAIN: f64 = 0.9999;
+
 fn share(page: &mut Markup, probability: f64) -> &mut Markup {
     let percent = 100.0 * probability;
     let shown = match percent {
-        // Certainty is never shown: the digits of the uncertainty do not give it.
-        p if p > 99.99 => "> 99.99".to_owned(),
+        p if p > 100.0 * CERTAIN => "> 99.99".to_owned(),
         p if p < 0.01 => "< 0.01".to_owned(),
         p => format!("{p:.2}"),
     };
@@ -320,7 +329,7 @@ fn parameter_row(page: &mut Markup, key: &'static str, parameter: &Parameter) {
         let held = parameter.value.is_some() && parameter.std.is_none();
         let note = parameter.note.as_deref();
         p.tags("<span class=\"note\">")
-            .foreign(note.unwrap_or(if held { "held" } else { "" }))
+            .foreign(note.unwrap_or(if held { "fixed" } else { "" }))
             .tags("</span>");
         p
     });
@@ -375,10 +384,7 @@ fn budget(page: &mut Markup, fit: &FitReport) {
         page.tags("<tr>")
             .cell(|p| p.text(name))
             .cell(|p| p.text(names::budget_line(name)))
-            .figures(|p| match part < 1e-2 * std {
-                true => p.rounded(part).text("°"),
-                false => p.number(part, &in_digits_of(part, digits)).text("°"),
-            })
+            .figures(|p| p.number(part, &two_digits(part)).text("°"))
             .figures(|p| p.text(&percent(of_variance(part))))
             .cell(|p| p.bar(of_variance(part)))
             .tags("</tr>\n");

@@ -1,6 +1,6 @@
 //! Results: one short row per scan (per region where the sample has several), with filters on every column.
 //!
-//! Triggers of the database keep the table (`migrations/0019_results.sql`), so that no query reads a report. A page follows
+//! Triggers of the database keep the table (`migrations/0019_results.sql` and later ones), so that no query reads a report. A page follows
 //! its cursor by value, scan and region: rows that are added meanwhile move no other row to another page.
 
 mod columns;
@@ -12,10 +12,10 @@ use sqlx::{QueryBuilder, Row as _};
 
 use super::records::tag_in_list;
 use super::{Store, StoreError};
-use columns::{ARCHIVED, place};
+use columns::place;
 use query::{Condition, Cursor, Test};
 
-pub use columns::{COLUMNS, Column, Kind, column};
+pub use columns::{ARCHIVED, COLUMNS, Column, Kind, column};
 pub use query::{
     Cell, GENERAL, LIMIT_MAX, LIMIT_USUAL, OF_THE_PAGE, QueryError, ResultFormat, ResultQuery,
     parameters,

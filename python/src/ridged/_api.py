@@ -1064,6 +1064,7 @@ class Result(TypedDict):
     variant: NotRequired[Literal["paper", "sawtooth", "traced", None]]
     verdict: NotRequired[Literal["pass", "fail", "cannot-tell", None]]
     verdict_id: NotRequired[int | None]
+    verdict_matches: NotRequired[bool | None]
     who: NotRequired[str | None]
 
 

@@ -65,7 +65,8 @@ impl ApiError {
         };
         let detail = format!(
             "{} holds the rig ({}) {until}; wait, or take the rig over (`take_over` of POST /api/v1/lease, \
-             `ridged rig lease take --take-over`, or the page). Stop is always allowed",
+             `ridged rig lease take --take-over`, or the page). If the lease is yours, give it to the command (`--lease`, \
+             RIDGED_LEASE). Stop is always allowed",
             holder.who, holder.name
         );
         let title = "another caller holds the rig";

@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::wording::counted;
+
 /// How much a finding matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -125,9 +127,9 @@ impl Findings {
         text.push_str(&match self.worst() {
             Severity::Ok | Severity::Note => "nothing to do\n".to_owned(),
             _ => format!(
-                "{} faults, {} warnings\n",
-                count(Severity::Fault),
-                count(Severity::Warning)
+                "{}, {}\n",
+                counted(count(Severity::Fault), "fault"),
+                counted(count(Severity::Warning), "warning")
             ),
         });
         text
@@ -164,7 +166,7 @@ mod tests {
             "FAULT  port",
             "→ plug it in",
             "→ switch NTP on",
-            "1 faults, 1 warnings",
+            "1 fault, 1 warning",
         ] {
             assert!(text.contains(part), "{part}: {text}");
         }

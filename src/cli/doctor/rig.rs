@@ -178,20 +178,22 @@ pub async fn check_rig(
     darkness: Option<Darkness>,
     findings: &mut Findings,
 ) {
-    let link = parts.rig.link();
-    findings.ok("stages", format!("port {}", link.port));
+    let port = parts.rig.link().port.clone();
     let pose = match parts.rig.connect().await {
         Err(error) => {
             findings.error("stages", &error);
             None
         }
-        Ok(stage) => match check_stage(&stage, pinned, findings).await {
-            Ok(pose) => Some(pose),
-            Err(error) => {
-                findings.error("stages", &error);
-                None
+        Ok(stage) => {
+            findings.ok("stages", format!("port {port}"));
+            match check_stage(&stage, pinned, findings).await {
+                Ok(pose) => Some(pose),
+                Err(error) => {
+                    findings.error("stages", &error);
+                    None
+                }
             }
-        },
+        }
     };
     findings.ok("camera", parts.rig.camera.describe());
     match darkness {

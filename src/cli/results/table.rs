@@ -1,7 +1,7 @@
 //! The table of results: columns that fit the terminal.
 
 use crate::store::results::{Cell, Column, ResultRow, column};
-use crate::wording::decimals;
+use crate::wording::{decimals, stated};
 
 /// Space between columns.
 const GAP: &str = "  ";
@@ -123,7 +123,10 @@ fn usual(rows: &[ResultRow]) -> Vec<Printed> {
         named("lot", "lot", 3),
         named("recipe", "recipe", 5),
         angle(rows),
-        named("verdict", "verdict", 1),
+        Printed {
+            cells: rows.iter().map(verdict).collect(),
+            ..named("verdict", "verdict", 1)
+        },
         named("specification", "specification", 7),
         started,
         named("status", "fit", 6),
@@ -131,6 +134,15 @@ fn usual(rows: &[ResultRow]) -> Vec<Printed> {
     ];
     columns.retain(|column| !column.is_empty());
     columns
+}
+
+/// The verdict, and whether it judged other values than those of the row.
+fn verdict(row: &ResultRow) -> String {
+    match row.cell(column("verdict").expect("it is a column")) {
+        Cell::Text(verdict) if row.judged_other_values() => format!("{verdict} (other values)"),
+        Cell::Text(verdict) => verdict.clone(),
+        _ => String::new(),
+    }
 }
 
 /// θr with its expanded uncertainty.
@@ -166,7 +178,7 @@ fn angle(rows: &[ResultRow]) -> Printed {
                 };
                 format!("{angle:.digits$} ± {expanded:.digits$}°{each}")
             }
-            _ => format!("{angle}° (held)"),
+            _ => format!("{}° (fixed)", stated(angle)),
         }
     };
     Printed {

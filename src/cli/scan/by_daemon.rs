@@ -12,6 +12,8 @@ use crate::cli::client::Client;
 use crate::cli::operator_prompt::OperatorPrompt;
 use crate::cli::progress::Bar;
 use crate::cli::{CliError, interrupt, say};
+use crate::fit::FitReport;
+use crate::fit::text::in_one_line;
 use crate::lab::{FIT_NOT_STARTED, NOT_JUDGED};
 use crate::material::Material;
 use crate::scan::{OperatorAction, PlanRequest, ScanState};
@@ -80,8 +82,26 @@ pub(super) fn scan(
     let mut answer = json!({ "id": id, "scan_id": id, "state": state });
     if args.specification.is_some() && !args.json {
         answer["verdicts"] = verdicts(client, id, &stopped)?;
+        for fit in fits(client, id)? {
+            say(&fit);
+        }
     }
     Ok(answer)
+}
+
+/// Returns the completed fits of a scan, in a line each.
+fn fits(client: &Client, id: i64) -> Result<Vec<String>, CliError> {
+    let rows = client.get(&format!("/fits?scan_id={id}&limit=1000"))?;
+    let rows = rows["items"].as_array().into_iter().flatten().rev();
+    let completed = rows.filter(|row| row["state"] == "completed");
+    let lines = completed.filter_map(|row| {
+        let number = row["id"].as_i64()?;
+        Some(client.get(&format!("/fits/{number}")).and_then(|fit| {
+            let report: FitReport = serde_json::from_value(fit).map_err(CliError::no_result)?;
+            Ok(format!("fit {number}: {}", in_one_line(&report)))
+        }))
+    });
+    lines.collect()
 }
 
 /// Waits for the verdicts on a completed scan.

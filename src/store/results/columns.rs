@@ -175,6 +175,7 @@ pub static COLUMNS: &[Column] = &[
     of_result("finding", Kind::Word(FINDINGS), false, "Known cause that explains most of the residual; null if none was found"),
     of_result("verdict", Kind::Word(VERDICTS), true, "Newest verdict; null where the scan was not judged"),
     of_result("verdict_id", Kind::Id, false, "Number of that verdict"),
+    of_result("verdict_matches", Kind::Flag, false, "Whether that verdict judged the values of this fit; false where a later fit gave others, null without a verdict"),
     of_result("specification", Kind::Text, true, "Name of the specification of that verdict"),
     of_scan("created_at", Kind::Time, true, "When the scan was started or imported"),
     of_scan("ended_at", Kind::Time, true, "When it ended; null while it can go on"),

@@ -49,6 +49,13 @@ impl ResultRow {
         }
     }
 
+    /// Whether a later fit gave other values than the newest verdict judged.
+    #[must_use]
+    pub fn judged_other_values(&self) -> bool {
+        let matches = column("verdict_matches").expect("it is a column");
+        *self.cell(matches) == Cell::Flag(false)
+    }
+
     /// Region; empty for the whole sample.
     #[must_use]
     pub fn region(&self) -> &str {

@@ -173,6 +173,38 @@ async fn a_row_follows_its_scan_sample_fit_and_verdict() {
 }
 
 #[tokio::test]
+async fn a_row_states_whether_its_verdict_judged_the_values_of_its_fit() {
+    let (_folder, store) = store().await;
+    let scan = planned(&store).await;
+    let fit = async |angle| end(&store, JobKind::Fit, scan.id, None, report(angle, 0.01)).await;
+    let judge = async |items: serde_json::Value| {
+        let judged = json!({ "verdict": "pass", "specification": "PX", "items": items });
+        end(&store, JobKind::Verdict, scan.id, None, judged.to_string()).await;
+    };
+    let matches = async || text(&only_row(&store).await, "verdict_matches");
+    fit(10.0).await;
+    assert_eq!(matches().await, json!(null));
+    let item = |quantity: &str, value| json!({ "quantity": quantity, "value": value, "std": 0.01 });
+    let angle = item("theta_r_deg", json!(10.00001));
+    judge(json!([angle, item("alpha_u", json!(0.12))])).await;
+    assert_eq!(matches().await, json!(true));
+    fit(9.0).await;
+    assert_eq!(matches().await, json!(false));
+    assert_eq!(found(&store, &[("verdict_matches", "false")]).await, [1]);
+    // The fit does not determine what was judged.
+    judge(json!([item("rho_d", json!(0.3))])).await;
+    assert_eq!(matches().await, json!(false));
+    // Nothing to compare: no value, no parameter of the fit, the turn of an azimuth.
+    judge(json!([
+        item("theta_r_deg", json!(null)),
+        item("contrast_mean", json!(0.5)),
+        item("azimuth_offset_deg", json!(181.0)),
+    ]))
+    .await;
+    assert_eq!(matches().await, json!(true));
+}
+
+#[tokio::test]
 async fn a_row_has_the_purpose_of_its_scan() {
     let (_folder, store) = store().await;
     sqlx::raw_sql(
@@ -236,6 +268,9 @@ async fn a_sample_with_regions_has_a_row_for_each() {
     }
     let judged = json!({ "verdict": "fail", "specification": "PX" }).to_string();
     end(&store, JobKind::Verdict, scan.id, Some("odd"), judged).await;
+    // A verdict on a stated fit names the region in its result alone.
+    let judged = json!({ "verdict": "pass", "specification": "PX", "region": "even" }).to_string();
+    end(&store, JobKind::Verdict, scan.id, None, judged).await;
     let page = store.results(&ResultQuery::default()).await.unwrap();
     let row = |at: usize| {
         let row = &page.rows[at];
@@ -243,7 +278,7 @@ async fn a_sample_with_regions_has_a_row_for_each() {
     };
     assert_eq!(page.rows.len(), 2);
     assert_eq!(row(0), ("odd", json!(5.0), json!("fail")));
-    assert_eq!(row(1), ("even", json!(10.5), json!(null)));
+    assert_eq!(row(1), ("even", json!(10.5), json!("pass")));
     assert_eq!(found(&store, &[("region", "odd")]).await, [scan.id]);
     // A page ends between the regions of a scan.
     let query = ResultQuery::read([("limit", "1"), ("sort", "region")]).unwrap();

@@ -167,7 +167,7 @@ export const api = {
   recipes: (): Promise<StoredRecipe[]> => getAll('/recipes'),
   specifications: (signal?: AbortSignal): Promise<StoredSpecification[]> => getAll('/specifications', signal),
   /** The newest results: one row per scan, several for a part with regions. */
-  verdictWords: async (limit: number, signal?: AbortSignal): Promise<readonly ResultRow[]> => (await get<Page<ResultRow>>(`/results?fields=scan_id,region,verdict&limit=${limit}`, signal)).items,
+  verdictWords: async (limit: number, signal?: AbortSignal): Promise<readonly ResultRow[]> => (await get<Page<ResultRow>>(`/results?fields=scan_id,region,verdict,verdict_matches&limit=${limit}`, signal)).items,
   /** What the settings ask to measure again at intervals, due or not. */
   due: async (): Promise<readonly Due[]> => (await get<Page<Due>>('/due')).items,
   queue: (): Promise<Queue> => get('/queue'),

@@ -1,6 +1,6 @@
 // Options of a fit beyond its model: the loss for outliers, known values, further intervals.
 
-import { typed } from './limits';
+import { typed } from './typed';
 import type { FitAsked } from './types';
 import { KNOWABLE, VARIANTS } from './words';
 import { plain } from './format';

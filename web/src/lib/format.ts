@@ -1,7 +1,5 @@
 // Numbers, times and sizes as people read them in a laboratory.
 
-import type { Forecast } from './types';
-
 const MINUS = '−';
 /** Narrow no-break space between number and unit and in groups of digits. */
 const THIN = '\u202f';
@@ -56,6 +54,9 @@ export function significant(x: number, digits = 2): string {
 export function plain(x: number, digits = 3): string {
   return String(Number(x.toPrecision(digits))).replace('-', MINUS);
 }
+
+/** A value that was held, as it was typed: `12° (fixed)`. */
+export const heldWords = (value: number, unit = ''): string => `${plain(value, 12)}${unit} (fixed)`;
 
 /** The coverage factors of expanded uncertainties in words: `k = 2`, and `k = 2 … 4.53` if they differ. */
 export function coverageWords(factors: readonly (number | null | undefined)[]): string {
@@ -113,20 +114,6 @@ export function between(low: number, high: number): readonly [string, string] {
 /** Measured seconds: `0.34 s`, and from 10 s on as `duration` formats them. */
 export function seconds(s: number): string {
   return s < 10 ? `${significant(Math.max(s, 0.01))} s` : duration(s);
-}
-
-/** A forecast: `about 4.2 s for 108 poses: 1.2 s to read and reduce, 3.0 s to fit`. */
-export function foretold(forecast: Forecast): string {
-  const { count: drawn, error: reached } = forecast.at_limit ?? {};
-  const atLimit = drawn == null ? '' : ` (about ${count(drawn)} at the limit)`;
-  const amount = forecast.amount ? ` for ${count(forecast.amount.count)} ${forecast.amount.of}${atLimit}` : '';
-  const parts = (forecast.parts ?? []).map((part) => `${seconds(part.seconds)} ${part.what}`).join(', ');
-  const error = forecast.error ? `; error of ${forecast.error.of.replace(/,$/, '')} about ${percent(forecast.error.value)}${reached == null ? '' : ` (${percent(reached)} at the limit)`}` : '';
-  const uncut = forecast.uncut_seconds;
-  const short = forecast.cut_short && uncut == null ? ' (the time limit is too short for all of it)' : '';
-  const about = forecast.at_most ? 'at most' : 'about';
-  const cut = uncut == null ? '' : `stops at the ${seconds(forecast.seconds)} limit; all of it takes `;
-  return `${cut}${about} ${seconds(uncut ?? forecast.seconds)}${amount}${parts ? `: ${parts}` : ''}${error}${short}`;
 }
 
 /** Bytes in decimal units: `2.6 MB`. */

@@ -1,6 +1,7 @@
 // A specification as a person types it: one row per quantity, a lower and an upper limit; and the accepted risks.
 
 import { plain } from './format';
+import { typed } from './typed';
 import type { LimitPair, Specification } from './types';
 import { QUANTITIES as WORDS } from './words';
 
@@ -11,17 +12,10 @@ export interface LimitRow {
 }
 
 /** Quantities that can have limits, in the order of the form. */
-export const QUANTITIES = ['theta_r_deg', 'alpha_u', 'alpha_v', 'rho_d', 'contrast_mean', 'contrast_michelson_mean'] as const;
+export const QUANTITIES = ['theta_r_deg', 'alpha_u', 'alpha_v', 'rho_d', 'translucency', 'crest_radius', 'contrast_mean', 'contrast_michelson_mean'] as const;
 
 export function emptyRows(): LimitRow[] {
   return QUANTITIES.map((quantity) => ({ quantity, lower: '', upper: '' }));
-}
-
-/** A typed number; a decimal comma is accepted. Null if empty, NaN if it is not a number. */
-export function typed(text: string): number | null {
-  const trimmed = text.trim().replace('−', '-').replace(',', '.');
-  if (trimmed === '') return null;
-  return /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(trimmed) ? Number(trimmed) : Number.NaN;
 }
 
 /** What is wrong with a row, or null. */

@@ -1,6 +1,6 @@
 // A new part as typed: name and material, and what is wrong with either.
 
-import { typed } from './limits';
+import { typed } from './typed';
 import type { Material } from './types';
 
 export const MATERIALS = {

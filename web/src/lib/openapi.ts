@@ -371,7 +371,10 @@ export interface components {
             readonly scan_id: number;
             /** @description Name of the specification of that verdict. */
             readonly specification?: string | null;
-            /** @description Newest verdict: pass, fail or cannot-tell; null where the scan was not judged. */
+            /**
+             * @description Newest verdict: pass, fail or cannot-tell; null where the scan was not judged, or where the verdict judged other values
+             *     than those of this fit.
+             */
             readonly verdict?: string | null;
             /**
              * Format: int64
@@ -4805,6 +4808,8 @@ export interface components {
              * @description Number of that verdict
              */
             readonly verdict_id?: number | null;
+            /** @description Whether that verdict judged the values of this fit; false where a later fit gave others, null without a verdict */
+            readonly verdict_matches?: boolean | null;
             /** @description Who started the scan: the name of a token, or `local` */
             readonly who?: string | null;
         };
@@ -5073,6 +5078,8 @@ export interface components {
                  * @description Number of that verdict
                  */
                 readonly verdict_id?: number | null;
+                /** @description Whether that verdict judged the values of this fit; false where a later fit gave others, null without a verdict */
+                readonly verdict_matches?: boolean | null;
                 /** @description Who started the scan: the name of a token, or `local` */
                 readonly who?: string | null;
             }[];

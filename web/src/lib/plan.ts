@@ -3,7 +3,7 @@
 import type { Recipe } from './openapi';
 import { angle, counted, exposure } from './format';
 import { parseList, printList, readWords, type ListOutcome } from './grid';
-import { typed } from './limits';
+import { typed } from './typed';
 
 /** A plan as a request states it. */
 export type PlanRequest = Recipe['plan'];
@@ -132,6 +132,15 @@ export function posesOf(plan: PlanRequest): readonly PlanPose[] {
   if (plan.poses != null && plan.poses.length > 0) return plan.poses;
   const { tilts, azimuths } = gridListsOf(plan);
   return tilts.flatMap((theta_c_deg) => azimuths.map((phi_s_deg) => ({ theta_c_deg, phi_s_deg })));
+}
+
+/** Parameters of every fit: ridge angle, two roughnesses, diffuse reflectance, gain, stray light and two offsets. A metal has no diffuse reflectance. */
+const FITTED = { dielectric: 8, conductor: 7 } as const;
+
+/** What is wrong with the number of poses of a plan; empty if a fit has enough. */
+export function fewPosesWarning(plan: PlanRequest, material: keyof typeof FITTED): string {
+  const [n, needed] = [posesOf(plan).length, FITTED[material] + 1];
+  return n >= needed ? '' : `${counted(n, 'pose')} ${n === 1 ? 'is' : 'are'} too few: a fit needs at least ${needed} poses.`;
 }
 
 /** Seconds as milliseconds in the form of the fields. */

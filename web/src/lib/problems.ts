@@ -1,7 +1,8 @@
 // What the daemon refuses, in the words of the page: by the problem's code and the fields that it names. A message of the
 // daemon is shown as it is; the page adds what its own form calls the field and what to do there.
 
-import { plain } from './format';
+import { plain, when } from './format';
+import type { Holder } from './types';
 import { KNOWABLE } from './words';
 
 /** What is wrong with one value of a request. */
@@ -60,11 +61,19 @@ const HINTS: Readonly<Record<string, string>> = {
   'frame-unreadable': 'To import the other frames, tick “leave out frames that cannot be read”.',
 };
 
+/** Problems that the page states in its own words. */
+const INSTEAD: Readonly<Record<string, string>> = {
+  'lease-lost': 'This page does not hold the rig any more. Give the order again, or hold the rig again in the view Rig.',
+};
+
+/** A first word of letters only. Files, paths, keys and symbols keep their case. */
+const PLAIN_WORD = /^[a-z]+(?:[-’'][a-z]+)*[,:;.!?…]*(?=\s|$)/;
+
 /** First letter large, a full stop at the end. */
 export function sentence(text: string): string {
   const trimmed = text.trim();
   if (trimmed === '') return '';
-  const head = trimmed.charAt(0).toUpperCase() + trimmed.slice(1);
+  const head = PLAIN_WORD.test(trimmed) ? trimmed.charAt(0).toUpperCase() + trimmed.slice(1) : trimmed;
   return /[.!?…]$/.test(head) ? head : `${head}.`;
 }
 
@@ -103,13 +112,20 @@ export function faultWords(errors: readonly FieldProblem[]): string {
   return [...new Set(all)].join(' ');
 }
 
+/** What follows the name of the holder of the rig: `holds the rig: night run, until 15:03 or longer.` */
+export const holdsWords = ({ name, until }: Holder): string => `holds the rig: ${name}${until === null ? ', until its end' : `, until ${when(until)} or longer`}.`;
+
 /** What a problem+json body (RFC 9457) says; `fallback` where it says nothing. */
 export function problemOf(status: number, body: unknown, fallback: string): Problem {
-  const { title, detail, code, errors } = (typeof body === 'object' && body !== null ? body : {}) as Readonly<Record<string, unknown>>;
+  const { title, detail, code, errors, holder } = (typeof body === 'object' && body !== null ? body : {}) as Readonly<Record<string, unknown>>;
   const named = Array.isArray(errors) ? (errors as readonly FieldProblem[]) : [];
   const text = (value: unknown): string => (typeof value === 'string' ? value : '');
   const word = text(code) || `http-${status}`;
-  const message = named.length > 0 ? faultWords(named) : sentence(text(detail) || text(title) || fallback);
+  const message = INSTEAD[word] ?? (named.length > 0 ? faultWords(named) : sentence(text(detail) || text(title) || fallback));
+  if (word === 'lease-held' && typeof holder === 'object' && holder !== null) {
+    const other = holder as Holder;
+    return new Problem(status, word, `${other.who} ${holdsWords(other)} Wait, or take the rig over in the view Rig.`);
+  }
   const hint = HINTS[word];
   return new Problem(status, word, hint === undefined ? message : `${message} ${hint}`, named);
 }

@@ -2,8 +2,8 @@
 
 import { knownProblem, optionsOf, type KnownRow } from './fitoptions';
 import { parseList, printList } from './grid';
-import { typed } from './limits';
 import { exposuresText, gridOf, newGrid, readGrid, valuesOf, type GridDraft } from './plan';
+import { typed } from './typed';
 import type { Recipe } from './types';
 
 export const NOTE_MAX = 4000;

@@ -1,6 +1,6 @@
 // Filters of the records and of the control chart: as the address of the page keeps them, and as `GET /results` takes them.
 
-import { typed } from './limits';
+import { typed } from './typed';
 
 export interface Filters {
   /** Part of the name of part, lot, recipe, operator or specification, or of the external id. */
@@ -33,7 +33,7 @@ export const NO_FILTERS: Filters = { search: '', sample: '', lot: '', tag: '', r
 export const NEWEST_FIRST = '-scan_id';
 
 /** Columns of a row of the list; without the others it is shorter. */
-export const ROW_FIELDS = 'scan_id,region,fit_id,part,lot,recipe,recipe_version,external_id,operator_name,origin,state,status,theta_r_deg,theta_r_deg_expanded,coverage_factor,verdict,specification,created_at,tags,archived';
+export const ROW_FIELDS = 'scan_id,region,fit_id,part,lot,recipe,recipe_version,external_id,operator_name,origin,state,status,theta_r_deg,theta_r_deg_expanded,coverage_factor,verdict,verdict_matches,specification,created_at,tags,archived';
 
 export const VERDICT_CHOICES: readonly (readonly [string, string])[] = [
   ['', 'any or none'],
@@ -85,6 +85,9 @@ function midnight(day: string, after = 0): string {
   return new Date(year, month - 1, date + after).toISOString().replace('.000Z', 'Z');
 }
 
+/** Whether a typed number is not one. */
+export const isUnclear = (text: string): boolean => !Number.isFinite(typed(text) ?? 0);
+
 /** The filters as parameters of `GET /results`. A number that is being typed does not count yet. */
 export function resultsQuery(filters: Filters): URLSearchParams {
   const params = new URLSearchParams();
@@ -102,7 +105,7 @@ export function resultsQuery(filters: Filters): URLSearchParams {
   set('until', filters.to === '' ? '' : midnight(filters.to, 1));
   for (const [name, text] of [['theta_r_deg_min', filters.theta_min], ['theta_r_deg_max', filters.theta_max]] as const) {
     const value = typed(text);
-    if (value !== null && Number.isFinite(value)) params.set(name, String(value));
+    if (value !== null && !isUnclear(text)) params.set(name, String(value));
   }
   set('latest', filters.latest);
   set('archived', filters.archived);
@@ -123,10 +126,10 @@ export function filterWords(filters: Filters, sampleName: string | undefined): s
     filters.state && `state: ${filters.state}`,
     filters.from && `from ${filters.from}`,
     filters.to && `to ${filters.to}`,
-    filters.theta_min && `θr ≥ ${filters.theta_min}°`,
-    filters.theta_max && `θr ≤ ${filters.theta_max}°`,
+    !isUnclear(filters.theta_min) && filters.theta_min && `θr ≥ ${filters.theta_min}°`,
+    !isUnclear(filters.theta_max) && filters.theta_max && `θr ≤ ${filters.theta_max}°`,
     filters.latest && 'newest scan of each part',
     filters.archived && 'archived scans too',
-  ].filter((word) => word !== '');
+  ].filter((word) => word !== '' && word !== false);
   return words.length === 0 ? 'all scans' : words.join(', ');
 }

@@ -3,8 +3,8 @@
 
 import { angle, plain } from './format';
 import { parseList, type ListOutcome } from './grid';
-import { typed } from './limits';
 import { METALS } from './newsample';
+import { typed } from './typed';
 
 export const SURFACES = { ridges: 'ridges', rough: 'rough, random heights', flat: 'flat and smooth' } as const;
 export type SurfaceChoice = keyof typeof SURFACES;

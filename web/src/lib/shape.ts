@@ -1,7 +1,7 @@
 // The measured shape of the part for a fit: a height file and the units that it may lack.
 
 import { sizeProblem } from './files';
-import { typed } from './limits';
+import { typed } from './typed';
 
 /** Extensions of the height files that the daemon reads. */
 export const HEIGHT_ENDINGS = ['.csv', '.txt', '.png', '.tif', '.tiff', '.x3p', '.sdf', '.tsv', '.dat', '.asc', '.prn', '.xyz'] as const;

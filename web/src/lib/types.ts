@@ -97,7 +97,7 @@ export interface Job {
 /** A map, a contrast table or a verdict. */
 export interface ScanJob extends Job {
   readonly scan_id: number;
-  readonly request: { readonly specification?: Specification; readonly region?: string | null };
+  readonly request: { readonly specification?: Specification; readonly region?: string | null; /** The fit that a verdict rests on. */ readonly fit_id?: number | null };
 }
 
 interface Spread {
@@ -152,10 +152,12 @@ export type VerdictWord = 'pass' | 'fail' | 'cannot-tell';
 export interface VerdictResult extends ScanJob {
   readonly verdict: VerdictWord;
   readonly specification: string;
+  readonly region?: string | null;
   readonly decision_rule: string;
   readonly items: readonly {
     readonly quantity: string;
     readonly value: number | null;
+    readonly std: number | null;
     readonly expanded: number | null;
     /** Verdicts of older versions lack it. */
     readonly coverage_factor?: number | null;
@@ -178,7 +180,7 @@ export type StoredRecipe = openapi.RecipeBody;
 export type StoredSpecification = Omit<openapi.SpecificationBody, 'specification'> & { readonly specification: Specification };
 export type StoredDefinition = StoredRecipe | StoredSpecification;
 /** A row of the results with the fields that were asked for, null without a value; the region only where there is one. */
-export type ResultRow = { readonly [K in keyof openapi.Result]: openapi.Result[K] | null } & { readonly scan_id: number };
+export type ResultRow = { readonly [K in keyof openapi.Result]: openapi.Result[K] | null } & { readonly scan_id: number; /** Whether the verdict judged the values of this fit. */ readonly verdict_matches?: boolean | null };
 
 export type Queue = Sent<openapi.QueueBody>;
 export type QueueOrder = Sent<openapi.OrderBody>;

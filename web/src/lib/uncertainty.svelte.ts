@@ -2,8 +2,8 @@
 
 import { api } from './api';
 import { merged } from './certainty';
-import { typed } from './limits';
 import { live } from './live.svelte';
+import { typed } from './typed';
 import type { Certainty } from './types';
 
 const KEY = 'ridged.target_theta_r_deg';

@@ -1,10 +1,32 @@
 // Limits and probabilities of a verdict as text.
 
 import { decimalsFor, fixed, significant, withUncertainty } from './format';
-import type { VerdictResult } from './types';
+import type { Fit, VerdictResult } from './types';
 import { QUANTITIES } from './words';
 
 type Item = VerdictResult['items'][number];
+
+/** Share of the standard uncertainty up to which a judged value is that of a fit. */
+const ROUNDING = 0.01;
+
+/** Whether a verdict judged the values of a fit: a later fit of the scan may have others. What the fit does not have cannot differ. */
+export function judgedValuesOf({ items, request }: Pick<VerdictResult, 'items' | 'request'>, { id, parameters }: Pick<Fit, 'id' | 'parameters'>): boolean {
+  if (request.fit_id === id) return true;
+  return items.every(({ quantity, value, std }) => {
+    const fitted = parameters?.[quantity];
+    // An azimuth is judged on the turn of its limits; an item without a value has nothing to compare.
+    if (fitted === undefined || value === null || quantity === 'azimuth_offset_deg') return true;
+    return fitted.value !== null && Math.abs(value - fitted.value) <= ROUNDING * (std ?? 0);
+  });
+}
+
+/** The ridge angle that a verdict judged: `10.000 ± 0.022°`; empty without one. */
+export function judgedAngle(items: readonly Item[]): string {
+  const { value = null, expanded = null } = items.find((item) => item.quantity === 'theta_r_deg') ?? {};
+  if (value === null || expanded === null) return '';
+  const text = withUncertainty(value, expanded);
+  return `${text.value} ± ${text.uncertainty}°`;
+}
 
 const number = (x: number | null): string => (x === null ? '' : significant(x, 5).replace(/(\.\d*?)0+$/, '$1').replace(/\.$/, ''));
 

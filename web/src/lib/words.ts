@@ -59,6 +59,9 @@ export const PLANES: Readonly<Record<string, string>> = {
   sample: 'The ridge angle is relative to the sample’s mean plane. The uncertainty includes the sample’s tilt on the turntable.',
 };
 
+/** Whether a parameter was held at its value: it has no uncertainty. */
+export const isHeld = ({ value, std }: Pick<Parameter, 'value' | 'std'>): boolean => value !== null && std === null;
+
 /** What is known of a parameter beside the report. */
 export interface KnownOfParameter {
   /** The request held it at a value. */
@@ -147,6 +150,9 @@ export const FIT_STATUS: Readonly<Record<string, { word: string; tone: 'good' | 
   'too-few-observations': { word: 'too few observations', tone: 'bad' },
   cancelled: { word: 'cancelled', tone: 'warn' },
 };
+
+/** What to do about a status. */
+export const FIT_CURES: Readonly<Record<string, string>> = { 'too-few-observations': 'measure more poses' };
 
 /** State of a fit, or the status of its result, as text. */
 export function fitWord(fit: Fit): { word: string; tone: 'good' | 'warn' | 'bad' | 'busy' | 'plain' } {

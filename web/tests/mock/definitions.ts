@@ -81,7 +81,7 @@ export function judged(specification: Json, parameters: Record<string, { value: 
   return {
     verdict, specification: specification['name'], decision_rule: 'JCGM 106:2012, guarded acceptance',
     items: [{
-      quantity: 'theta_r_deg', value, expanded, coverage_factor: 2, lower, upper, acceptance_lower: lower === null ? null : lower + expanded, acceptance_upper: upper === null ? null : upper - expanded,
+      quantity: 'theta_r_deg', value, std: expanded / 2, expanded, coverage_factor: 2, lower, upper, acceptance_lower: lower === null ? null : lower + expanded, acceptance_upper: upper === null ? null : upper - expanded,
       conformance_probability: inside ? 0.9999 : outside ? 0.0001 : 0.6, verdict, reason: inside ? 'the value is inside its limits' : outside ? `${value}° is outside its limits` : 'the value is too close to a limit',
     }],
     ...(verdict === 'cannot-tell' ? { would_decide: { theta_r_deg: { message: '12 poses more (27 in all) would decide' } } } : {}),

@@ -15,11 +15,12 @@ export function resultRows({ scans, fits, verdicts }: Source): Json[] {
     const fit = fits.find((f) => f['scan_id'] === body.id && f['state'] === 'completed');
     const parameters = (fit?.['parameters'] ?? {}) as Record<string, { value: number | null; std: number | null; expanded: number | null }>;
     const verdict = verdicts.find((v) => v['scan_id'] === body.id);
+    const items = (verdict?.['items'] ?? []) as readonly { quantity: string; value: number | null }[];
     const values = Object.entries(parameters).flatMap(([name, p]) => [[name, p.value], [`${name}_std`, p.std]] as const);
     return {
       scan_id: body.id, fit_id: fit?.['id'] ?? null, sample_id: body.sample_id, part: body['sample_name'], lot: body['lot'] ?? null, recipe: (body['recipe'] as Json | null | undefined)?.['name'] ?? null, recipe_version: null, external_id: body['external_id'] ?? null, operator_name: body['operator_name'] ?? null,
       material: 'dielectric', origin: body['origin'] ?? 'rig', state: body.state, status: fit?.['status'] ?? null, ...Object.fromEntries(values),
-      theta_r_deg_expanded: parameters['theta_r_deg']?.expanded ?? null, coverage_factor: fit ? 2 : null, verdict: verdict?.['verdict'] ?? null, verdict_id: verdict?.['id'] ?? null, specification: verdict?.['specification'] ?? null,
+      theta_r_deg_expanded: parameters['theta_r_deg']?.expanded ?? null, coverage_factor: fit ? 2 : null, verdict: verdict?.['verdict'] ?? null, verdict_id: verdict?.['id'] ?? null, verdict_matches: verdict ? items.every((i) => parameters[i.quantity]?.value === i.value) : null, specification: verdict?.['specification'] ?? null,
       created_at: body['created_at'], ended_at: body['ended_at'], archived: body['archived'] ?? false, ...(body['result'] as Json | undefined),
     };
   });

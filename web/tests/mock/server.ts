@@ -303,7 +303,7 @@ export class MockDaemon {
     });
     this.event('fit', { fit_id: id, scan_id: scan.body.id, state: 'completed', variant: own, status: 'converged' });
     const wanted = this.specifications.named((scan.body['specification'] as { name: string } | null)?.name);
-    if (wanted) this.#judge(scan.body.id, wanted.content);
+    if (wanted) this.#judge(scan.body.id, wanted.content, id);
   }
 
   /** A scan of a recipe with a specification, fitted and judged. */
@@ -315,10 +315,11 @@ export class MockDaemon {
     return id;
   }
 
-  #judge(scanId: number, specification: Json): Json {
-    const fit = this.fits.find((f) => f['scan_id'] === scanId && f['state'] === 'completed');
+  /** Judges a fit, or the newest one of the scan as if it were a new one. */
+  #judge(scanId: number, specification: Json, fitId?: number): Json {
+    const fit = this.fits.find((f) => (fitId === undefined ? f['scan_id'] === scanId && f['state'] === 'completed' : f['id'] === fitId));
     const verdict = {
-      id: this.verdicts.length + 1, scan_id: scanId, state: 'completed', created_at: new Date().toISOString(), request: { specification },
+      id: this.verdicts.length + 1, scan_id: scanId, state: 'completed', created_at: new Date().toISOString(), request: { specification, ...(fitId === undefined ? {} : { fit_id: fitId }) },
       ...judged(specification, (fit?.['parameters'] ?? {}) as Record<string, { value: number; expanded: number }>),
     };
     this.verdicts.unshift(verdict);
@@ -505,7 +506,7 @@ export class MockDaemon {
     if (path === '/verdicts') {
       const named = typeof body['specification'] === 'string' ? this.specifications.named(body['specification'])?.content : (body['specification'] as Json);
       if (!named) return problem(422, 'invalid-value', 'there is no such specification');
-      return send(202, { id: this.#judge(Number(body['scan_id']), named)['id'], state: 'completed' });
+      return send(202, { id: this.#judge(Number(body['scan_id']), named, body['fit_id'] as number | undefined)['id'], state: 'completed' });
     }
     if (['/maps', '/contrasts'].includes(path) && method === 'GET') return list(path === '/maps' && this.mapped.includes(Number(url.searchParams.get('scan_id'))) ? [finishedMap(Number(url.searchParams.get('scan_id')))] : []);
     const mapFile = /^\/maps\/1\/files\/(.+)$/.exec(path);

@@ -2,7 +2,7 @@
 
 import { expect, it } from 'vitest';
 
-import { daemon, page, posts, text, url } from './stage';
+import { chooseSample, daemon, page, posts, text, url } from './stage';
 
 async function loggedIn(token: string): Promise<void> {
   await page.locator('input[type=password]').fill(token);
@@ -44,6 +44,28 @@ it('shows who holds the rig and takes it over after a confirmation only', async 
   await expect.poll(() => home.isDisabled()).toBe(false);
   await page.getByRole('button', { name: 'Give back' }).click();
   await page.getByRole('button', { name: 'Hold the rig' }).waitFor();
+});
+
+it('starts no scan while another caller holds the rig, and says who does', async () => {
+  const until = new Date(Date.now() + 60_000);
+  const held = `bert holds the rig: night run, until ${String(until.getHours()).padStart(2, '0')}:${String(until.getMinutes()).padStart(2, '0')} or longer.`;
+  daemon.holder = { who: 'bert', name: 'night run', until: until.toISOString() };
+  await page.goto(url);
+  await chooseSample();
+  await expect.poll(() => text('[data-testid=held]')).toBe(held);
+  await page.getByText('53 frames').waitFor();
+  const start = page.getByRole('button', { name: 'Start scan' });
+  expect(await start.isDisabled()).toBe(true);
+  expect(await page.getByRole('button', { name: 'Calibrate only' }).isDisabled()).toBe(true);
+  expect(await text('header .status')).toContain('bert holds the rig');
+  daemon.holder = null;
+  // The page asks every three seconds.
+  await expect.poll(() => start.isDisabled(), { timeout: 10_000 }).toBe(false);
+  expect(await page.getByTestId('held').count()).toBe(0);
+  // The page may not yet know it.
+  daemon.refusals.set('POST /scans', { status: 409, body: { code: 'lease-held', detail: 'bert holds the rig (`take_over` of POST /api/v1/lease)', holder: { who: 'bert', name: 'night run', until: until.toISOString() } } });
+  await start.click();
+  await page.getByRole('alert').getByText(`${held} Wait, or take the rig over in the view Rig.`).waitFor();
 });
 
 it('offers no lease to a viewer', async () => {

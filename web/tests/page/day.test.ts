@@ -190,6 +190,38 @@ describe('a verdict that is open', () => {
   });
 });
 
+describe('a verdict on other values', () => {
+  it('is muted beside a later fit, in the list too, until that fit is judged', async () => {
+    daemon.specifications.add({ name: 'drawing 7', limits: { theta_r_deg: { lower: 9, upper: 11 } } });
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    await page.goto(`${url}/#/result/1/verdict`);
+    const card = page.getByTestId('calculations');
+    const judge = card.getByRole('button', { name: 'Judge' });
+    const banner = page.getByTestId('verdict-banner');
+    await card.getByLabel('Specification').selectOption('drawing 7');
+    await judge.click();
+    await expect.poll(() => banner.getAttribute('class')).toContain('good');
+    await page.getByTestId('fit-form').getByLabel('Model').selectOption('paper');
+    await page.getByRole('button', { name: 'Fit again' }).click();
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('10.61 ± 0.42°');
+    expect(await text('[data-testid=verdict-banner]')).toBe('pass for other values drawing 7 The verdict judged another fit: 10.031 ± 0.085°. To judge the values shown here, press Judge in Verdict.');
+    expect(await banner.getAttribute('class')).not.toContain('good');
+    await page.getByTestId('judged-other').waitFor();
+    await page.goto(`${url}/#/measure`);
+    const row = page.getByTestId('last-results').locator('tbody tr').first();
+    await row.getByText('of other values').waitFor();
+    expect(await row.locator('.chip').first().getAttribute('class')).not.toContain('good');
+
+    // The verdict now rests on the fit that is shown.
+    await page.goto(`${url}/#/result/1/fit/2/verdict`);
+    await judge.click();
+    await expect.poll(() => text('[data-testid=verdict-banner]')).toMatch(/^cannot tell drawing 7/i);
+    expect(daemon.requests.filter((r) => r.path === '/verdicts').map((r) => r.body)).toEqual([1, 2].map((fit_id) => ({ scan_id: 1, specification: 'drawing 7', fit_id })));
+    await page.goto(`${url}/#/result/1/fit/1/verdict`);
+    await banner.getByText('for other values').waitFor();
+  });
+});
+
 describe('recipes and specifications', () => {
   it('change by versions with a history, and are archived and restored', async () => {
     daemon.recipes.add({ name: 'PX-1204', plan: { preset: 'paper', exposures_s: [0.02], repeats: 1 }, fit: { bootstrap: 200, fix: { rho_d: 0.3 } } });

@@ -110,6 +110,64 @@ describe('a fit with few degrees of freedom', () => {
   });
 });
 
+describe('the head of a result', () => {
+  it('counts the warnings beside the status, and leads to them', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    Object.assign(daemon.fits[0] ?? {}, { warnings: ['manifest.toml line 9 has no effect', 'set `rig.sample_wedge_std_deg` to `0.02`'] });
+    await page.goto(`${url}/#/measure`);
+    await page.locator('section[aria-labelledby=answer-title]').getByRole('link', { name: '2 warnings' }).click();
+    const listed = page.locator('.warnings li');
+    await listed.first().waitFor();
+    // Files keep their case, and codes have no backticks.
+    expect(await listed.allInnerTexts()).toEqual(['manifest.toml line 9 has no effect.', 'Set rig.sample_wedge_std_deg to 0.02.']);
+    expect(await listed.locator('code').allInnerTexts()).toEqual(['rig.sample_wedge_std_deg', '0.02']);
+    Object.assign(daemon.fits[0] ?? {}, { warnings: [] });
+    await page.goto(`${url}/#/result/1/curves`);
+    await page.reload();
+    await page.getByText('converged', { exact: true }).first().waitFor();
+    expect(await page.getByRole('link', { name: /warning/ }).count()).toBe(0);
+  });
+
+  it('calls a value that was held fixed, with the digits that were typed', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    const parameters = daemon.fits[0]?.['parameters'] as Record<string, unknown>;
+    parameters['theta_r_deg'] = { value: 12.000000000000002, std: null, expanded: null, coverage_factor: null, identifiable: false, budget: null, note: 'held at the stated value' };
+    await page.goto(`${url}/#/result/1/fits`);
+    await expect.poll(() => text('[data-parameter=theta_r_deg]')).toBe('12° (fixed)');
+    await expect.poll(() => page.getByTestId('fits').locator('tbody td').nth(3).innerText()).toBe('12 (fixed)');
+    await page.goto(`${url}/#/measure`);
+    const row = page.getByTestId('last-results').locator('tbody tr').first();
+    await expect.poll(() => row.locator('.number').innerText()).toBe('12° (fixed)');
+    expect(await row.locator('.dot').count()).toBe(0);
+  });
+
+  it('is in the list of the last results also without an angle, with what to do', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    const none = { value: null, std: null, expanded: null, coverage_factor: null, identifiable: false, budget: null };
+    Object.assign(daemon.fits[0] ?? {}, { status: 'too-few-observations', parameters: { theta_r_deg: none } });
+    await page.goto(`${url}/#/measure`);
+    const row = page.getByTestId('last-results').locator('tbody tr').first();
+    await expect.poll(async () => (await row.locator('.number').innerText()).replace(/\s+/g, ' ')).toBe('too few observations measure more poses');
+  });
+});
+
+describe('the list of fits', () => {
+  it('has an axis with two different ends, and on a phone nothing over the ridge angle', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    const angle = (daemon.fits[0]?.['parameters'] as Record<string, object>)['theta_r_deg'];
+    Object.assign(angle ?? {}, { value: 10, std: 0.01, expanded: 0.02 });
+    await page.setViewportSize({ width: 390, height: 844 });
+    await page.goto(`${url}/#/result/1/fits`);
+    const fits = page.getByTestId('fits');
+    await expect.poll(() => fits.locator('th.forest span').allTextContents()).toEqual(['9.96°', '10.04°']);
+    for (const everything of [false, true]) {
+      await page.getByLabel('of all scans').setChecked(everything);
+      const [value, state] = await Promise.all([fits.locator('tbody td').nth(3).boundingBox(), fits.locator('tbody td').last().boundingBox()]);
+      expect(state?.x ?? 0).toBeGreaterThanOrEqual((value?.x ?? 1e9) + (value?.width ?? 0));
+    }
+  });
+});
+
 describe('the fit of a metal', () => {
   it('has no diffuse reflectance, which is not a fault', async () => {
     daemon.addFit(daemon.addScan(1, 'paper'));

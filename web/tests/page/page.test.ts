@@ -221,6 +221,16 @@ describe('a scan', () => {
     expect(said).toEqual([{ action: 'cap-lens' }, { action: 'place-white-reference' }, { action: 'place-sample' }]);
   });
 
+  it('that was interrupted is resumed where the page says so', async () => {
+    daemon.addScan(1, 'paper');
+    Object.assign(daemon.scans[0]?.body ?? {}, { state: 'interrupted', reason: 'the daemon was stopped; resume the scan to continue' });
+    await page.goto(url);
+    await page.getByText('The daemon was stopped; resume the scan to continue.').waitFor();
+    await page.getByRole('button', { name: 'Resume scan' }).click();
+    await expect.poll(posts).toEqual(['/scans/1/resume']);
+    await page.getByRole('button', { name: 'Resume scan' }).waitFor({ state: 'detached' });
+  });
+
   it('takes no command while the daemon is lost', async () => {
     await page.goto(url);
     await chooseSample();
@@ -305,6 +315,19 @@ describe('the form of a new scan', () => {
     // As slow as a user.
     await start().click({ delay: 150 });
     await expect.poll(plan).toEqual({ preset: 'paper', repeats: 1 });
+  });
+
+  it('warns of a grid with too few poses for a fit', async () => {
+    await page.goto(url);
+    await chooseSample();
+    await page.getByText('53 frames').waitFor();
+    expect(await page.getByTestId('few-poses').count()).toBe(0);
+    await page.getByText('custom', { exact: true }).click();
+    await page.getByLabel(/Camera tilts/).fill('0');
+    await page.getByLabel(/Sample azimuths/).fill('0, 90');
+    await expect.poll(() => page.getByTestId('few-poses').innerText()).toBe('2 poses are too few: a fit needs at least 9 poses.');
+    // A scan of few poses may have another purpose.
+    await expect.poll(() => start().isDisabled()).toBe(false);
   });
 
   it('does not misread a decimal comma, and shows what it read', async () => {

@@ -89,6 +89,33 @@ describe('the records', () => {
     expect(Object.fromEntries(csv.searchParams)).toEqual({ format: 'csv', theta_r_deg_min: '10.1', latest: 'true', sort: '-theta_r_deg' });
   });
 
+  it('mute a verdict on other values, and show a value that was held as fixed, without a mark', async () => {
+    result(measured(1, 0), { verdict: 'pass', verdict_matches: false, specification: 'drawing 7' });
+    result(measured(1, 0), { verdict: 'pass', verdict_matches: true, specification: 'drawing 7', theta_r_deg: 12.000000000000002, theta_r_deg_std: null, theta_r_deg_expanded: null });
+    await page.goto(`${url}/#/records`);
+    await expect.poll(() => rows().count()).toBe(2);
+    const [held = '', other = ''] = await cells();
+    expect(held).toContain('traced polymer 12 (fixed) pass completed');
+    expect(await rows().first().locator('.dot').count()).toBe(0);
+    expect(await rows().first().locator('.chip.good', { hasText: 'pass' }).count()).toBe(1);
+    expect(other).toContain('10.031 ± 0.085 pass of other values completed');
+    const chip = rows().last().locator('.chip', { hasText: 'pass' });
+    expect(await chip.getAttribute('class')).not.toContain('good');
+    expect(await chip.getAttribute('title')).toBe('drawing 7. A later fit of this scan gave other values than this verdict judged. Judge the scan again.');
+  });
+
+  it('say at its field that a filter is not a number, and count no matches of it', async () => {
+    measured(1, 0);
+    await page.goto(`${url}/#/records?theta_min=abc`);
+    await expect.poll(() => rows().count()).toBe(1);
+    const field = page.getByLabel('Ridge angle at least, degrees');
+    expect(await text(`#${(await field.getAttribute('aria-describedby')) ?? ''}`)).toBe('Give a number.');
+    expect(await text('[data-testid=records-count]')).toBe('Not filtered by θr');
+    await field.fill('9');
+    await expect.poll(() => text('[data-testid=records-count]')).toBe('1 matching result');
+    expect(await page.getByText('Give a number.').count()).toBe(0);
+  });
+
   it('say that archived scans are left out, and list them on request', async () => {
     measured(1, 0);
     await page.goto(`${url}/#/result/1/record`);

@@ -1,6 +1,7 @@
 import { describe, expect, it } from 'vitest';
 
-import { angle, between, bytes, count, counted, coverageWords, decade, decimalsFor, decimalsOfStep, duration, exposure, fixed, foretold, moment, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
+import { foretold } from '../../src/lib/forecast';
+import { angle, between, bytes, count, counted, coverageWords, decade, decimalsFor, decimalsOfStep, duration, exposure, fixed, heldWords, moment, percent, plain, significant, timeLeft, when, withUncertainty } from '../../src/lib/format';
 
 describe('coverageWords', () => {
   it('states the one factor, or the range of several', () => {
@@ -118,6 +119,13 @@ describe('decimalsOfStep', () => {
     expect([0.025, 0.05, 0.5, 1, 20, 2.5, 0.1, 1e-4, 2.5e-4].map(decimalsOfStep)).toEqual([3, 2, 1, 0, 0, 1, 1, 4, 5]);
     expect(decimalsOfStep(-0.025)).toBe(3);
     expect(decimalsOfStep(0.075 - 0.05)).toBe(3);
+  });
+});
+
+describe('heldWords', () => {
+  it('has the digits that were typed, without those of binary rounding', () => {
+    expect(heldWords(12.000000000000002, '°')).toBe('12° (fixed)');
+    expect(heldWords(-0.125)).toBe('−0.125 (fixed)');
   });
 });
 

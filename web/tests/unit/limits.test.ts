@@ -1,6 +1,7 @@
 import { describe, expect, it } from 'vitest';
 
-import { emptyRows, limitsWords, newRules, riskProblem, rowProblem, rowsOf, rulesOf, specificationOf, typed } from '../../src/lib/limits';
+import { emptyRows, limitsWords, newRules, riskProblem, rowProblem, rowsOf, rulesOf, specificationOf } from '../../src/lib/limits';
+import { typed } from '../../src/lib/typed';
 
 describe('typed', () => {
   it('reads a decimal comma and a true minus sign, and empty text as null', () => {

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { type GridDraft, gridListsOf, gridOf, newGrid, type PlanRequest, planWords, posesOf, readGrid, recipeWords, unusualExposure, valuesOf } from '../../src/lib/plan';
+import { fewPosesWarning, type GridDraft, gridListsOf, gridOf, newGrid, type PlanRequest, planWords, posesOf, readGrid, recipeWords, unusualExposure, valuesOf } from '../../src/lib/plan';
 
 const draft = (change: Partial<GridDraft>): GridDraft => ({ ...newGrid(), ...change });
 
@@ -59,6 +59,16 @@ describe('a plan', () => {
     expect(valuesOf({ from: 0, to: 1, step: 0.1 })).toHaveLength(11);
     expect(valuesOf({ from: 0, to: 1, step: 0.1 }).at(-1)).toBe(1);
     expect(valuesOf(null)).toEqual([]);
+  });
+});
+
+describe('fewPosesWarning', () => {
+  it('names the poses that a fit of the material needs', () => {
+    const grid = (theta_c_deg: number[]): PlanRequest => ({ theta_c_deg, phi_s_deg: [0, 90] });
+    expect(fewPosesWarning(grid([0]), 'dielectric')).toBe('2 poses are too few: a fit needs at least 9 poses.');
+    expect(fewPosesWarning(grid([0, 1, 2, 3]), 'dielectric')).toBe('8 poses are too few: a fit needs at least 9 poses.');
+    expect(fewPosesWarning(grid([0, 1, 2, 3]), 'conductor')).toBe('');
+    expect(fewPosesWarning({ preset: 'paper' }, 'dielectric')).toBe('');
   });
 });
 

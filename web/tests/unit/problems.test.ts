@@ -18,7 +18,14 @@ describe('problemOf', () => {
 
   it('says what to do on the page where a code needs it', () => {
     const problem = problemOf(422, { code: 'frame-unreadable', detail: 'frames/7.png is torn' }, 'x');
-    expect(problem.message).toBe('Frames/7.png is torn. To import the other frames, tick “leave out frames that cannot be read”.');
+    expect(problem.message).toBe('frames/7.png is torn. To import the other frames, tick “leave out frames that cannot be read”.');
+  });
+
+  it('names the holder of the rig in words of the page', () => {
+    const holder = { who: 'local', name: 'page of local', until: new Date(2026, 0, 2, 15, 3).toISOString() };
+    const { message } = problemOf(409, { code: 'lease-held', detail: 'local holds the rig (`take_over` of POST /api/v1/lease)', holder }, 'x');
+    expect(message).toBe('local holds the rig: page of local, until 2026-01-02 15:03 or longer. Wait, or take the rig over in the view Rig.');
+    expect(problemOf(409, { code: 'lease-lost', detail: 'take a new one (POST /api/v1/lease)' }, 'x').message).not.toContain('POST');
   });
 
   it('falls back where the body is not a problem', () => {
@@ -26,6 +33,16 @@ describe('problemOf', () => {
     expect(problemOf(502, null, 'x').code).toBe('http-502');
     expect(problemOf(409, { title: 'busy' }, 'x').message).toBe('Busy.');
     expect(sentence('Is it on?')).toBe('Is it on?');
+  });
+});
+
+describe('sentence', () => {
+  it('begins with a capital letter, unless the first word is a file, a path, a key or a symbol', () => {
+    expect(sentence('well-known words')).toBe('Well-known words.');
+    expect(sentence('manifest.toml line 9: no such key')).toBe('manifest.toml line 9: no such key.');
+    expect(sentence('frames/sample_tc0.png has other pixels')).toBe('frames/sample_tc0.png has other pixels.');
+    expect(sentence('θr is outside its limits')).toBe('θr is outside its limits.');
+    expect(sentence('alpha_u is at its bound')).toBe('alpha_u is at its bound.');
   });
 });
 
@@ -40,6 +57,6 @@ describe('faultWords', () => {
 
   it('calls a parameter by its name, and a field without a name by its path', () => {
     expect(faultWords([{ field: 'fix.rho_d', message: 'lies between 0 and 1' }])).toBe('Diffuse reflectance: lies between 0 and 1.');
-    expect(faultWords([{ field: 'new.thing', message: 'is missing' }])).toBe('New.thing: is missing.');
+    expect(faultWords([{ field: 'new.thing', message: 'is missing' }])).toBe('new.thing: is missing.');
   });
 });

@@ -31,6 +31,8 @@ describe('the filters of the records', () => {
   it('are said in words', () => {
     expect(filterWords(NO_FILTERS, undefined)).toBe('all scans');
     expect(filterWords({ ...NO_FILTERS, sample: '3', lot: '7', verdict: 'fail,cannot-tell' }, 'A-1')).toBe('part A-1, lot 7, verdict: does not pass');
+    // A filter that is not in use is not named.
+    expect(filterWords({ ...NO_FILTERS, theta_min: 'abc', theta_max: '10,2' }, undefined)).toBe('θr ≤ 10,2°');
     expect([...resultsQuery({ ...NO_FILTERS, tag: ' study-1 ', archived: 'all' })]).toEqual([['tags', 'study-1'], ['archived', 'all']]);
     expect(filtersOf('tag=study-1&archived=all')).toEqual({ ...NO_FILTERS, tag: 'study-1', archived: 'all' });
   });
