@@ -7,8 +7,6 @@
 //! lobe within [`SUMMED_WITHIN`] of its top, wherever that lies. A wide lobe therefore needs few nodes, and the cost of a fit grows with
 //! their square: one number of nodes for all lobes is too slow for wide ones and too coarse for narrow ones.
 
-use nalgebra::Vector3;
-
 use super::{Directions, Imaging};
 use crate::units::Angle;
 
@@ -39,13 +37,8 @@ impl Field {
             let row = 0.5 * (1.0 + b) * self.height as f64;
             self.imaging.place(column, row, theta_c)
         };
-        let half_vector = |at| {
-            let (directions, _) = self.imaging.at(place(at), theta_c);
-            (directions.incident + directions.outgoing).normalize()
-        };
-        let due = |one, other| nodes_due(turned(half_vector(one), half_vector(other)) / alpha);
-        let columns = due([-1.0, 0.0], [1.0, 0.0]);
-        let rows = due([0.0, -1.0], [0.0, 1.0]);
+        let turns = self.imaging.half_vector_turns(theta_c, &place);
+        let [columns, rows] = turns.map(|turn| nodes_due(turn / alpha));
         nodes(columns, rows)
             .map(|(at, share)| {
                 let (directions, irradiance) = self.imaging.at(place(at), theta_c);
@@ -53,12 +46,6 @@ impl Field {
             })
             .collect()
     }
-}
-
-/// Half of the angle between the half vectors at two ends of a piece of the field, rad.
-#[must_use]
-pub fn turned(one: Vector3<f64>, other: Vector3<f64>) -> f64 {
-    0.5 * one.angle(&other)
 }
 
 /// Nodes that sum a lobe over a piece of the field along which the half vector turns by `widths` lobe widths to either side.

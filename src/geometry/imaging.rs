@@ -192,6 +192,22 @@ impl Imaging {
         ]
     }
 
+    /// How far the half vector turns to either side along both axes of a piece of the sample's plane, whose places are given
+    /// from −1 to 1, in rad.
+    #[must_use]
+    pub fn half_vector_turns(
+        &self,
+        theta_c: Angle,
+        place: &dyn Fn([f64; 2]) -> [f64; 2],
+    ) -> [f64; 2] {
+        let half_vector = |at| {
+            let (directions, _) = self.at(place(at), theta_c);
+            (directions.incident + directions.outgoing).normalize()
+        };
+        let turn = |one, other| 0.5 * half_vector(one).angle(&half_vector(other));
+        [turn([-1.0, 0.0], [1.0, 0.0]), turn([0.0, -1.0], [0.0, 1.0])]
+    }
+
     /// The foot of the rotation axis, in mm from the centre of tilt.
     #[must_use]
     pub fn axis_mm(&self) -> [f64; 2] {

@@ -329,15 +329,7 @@ fn a_verdict_rests_on_the_fit_whose_values_it_judged() {
     let limits = specification(
         "name = \"s\"\n[limits]\ntheta_r_deg = { upper = 30.0 }\ncontrast_mean = { lower = 0.0 }\n",
     );
-    let poses = (0..15).map(|k| {
-        Pose::from_deg(
-            f64::from(k % 5) * 10.0 - 20.0,
-            f64::from(k / 5) * 90.0 + 10.0,
-        )
-    });
-    let set = painted(poses, &TRUTH, 1e-3, 4);
-    let never = std::sync::atomic::AtomicBool::new(false);
-    let report = fit(&set, &FitOptions::default(), &never);
+    let (set, report) = measured_on(2, 10.0, 3, 90.0);
     let verdict = VerdictReport::new(&limits, &report, &set, &[]);
     assert!(verdict.rests_on(&report));
     let std = report.parameters.theta_r_deg.std.unwrap();

@@ -3,7 +3,7 @@
 
 use super::flats::Flats;
 use super::region::{Board, Segments};
-use crate::geometry::field::{NODES_MAX, nodes, turned};
+use crate::geometry::field::{NODES_MAX, nodes};
 use crate::geometry::{Directions, Field, Pose};
 use crate::observation::{View, WholeField};
 use crate::series::Manifest;
@@ -134,17 +134,11 @@ impl Viewing {
         let mut places = Vec::new();
         for ((i, j), part) in patches.iter().zip(parts).filter(|(_, p)| p.pixels > 0.0) {
             let place = |at| Self::on_board(board, pose, (*i, *j), at);
-            let half_vector = |at| {
-                let (directions, _) = self.at(place(at), theta_c);
-                (directions.incident + directions.outgoing).normalize()
-            };
-            let due = |one, other| {
-                let turn = turned(half_vector(one), half_vector(other));
+            let turns = self.0.imaging.half_vector_turns(theta_c, &place);
+            let [columns, rows] = turns.map(|turn| {
                 let due = (turn / PATCH_TURN * PATCH_NODES as f64).ceil() as usize;
                 due.clamp(PATCH_NODES, NODES_MAX)
-            };
-            let columns = due([-1.0, 0.0], [1.0, 0.0]);
-            let rows = due([0.0, -1.0], [0.0, 1.0]);
+            });
             // Levels are means over pixels, and what is nearer has more of them.
             let mut patch: Vec<([f64; 2], f64)> = nodes(columns, rows)
                 .map(|(at, share)| {

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
+use serde::Deserialize as _;
 use serde_json::{Value, json};
 
 use super::{Args, ambiguous, material, no_sample, request, suits_the_sample, sure_words};
@@ -94,12 +95,9 @@ fn fits(client: &Client, id: i64) -> Result<Vec<String>, CliError> {
     let rows = client.get(&format!("/fits?scan_id={id}&limit=1000"))?;
     let rows = rows["items"].as_array().into_iter().flatten().rev();
     let completed = rows.filter(|row| row["state"] == "completed");
-    let lines = completed.filter_map(|row| {
-        let number = row["id"].as_i64()?;
-        Some(client.get(&format!("/fits/{number}")).and_then(|fit| {
-            let report: FitReport = serde_json::from_value(fit).map_err(CliError::no_result)?;
-            Ok(format!("fit {number}: {}", in_one_line(&report)))
-        }))
+    let lines = completed.map(|row| {
+        let report = FitReport::deserialize(row).map_err(CliError::no_result)?;
+        Ok(format!("fit {}: {}", row["id"], in_one_line(&report)))
     });
     lines.collect()
 }
