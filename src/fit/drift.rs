@@ -9,7 +9,8 @@
 //!
 //! A drift is reported if chance gives so large an F, for one degree or for all, less than once in 10,000 series, and if
 //! it has one direction (|t| > 3.2). The model error also depends on time if the poses are visited in an order. Leaving
-//! out whole tilts and azimuths in turn must therefore not change the drift ([`jackknife::by_groups`]).
+//! out whole tilts and azimuths in turn must therefore not change the drift ([`jackknife::by_groups`]). A curve in time
+//! also explains a part of any large misfit: where the model error is [`LOUD`], a drift has to explain most of it.
 //!
 //! A lamp that warms up does not follow polynomials. Half of the correction and the covariance of the coefficients are
 //! therefore in the budget line `drift`.
@@ -19,6 +20,7 @@ use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use super::estimate::Estimate;
 use super::leftover::Leftover;
+use super::misfit::LOUD;
 use crate::jackknife;
 use crate::observation::{LampDrift, ObservationSet};
 
@@ -42,6 +44,9 @@ const FREEDOM_MIN: f64 = 5.0;
 const ALIKE: f64 = 0.95;
 /// Largest relative change over a series that counts as lamp drift.
 const PLAUSIBLE: f64 = 0.5;
+/// Share of a loud residual that a drift explains at least. A wrong scale explains less of it where the poses are visited
+/// in an order.
+const EXPLAINS_LOUD: f64 = 0.7;
 /// Standard uncertainty of the correction, as a share of it.
 const SHARE_OF_CORRECTION: f64 = 0.5;
 
@@ -256,13 +261,14 @@ pub(super) fn drift(estimate: &Estimate<'_>) -> Option<Drift> {
             let lamp = fitted(estimate)?;
             // No usable lamp changes more; a larger change has another cause.
             let plausible = lamp.change_over_series.abs() < PLAUSIBLE;
+            let told = estimate.discrepancy <= LOUD || lamp.explains > EXPLAINS_LOUD;
             let one_way = lamp
                 .t
                 .abs()
                 .max((lamp.change_over_series / lamp.change_std).abs());
             let stands_out =
                 lamp.chance < CHANCE && one_way > REPORTED_T && lamp.steady_over_groups > GROUPS;
-            ((plausible && stands_out).then_some(lamp)?, 1.0)
+            ((plausible && told && stands_out).then_some(lamp)?, 1.0)
         }
     };
     let times = Times::of(set)?;

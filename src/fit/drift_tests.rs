@@ -15,6 +15,7 @@ use crate::fit::problem::{Quantity, Values};
 use crate::fit::tier::Tier;
 use crate::fit::{FitOptions, VariantChoice, fit, tier};
 use crate::geometry::Pose;
+use crate::material::Material;
 use crate::model::Variant;
 use crate::model::extended::Real;
 use crate::observation::{FlatObservation, Observation};
@@ -128,6 +129,39 @@ fn a_steady_lamp_and_frames_without_times_are_not_reported_to_drift() {
     let mut set = series(-0.1, NOISE, 7);
     set.observations[3].taken_s = None;
     assert_eq!(drift(&fitted_to(&set, None)), None);
+}
+
+/// The tilts follow each other in time, so a curve in time explains a part of what a wrong certificate leaves.
+#[test]
+fn a_wrong_scale_is_not_taken_for_a_drift_and_a_large_drift_is_reported() {
+    let tilts = (-4..=4).map(|k| 5.0 * f64::from(k));
+    let poses =
+        tilts.flat_map(|tilt| (0..12).map(move |k| Pose::from_deg(tilt, f64::from(30 * k))));
+    let mut set = painted(poses, &TRUTH, NOISE, 3);
+    set.material = Material::Dielectric {
+        eta: 1.54,
+        eta_std: 0.005,
+    };
+    for (k, o) in set.observations.iter_mut().enumerate() {
+        o.taken_s = Some(2.5 * (k as f64 + 1.0));
+        (o.signal, o.sigma) = (0.7 * o.signal, 0.7 * o.sigma);
+    }
+    let estimate = fitted_to(&set, None);
+    let apparent = fitted(&estimate).expect("it has a trend");
+    assert!(estimate.discrepancy > LOUD, "{}", estimate.discrepancy);
+    assert!(
+        apparent.chance < CHANCE && apparent.explains < EXPLAINS_LOUD,
+        "{apparent:?}"
+    );
+    assert_eq!(drift(&estimate), None);
+    for change in [-0.25, 0.16] {
+        let drifting = timed(&TRUTH, 3, change * 60.0 / 14.0, NOISE, 1);
+        let found = drift(&fitted_to(&drifting, None)).map(|d| d.lamp.change_over_series);
+        assert!(
+            found.is_some_and(|found| (found / change - 1.0).abs() < 0.4),
+            "{change} {found:?}"
+        );
+    }
 }
 
 /// With 20 poses the residual of the ideal sawtooth has few degrees of freedom and may look like a trend.
