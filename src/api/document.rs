@@ -146,6 +146,15 @@ fn complete(document: &mut OpenApi) {
                     "The Idempotency-Key was used for another request",
                 );
             }
+            // The answer to a key is kept, so these routes write.
+            if does && has_key(operation) {
+                answers(
+                    operation,
+                    "503",
+                    "The store cannot be written (`store-locked`, `data-folder-gone`)",
+                );
+                answers(operation, "507", "The disk is full (`disk-full`)");
+            }
             for response in operation.responses.responses.values_mut() {
                 name_problem(response);
             }
