@@ -157,6 +157,14 @@ pub const RIGS_REFLECTANCE_STD: Limit = Limit {
     ..FLAT_REFLECTANCE_STD.narrowed(0.0, 0.5)
 };
 
+/// Exposure time of a lit frame.
+pub const EXPOSURE_S: Limit = Limit::within(
+    "exposure_s",
+    1e-6,
+    3600.0,
+    "write the exposure time in seconds",
+);
+
 /// Relative standard uncertainty of an exposure time.
 pub const EXPOSURE_REL_STD: Limit = Limit::within(
     "exposure_rel_std",

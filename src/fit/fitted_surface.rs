@@ -11,7 +11,7 @@ use crate::observation::ObservationSet;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NoSurface {
     /// The fit has no result.
-    #[error("the fit has no result; fit the scan again")]
+    #[error("the fit has no result; its status and warnings state the cause")]
     NoResult,
     /// A parameter has no value.
     #[error(

@@ -165,9 +165,11 @@ impl Lab {
     fn checked<C: Content>(&self, content: &C) -> Result<Value, LabError> {
         let name = content.name();
         let length = name.chars().count();
-        if name.trim() != name || !(1..=NAME_LENGTH_MAX).contains(&length) {
-            let problem =
-                format!("must have 1 to {NAME_LENGTH_MAX} characters, without blanks at its ends");
+        let fits = (1..=NAME_LENGTH_MAX).contains(&length);
+        if name.trim() != name || !fits || name.contains(char::is_control) {
+            let problem = format!(
+                "must have 1 to {NAME_LENGTH_MAX} characters, without line breaks and blanks at its ends"
+            );
             return Err(invalid("name", problem));
         }
         content.check(self)?;

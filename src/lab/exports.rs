@@ -9,7 +9,7 @@ use super::chosen_fit::{ReportChoice, chosen};
 use super::tasks::for_a_download;
 use super::{Lab, LabError, StoredSeries};
 use crate::fit::FitReport;
-use crate::fit::fitted_surface::fitted_surface;
+use crate::fit::fitted_surface::{NoSurface, fitted_surface};
 use crate::frame::Frame;
 use crate::frame::tiff_stack::TiffStack;
 use crate::observation::ObservationSet;
@@ -135,18 +135,22 @@ pub async fn surface_file(
     let (job, report, set_id) = chosen(store, &scan, choice).await?;
     let set = store.observations(set_id).await?;
     let manifest = StoredSeries::open(store, scan_id).await?.manifest().clone();
-    let brdf = fitted_surface(&report, &set).map_err(|error| LabError::Invalid {
-        field: format!("fit {}", job.number),
-        problem: error.to_string(),
+    let fit = job.number;
+    let brdf = fitted_surface(&report, &set).map_err(|error| match error {
+        NoSurface::NoResult => LabError::NoReport {
+            scan_id,
+            why: format!("fit {fit}: {error}"),
+        },
+        NoSurface::Undetermined { .. } | NoSurface::OutOfDomain(_) => LabError::Invalid {
+            field: format!("fit {fit}"),
+            problem: error.to_string(),
+        },
     })?;
     let wavelength_nm = manifest.rig.wavelength_nm;
     let description = described(&scan, job.number, &report, wavelength_nm);
     let wavelength_nm = wavelength_nm.unwrap_or(WAVELENGTH_NM);
     let bytes = for_a_download(move || rgl_out::file(&brdf, wavelength_nm, &description)).await?;
-    Ok(SurfaceFile {
-        fit_id: job.number,
-        bytes,
-    })
+    Ok(SurfaceFile { fit_id: fit, bytes })
 }
 
 /// Describes a file of a surface in one line.

@@ -11,6 +11,7 @@ use super::SeriesError;
 use super::text::{meant, other_unit};
 use crate::frame::{FrameKind, UnknownKind};
 use crate::geometry::Pose;
+use crate::limits::EXPOSURE_S;
 use crate::wording::counted;
 use crate::wording::sheet::Sheet;
 
@@ -221,10 +222,12 @@ impl Columns {
                 "azimuths lie within a few turns; are these degrees?",
             ));
         }
-        let seconds = "write the exposure time in seconds, above 0";
-        let exposure_s = number("exposure_s", &record[self.exposure_s], seconds)?;
-        if exposure_s < 0.0 || (exposure_s == 0.0 && kind != FrameKind::Dark) {
-            let cause = format!("an exposure of {exposure_s} s is not possible");
+        let seconds = EXPOSURE_S.remedy;
+        let field = &record[self.exposure_s];
+        let exposure_s = number("exposure_s", field, seconds)?;
+        let is_bias = kind == FrameKind::Dark && exposure_s == 0.0;
+        if !(is_bias || EXPOSURE_S.holds(exposure_s)) {
+            let cause = format!("{field} s is outside {} s", EXPOSURE_S.allowed());
             return Err(Wrong::new("exposure_s", cause, seconds));
         }
         let repeat = match self.repeat.map(|i| &record[i]) {
@@ -321,7 +324,12 @@ mod tests {
             ("b.png,sample,0,1e9,1,0,", "phi_s_deg", "1000000000"),
             ("b.png,sample,95,0,1,0,", "theta_c_deg", "95"),
             ("b.png,sample,0,0,-1,0,", "exposure_s", "-1"),
-            ("b.png,sample,0,0,0,0,", "exposure_s", "0 s"),
+            ("b.png,sample,0,0,0,0,", "exposure_s", "0 s is outside"),
+            (
+                "b.png,sample,0,0,1e308,0,",
+                "exposure_s",
+                "1e308 s is outside",
+            ),
             ("b.png,sample,0,0,1,x,", "repeat", "x"),
             ("../b.png,sample,0,0,1,0,", "file", "out of the folder"),
             ("/etc/b.png,sample,0,0,1,0,", "file", "absolute"),

@@ -40,7 +40,7 @@ pub enum StoreError {
         folder: PathBuf,
     },
     /// The folder or a file in it cannot be used.
-    #[error("{what} ({}) cannot be used: {why}", path.display())]
+    #[error("{what} ({}) cannot be used: {why}{}", path.display(), way_out(why))]
     File {
         /// What it is.
         what: &'static str,
@@ -304,6 +304,16 @@ impl From<sqlx::Error> for StoreError {
     }
 }
 
+/// What a person does about an I/O error; empty where the error alone is all that is known.
+fn way_out(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            "; give the user of this program write access there, or choose another data folder (--data)"
+        }
+        _ => "",
+    }
+}
+
 impl StoreError {
     /// Converts an I/O error on a file of the store; a full disk becomes [`StoreError::DiskFull`].
     pub(crate) fn file(what: &'static str, path: impl Into<PathBuf>, source: io::Error) -> Self {
@@ -324,6 +334,25 @@ impl StoreError {
         StoreError::BadRow {
             table,
             detail: detail.to_string(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_without_write_access_is_named_with_the_way_out() {
+        for (kind, helps) in [
+            (io::ErrorKind::PermissionDenied, true),
+            (io::ErrorKind::ReadOnlyFilesystem, true),
+            (io::ErrorKind::NotADirectory, false),
+        ] {
+            let error = StoreError::file("the lock file", "/lab/data/lock", kind.into());
+            let message = error.to_string();
+            assert!(message.starts_with("the lock file (/lab/data/lock) cannot be used: "));
+            assert_eq!(message.contains("write access"), helps, "{message}");
         }
     }
 }

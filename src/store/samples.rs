@@ -52,8 +52,10 @@ impl NewSample {
     /// Returns the field of the first invalid value, and what is wrong with it.
     #[must_use]
     pub fn fault(&self) -> Option<(&'static str, String)> {
-        if self.name.trim().is_empty() || self.name.chars().count() > 200 {
-            return Some(("name", "must have 1 to 200 characters".to_owned()));
+        let long = self.name.chars().count() > 200;
+        if self.name.trim().is_empty() || long || self.name.contains(char::is_control) {
+            let problem = "must have 1 to 200 characters without line breaks";
+            return Some(("name", problem.to_owned()));
         }
         let note = self.note.as_deref().unwrap_or_default();
         if note.chars().count() > NOTE_LENGTH_MAX {
@@ -334,6 +336,22 @@ pub(crate) mod tests {
         };
         let first = store.samples(None, first).await.unwrap();
         assert_eq!((first.items.len(), first.next_cursor), (1, Some(2)));
+    }
+
+    #[test]
+    fn a_name_is_one_line_of_text() {
+        let named = |name: &str| NewSample {
+            name: name.to_owned(),
+            material: Material::exactly(1.5, 0.0),
+            note: None,
+            simulated: None,
+        };
+        assert_eq!(named("Prüfling 7 “é”").fault(), None);
+        for name in ["", " ", "a\nb", "a\u{1b}[31mb", "x\0y"] {
+            let (field, problem) = named(name).fault().unwrap();
+            assert_eq!(field, "name");
+            assert!(problem.contains("without line breaks"), "{problem}");
+        }
     }
 
     #[tokio::test]

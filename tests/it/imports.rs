@@ -225,8 +225,8 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "scan",
         &[
-            "units", "geometry", "frame", "clock", "series", "bench", "forecast", "job", "program",
-            "wording",
+            "units", "geometry", "frame", "clock", "limits", "series", "bench", "forecast", "job",
+            "program", "wording",
         ],
     ),
     (

@@ -9,6 +9,7 @@ mod order;
 
 use serde::{Deserialize, Serialize};
 
+use crate::limits::EXPOSURE_S;
 use crate::wording::stated;
 use crate::wording::toml_text::{self, Refused};
 
@@ -20,9 +21,9 @@ pub const LIST_LENGTH_MAX: usize = 10_000;
 /// Most frames in one plan.
 pub const FRAMES_MAX: u64 = 1_000_000;
 /// Longest exposure in seconds.
-pub const EXPOSURE_S_MAX: f64 = 3600.0;
+pub const EXPOSURE_S_MAX: f64 = EXPOSURE_S.high;
 /// Shortest exposure in seconds.
-pub const EXPOSURE_S_MIN: f64 = 1e-6;
+pub const EXPOSURE_S_MIN: f64 = EXPOSURE_S.low;
 
 /// A list of numbers, written out or as a grid.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]

@@ -135,6 +135,12 @@ async fn a_recipe_that_no_scan_could_follow_is_refused_by_its_field() {
         ("fit.fix", json!({"rho": 1.0}), "invalid-value", "fit.fix"),
         ("material.eta", json!(-1), "invalid-value", "material.eta"),
         (
+            "name",
+            json!("PX\u{1b}[31m"),
+            "invalid-value",
+            "without line breaks",
+        ),
+        (
             "plan",
             json!({"repeats": 0}),
             "invalid-value",
