@@ -154,13 +154,8 @@ impl RigContext {
             occupation: Arc::clone(&self.occupation),
             hands: self.hands.clone(),
         };
-        let (last_frames, unchecked) = match work.done.is_empty() {
-            true => Default::default(),
-            false => (
-                self.last_frames(scan_id).await,
-                self.unchecked(scan_id, reference.every).await,
-            ),
-        };
+        let last_frames = self.last_frames(scan_id).await;
+        let unchecked = self.unchecked(scan_id, reference.every).await;
         let stated = self.stated(scan_id).await;
         let mut settings = self.settings.runner.clone();
         settings.reference = reference;
@@ -265,15 +260,13 @@ impl RigContext {
         points
     }
 
-    /// Returns the newest accepted frames of a scan; none if they cannot be read, which the scan's end will report.
+    /// Returns the newest frames of a scan, also of points that do not count; none if they cannot be read, which the scan's end
+    /// will report.
     async fn last_frames(&self, scan_id: i64) -> Vec<Frame> {
-        const ENOUGH: usize = 8;
+        const ENOUGH: u32 = 8;
         let store = self.sink.store.clone();
-        let Ok(records) = store.frames_for_reduction(scan_id).await else {
-            return Vec::new();
-        };
-        let own = records.into_iter().filter(move |r| r.scan_id == scan_id);
-        let newest: Vec<String> = own.map(|r| r.sha256).rev().take(ENOUGH).collect();
+        let newest = store.newest_frames(scan_id, ENOUGH).await;
+        let newest = newest.unwrap_or_default();
         let read = move || -> Vec<Frame> {
             let frames = newest.iter().filter_map(|sha256| {
                 let png = store.read_png(sha256).ok()?;

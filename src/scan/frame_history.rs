@@ -1,4 +1,4 @@
-//! Faults that a single visit does not show: repeated images, and a series that saturates the camera.
+//! A fault that a single visit does not show: a series that saturates the camera.
 //!
 //! [`FrameHistory::fault`] checks a visit against the visits passed to [`FrameHistory::remember`]. A series is too bright by
 //! which of its poses are full, not by how many full ones came in a row: the order of the visits depends on where the stages
@@ -6,23 +6,17 @@
 
 use std::collections::BTreeSet;
 
-use super::frame_rules::{FrameRules, shows_no_light};
+use super::frame_rules::FrameRules;
 use super::plan::{Shot, Step};
 use super::recorder::{Rejected, Visit};
 use crate::frame::{Frame, FrameKind};
-use crate::geometry::Pose;
 
 /// Full poses without any other before the poses furthest apart are visited: a lobe fills a few.
 const SUSPICIOUS: usize = 3;
-/// Largest share of defects among the pixels of an image.
-const DEFECTS: f64 = 0.02;
-/// Pixels with noise, beyond that share, that two images cannot have in common by chance.
-const IN_NOISE: f64 = 64.0;
 
 /// What the visits of a scan showed so far.
 #[derive(Debug, Default)]
 pub(super) struct FrameHistory {
-    last: Option<FrameSummary>,
     /// Poses of the sample in the plan.
     poses: usize,
     /// The poses furthest apart: no lobe fills all of them.
@@ -37,9 +31,6 @@ pub(super) struct FrameHistory {
 pub(super) struct FrameSummary {
     index: u32,
     kind: FrameKind,
-    target: Option<Pose>,
-    /// Fingerprints of the frames whose noise makes them unique.
-    prints: Vec<u64>,
     /// Whether most pixels of the shortest exposure are full.
     full: bool,
 }
@@ -47,34 +38,15 @@ pub(super) struct FrameSummary {
 impl FrameSummary {
     pub fn at(visit: &Visit, rules: &FrameRules) -> FrameSummary {
         let full = |frame: &Frame| share(frame, |dn| dn >= rules.saturation_dn);
-        let frames = || {
-            let all = visit.frames.iter();
-            all.map(|taken| (taken.exposure_s, &taken.captured.frame))
-        };
-        let shortest = frames().min_by(|a, b| a.0.total_cmp(&b.0));
+        let shortest = visit
+            .frames
+            .iter()
+            .min_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
         FrameSummary {
             index: visit.shot.index,
             kind: visit.shot.kind,
-            target: visit.shot.target,
-            prints: frames()
-                .filter_map(|(_, frame)| print(frame, rules))
-                .collect(),
-            full: shortest.is_some_and(|(_, frame)| full(frame) > 0.5),
+            full: shortest.is_some_and(|taken| full(&taken.captured.frame) > 0.5),
         }
-    }
-}
-
-impl FrameSummary {
-    /// Adds the fingerprints of a further visit to the same pose; returns whether the camera returned one of its frames
-    /// before.
-    pub fn takes_in(&mut self, further: FrameSummary, rules: &FrameRules) -> bool {
-        let noisy = rules.read_noise_dn > 0.0;
-        let again = further
-            .prints
-            .iter()
-            .any(|print| self.prints.contains(print));
-        self.prints.extend(further.prints);
-        noisy && again
     }
 }
 
@@ -89,27 +61,13 @@ impl FrameHistory {
         }
     }
 
-    /// Restores the history of a resumed scan from the frames of its last point, its accepted points, and those of them that
-    /// are full.
+    /// Restores the history of a resumed scan from its accepted points, and those of them that are full.
     pub fn after(
         mut self,
-        last: &[Frame],
         steps: &[Step],
         done: &BTreeSet<u32>,
         full: &BTreeSet<u32>,
-        rules: &FrameRules,
     ) -> FrameHistory {
-        self.last = (!last.is_empty()).then(|| FrameSummary {
-            index: 0,
-            kind: FrameKind::Sample,
-            // Differs from all targets to come.
-            target: None,
-            prints: last
-                .iter()
-                .filter_map(|frame| print(frame, rules))
-                .collect(),
-            full: false,
-        });
         let shots = steps.iter().filter_map(sample_of);
         for shot in shots.filter(|shot| done.contains(&shot.index)) {
             self.count(shot.index, full.contains(&shot.index));
@@ -126,15 +84,7 @@ impl FrameHistory {
 
     /// Returns what is wrong with a visit, given the earlier ones.
     pub fn fault(&self, summary: &FrameSummary, rules: &FrameRules) -> Option<Rejected> {
-        if summary.kind == FrameKind::Dark {
-            return None;
-        }
-        // With noise, no two images are equal.
-        let noisy = rules.read_noise_dn > 0.0;
-        if noisy && self.shows_again(summary) {
-            return Some(Rejected::SameFrame);
-        }
-        if !summary.full {
+        if summary.kind == FrameKind::Dark || !summary.full {
             return None;
         }
         if summary.kind == FrameKind::Flat {
@@ -160,24 +110,11 @@ impl FrameHistory {
         apart.find(|index| !self.full.contains(index)).copied()
     }
 
-    fn shows_again(&self, summary: &FrameSummary) -> bool {
-        let elsewhere = self
-            .last
-            .as_ref()
-            .filter(|last| (last.kind, last.target) != (summary.kind, summary.target));
-        let before = elsewhere.map_or(&[][..], |last| &last.prints);
-        let prints = &summary.prints;
-        let again = prints.iter().any(|print| before.contains(print));
-        let twice = (1..prints.len()).any(|i| prints[..i].contains(&prints[i]));
-        again || twice
-    }
-
     /// Adds an accepted visit.
-    pub fn remember(&mut self, summary: FrameSummary) {
+    pub fn remember(&mut self, summary: &FrameSummary) {
         if summary.kind == FrameKind::Sample {
             self.count(summary.index, summary.full);
         }
-        self.last = Some(summary);
     }
 }
 
@@ -227,29 +164,6 @@ fn furthest_apart<'a>(shots: impl Iterator<Item = &'a Shot>) -> Vec<u32> {
     apart
 }
 
-/// Returns the fingerprint of an image; `None` where it shows no light or too few pixels have noise. Full pixels, pixels
-/// clipped at 0 and defects are equal in all images, and so are all pixels where the counts are coarser than the noise.
-fn print(frame: &Frame, rules: &FrameRules) -> Option<u64> {
-    use std::hash::{DefaultHasher, Hash, Hasher};
-    if shows_no_light(frame, rules) {
-        return None;
-    }
-    let pixels = frame.pixels_dn();
-    let mut often = vec![0_u32; usize::from(u16::MAX) + 1];
-    for dn in pixels {
-        often[usize::from(*dn)] += 1;
-    }
-    let between = &often[1..usize::from(rules.saturation_dn).clamp(1, often.len())];
-    let most = between.iter().copied().max().unwrap_or(0);
-    let in_noise: u32 = between.iter().sum::<u32>() - most;
-    if f64::from(in_noise) < IN_NOISE + DEFECTS * pixels.len() as f64 {
-        return None;
-    }
-    let mut hasher = DefaultHasher::new();
-    pixels.hash(&mut hasher);
-    Some(hasher.finish())
-}
-
 fn share(frame: &Frame, is: impl Fn(u16) -> bool) -> f64 {
     let pixels = frame.pixels_dn();
     pixels.iter().filter(|dn| is(**dn)).count() as f64 / pixels.len() as f64
@@ -258,20 +172,15 @@ fn share(frame: &Frame, is: impl Fn(u16) -> bool) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::frame_rules::tests::{rules, shown, taken};
-    use crate::scan::recorder::TakenFrame;
+    use crate::geometry::Pose;
+    use crate::scan::frame_rules::tests::{rules, taken};
 
-    fn summary(kind: FrameKind, phi_s_deg: f64, frames: &[(u16, f64)]) -> FrameSummary {
-        let frames = frames.iter().map(|(dn, s)| taken(*dn, *s));
-        summary_of(kind, phi_s_deg, frames.collect())
-    }
-
-    fn summary_of(kind: FrameKind, phi_s_deg: f64, frames: Vec<TakenFrame>) -> FrameSummary {
-        let pose = Pose::from_deg(0.0, phi_s_deg);
+    fn flat(frames: &[(u16, f64)]) -> FrameSummary {
+        let pose = Pose::from_deg(0.0, 0.0);
         let visit = Visit {
             shot: Shot {
                 index: 0,
-                kind,
+                kind: FrameKind::Flat,
                 pose: Some(pose),
                 target: Some(pose),
                 exposures_s: Vec::new(),
@@ -279,77 +188,12 @@ mod tests {
             },
             attempt: 0,
             pose,
-            frames,
+            frames: frames.iter().map(|(dn, s)| taken(*dn, *s)).collect(),
             rejected: None,
             discarded: None,
             taken_at: time::macros::datetime!(2026-01-01 00:00 UTC),
         };
         FrameSummary::at(&visit, &rules())
-    }
-
-    #[test]
-    fn an_image_that_repeats_is_rejected() {
-        let mut seen = FrameHistory::of(&plan(3, 3));
-        let at = |phi_s_deg, dn| summary(FrameKind::Sample, phi_s_deg, &[(dn, 0.1)]);
-        let fault = |seen: &FrameHistory, summary: &FrameSummary, rules: &FrameRules| {
-            seen.fault(summary, rules)
-        };
-        seen.remember(at(0.0, 900));
-        // A retake at the same pose may repeat; black and full images are all equal.
-        assert_eq!(fault(&seen, &at(0.0, 900), &rules()), None);
-        assert_eq!(fault(&seen, &at(30.0, 901), &rules()), None);
-        assert_eq!(
-            fault(&seen, &at(30.0, 900), &rules()),
-            Some(Rejected::SameFrame)
-        );
-        // Resuming does not repair the camera.
-        let (mut silent, mut confirmed) = (rules(), rules());
-        silent.read_noise_dn = 0.0;
-        confirmed.confirmed.note(&Rejected::SameFrame);
-        assert_eq!(fault(&seen, &at(30.0, 900), &silent), None);
-        let again = fault(&seen, &at(30.0, 900), &confirmed);
-        assert_eq!(again, Some(Rejected::SameFrame));
-        for dn in [200, 4095] {
-            seen.remember(at(0.0, dn));
-            assert_eq!(fault(&seen, &at(30.0, dn), &rules()), None, "{dn}");
-        }
-        // Nor at two exposures or two repeats.
-        for other_s in [0.01, 0.1] {
-            let twice = summary(FrameKind::Sample, 60.0, &[(900, other_s), (900, 0.1)]);
-            assert_eq!(fault(&seen, &twice, &rules()), Some(Rejected::SameFrame));
-        }
-        // Nor after a restart of the program.
-        let (last, none) = ([taken(900, 0.1).captured.frame], BTreeSet::new());
-        let seen = FrameHistory::default().after(&last, &[], &none, &none, &rules());
-        let again = fault(&seen, &at(0.0, 900), &rules());
-        assert_eq!(again, Some(Rejected::SameFrame));
-        assert_eq!(fault(&seen, &at(0.0, 901), &rules()), None);
-    }
-
-    #[test]
-    fn defects_and_clipped_pixels_do_not_make_images_equal() {
-        // A dead pixel among full ones, hot pixels over clipped black, both, and one count everywhere.
-        let pictures = [
-            [vec![3; 1], vec![4095; 255]].concat(),
-            [vec![3000; 3], vec![0; 253]].concat(),
-            [vec![3; 1], vec![3000; 3], vec![4095; 200], vec![0; 52]].concat(),
-            [vec![2; 250], vec![3; 6]].concat(),
-        ];
-        for dn in pictures {
-            let at = |phi_s_deg| {
-                let both = vec![shown(&dn, 0.01), shown(&dn, 0.1)];
-                summary_of(FrameKind::Sample, phi_s_deg, both)
-            };
-            let mut rules = rules();
-            rules.black_level_dn = 0.0;
-            let mut seen = FrameHistory::default();
-            seen.remember(at(0.0));
-            assert_ne!(
-                seen.fault(&at(30.0), &rules),
-                Some(Rejected::SameFrame),
-                "{dn:?}"
-            );
-        }
     }
 
     /// A plan of tilts and azimuths 10° and 30° apart.
@@ -375,8 +219,6 @@ mod tests {
         FrameSummary {
             index,
             kind: FrameKind::Sample,
-            target: None,
-            prints: Vec::new(),
             full,
         }
     }
@@ -396,7 +238,7 @@ mod tests {
                 assert!(matches!(fault, Rejected::FullSample { .. }), "{fault}");
                 return Some(visits);
             }
-            seen.remember(summary);
+            seen.remember(&summary);
         }
         None
     }
@@ -469,7 +311,7 @@ mod tests {
         let plan = plan(5, 3);
         let (done, full) = (BTreeSet::from([0, 1, 2, 3]), BTreeSet::from([1, 2, 3]));
         let none = BTreeSet::new();
-        let again = |full| FrameHistory::of(&plan).after(&[], &plan, &done, full, &rules());
+        let again = |full| FrameHistory::of(&plan).after(&plan, &done, full);
         // One was not full: no pose is visited out of turn.
         assert_eq!(again(&full).undecided(&rules()), None);
         assert!(again(&done).undecided(&rules()).is_some());
@@ -478,7 +320,7 @@ mod tests {
         for index in 4..8 {
             let summary = visited(index, true);
             assert_eq!(seen.fault(&summary, &rules()), None, "{index}");
-            seen.remember(summary);
+            seen.remember(&summary);
         }
         let fault = seen.fault(&visited(8, true), &rules());
         assert_eq!(fault, Some(Rejected::FullSample { poses: 8, of: 15 }));
@@ -491,14 +333,14 @@ mod tests {
 
     #[test]
     fn a_full_white_reference_is_rejected() {
-        let white = summary(FrameKind::Flat, 0.0, &[(4095, 0.01)]);
+        let white = flat(&[(4095, 0.01)]);
         let words = FrameHistory::of(&plan(3, 3))
             .fault(&white, &rules())
             .unwrap()
             .to_string();
         assert!(words.starts_with("full"), "{words}");
         // The longer exposure may be.
-        let white = summary(FrameKind::Flat, 0.0, &[(900, 0.01), (4095, 0.1)]);
+        let white = flat(&[(900, 0.01), (4095, 0.1)]);
         assert_eq!(FrameHistory::of(&plan(3, 3)).fault(&white, &rules()), None);
     }
 }

@@ -133,7 +133,7 @@ pub fn frame_fault(
     fault(&[taken], kind, rules).map(|why| why.to_string())
 }
 
-pub(super) fn shows_no_light(frame: &Frame, rules: &FrameRules) -> bool {
+fn shows_no_light(frame: &Frame, rules: &FrameRules) -> bool {
     let above = mean_dn(frame) - rules.black_level_dn;
     let sigma = rules.read_noise_dn.max(0.3) / (frame.pixels_dn().len() as f64).sqrt();
     above < rules.dark_sigmas * sigma

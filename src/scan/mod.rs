@@ -15,6 +15,7 @@ pub mod recorder;
 pub mod reference;
 pub mod rig;
 pub mod runner;
+mod seen_images;
 pub mod stage_access;
 pub mod state;
 pub mod tag_history;

@@ -31,6 +31,7 @@ use super::plan::{Shot, Step};
 use super::recorder::{RecordError, Recorder, Visit};
 use super::reference::ReferenceRules;
 use super::rig::Rig;
+use super::seen_images::SeenImages;
 use super::state::ScanState;
 use super::tag_history::{TagHistory, TagRules};
 use super::visit::{self, VisitError};
@@ -107,7 +108,7 @@ pub struct ScanRun {
     pub done: BTreeSet<u32>,
     /// Those of the sample among them that saturate the camera.
     pub full: BTreeSet<u32>,
-    /// Frames of the last of these; empty in the first run.
+    /// Last frames of earlier runs, also of points that do not count; empty in the first run.
     pub last_frames: Vec<Frame>,
     /// Points of earlier runs that no reference check covered, with the look of their frames, in the order taken.
     pub unchecked: Vec<(u32, Vec<Look>)>,
@@ -183,6 +184,8 @@ struct Runner<'a> {
     in_turn_s: BTreeMap<u32, f64>,
     /// What the visits showed.
     history: FrameHistory,
+    /// Images that the camera returned.
+    seen: SeenImages,
     /// Axes that must be homed: they were blocked, or lost their position.
     doubted: BTreeSet<AxisName>,
     /// The fault that the scan has to recover from.
@@ -205,14 +208,8 @@ impl<'a> Runner<'a> {
         recorder: &'a mut dyn Recorder,
         commands: &'a mut mpsc::Receiver<CommandRequest>,
     ) -> Self {
-        let rules = &run.settings.frame;
-        let history = FrameHistory::of(&run.steps).after(
-            &run.last_frames,
-            &run.steps,
-            &run.done,
-            &run.full,
-            rules,
-        );
+        let history = FrameHistory::of(&run.steps).after(&run.steps, &run.done, &run.full);
+        let seen = SeenImages::of(&run.last_frames, &run.settings.frame);
         let mut runner = Runner {
             move_times: rig.link().settings.move_times(),
             trouble: recovery::Trouble::of_a_run_after(&run),
@@ -228,6 +225,7 @@ impl<'a> Runner<'a> {
             predicted_total_s: 0.0,
             in_turn_s: BTreeMap::new(),
             history,
+            seen,
             doubted: BTreeSet::new(),
             totals: ProgressState::default(),
             run,
@@ -333,7 +331,7 @@ impl<'a> Runner<'a> {
             let error = match outcome {
                 Ok(mut visit) => {
                     let rules = &self.run.settings.frame;
-                    let mut summary = FrameSummary::at(&visit, rules);
+                    let summary = FrameSummary::at(&visit, rules);
                     if visit.rejected.is_none() {
                         visit.rejected = self.history.fault(&summary, rules);
                     }
@@ -346,7 +344,7 @@ impl<'a> Runner<'a> {
                         if self.is_first_of_the_run() {
                             continue;
                         }
-                        match self.confirm(shot, &looks, &mut summary).await? {
+                        match self.confirm(shot, &looks).await? {
                             Confirmed::Yes => {}
                             Confirmed::No(why) => visit.rejected = Some(why),
                             Confirmed::Stopped => continue,
@@ -381,7 +379,7 @@ impl<'a> Runner<'a> {
                     self.totals.progress.elapsed_s += took.as_secs_f64();
                     match rejected {
                         None => {
-                            self.history.remember(summary);
+                            self.history.remember(&summary);
                             self.remember_look(shot, looks, self.totals.ideal_s - before.ideal_s);
                             self.run.done.insert(shot.index);
                             self.report_recovery(shot).await;
@@ -430,6 +428,7 @@ impl<'a> Runner<'a> {
             rules: &settings.frame,
             tag_rules: &settings.tags,
             tags: &mut self.tags,
+            seen: &mut self.seen,
             clock: &*clock,
         };
         let camera = self.rig.camera.as_mut();

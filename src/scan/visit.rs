@@ -8,6 +8,7 @@ use super::frame_rules::{FrameRules, fault};
 use super::look::Look;
 use super::plan::Shot;
 use super::recorder::{Rejected, TakenFrame, Visit, unlit_message};
+use super::seen_images::SeenImages;
 use super::tag_history::{
     ExposureWindow, TagHistory, TagRules, TagVerdict, off_temperature, still_stale,
 };
@@ -123,6 +124,7 @@ pub(super) struct VisitContext<'a> {
     pub rules: &'a FrameRules,
     pub tag_rules: &'a TagRules,
     pub tags: &'a mut TagHistory,
+    pub seen: &'a mut SeenImages,
     pub clock: &'a dyn Clock,
 }
 
@@ -138,6 +140,7 @@ pub(super) async fn visit(
         rules,
         tag_rules,
         tags,
+        seen,
         clock,
     } = context;
     let (arrived, before) = match shot.target {
@@ -182,8 +185,15 @@ pub(super) async fn visit(
                     until: clock.utc(),
                     machine_s_per_s: clock.machine_s_per_s(),
                 };
+                // Also of an image that will not count: the camera may return it again.
+                let repeats = seen.shows_again(&captured.frame, rules);
                 match tags.check(&captured.tag, exposure_s, window, tag_rules) {
-                    TagVerdict::Fresh => break captured,
+                    TagVerdict::Fresh => {
+                        if repeats {
+                            wrong.get_or_insert(Rejected::SameFrame);
+                        }
+                        break captured;
+                    }
                     TagVerdict::Stale(why) if discarded_here < DISCARDED_MAX => {
                         discarded_here += 1;
                         discarded = Some(why);

@@ -335,6 +335,20 @@ impl Store {
         .await?)
     }
 
+    /// Returns the hashes of the newest frames that a scan took, newest first, also of shots that were rejected.
+    ///
+    /// # Errors
+    /// A database error.
+    pub async fn newest_frames(&self, scan_id: i64, limit: u32) -> Result<Vec<String>, StoreError> {
+        Ok(
+            sqlx::query_scalar("SELECT sha256 FROM frames WHERE scan_id = ? ORDER BY id DESC LIMIT ?")
+                .bind(scan_id)
+                .bind(limit)
+                .fetch_all(self.readers())
+                .await?,
+        )
+    }
+
     /// Commits a recorded series as a completed scan. Its files must already be durable.
     ///
     /// # Errors

@@ -562,6 +562,35 @@ async fn a_camera_that_hangs_pauses_the_scan_until_it_no_longer_does() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_rejected_or_discarded_image_does_not_count_when_it_comes_again() {
+    // The stage moves while the second point is taken, and the first image of its retake is the last of those.
+    let moved = AxisFault::ForeignMove(Angle::from_deg(0.5));
+    let rejected = vec![
+        (5, Cue::Cause(AxisName::ThetaC, moved)),
+        (7, Cue::Hang),
+        (8, Cue::Wake),
+    ];
+    // The first image of a camera that states nothing is discarded, and comes again.
+    let discarded = vec![
+        (1, Cue::State(|tag| *tag = FrameTag::default())),
+        (2, Cue::Hang),
+        (3, Cue::Wake),
+    ];
+    for (steps, cues, accepted, failures) in [
+        (samples(), rejected, 3, "after 2 failures"),
+        (grid(), discarded, 6, "bit for bit"),
+    ] {
+        let (end, reported) = run(steps, &[], cues, |_| u64::MAX).await;
+        assert_eq!(end.state, ScanState::Completed);
+        assert_eq!(reported.accepted, (0..accepted).collect::<Vec<u32>>());
+        let [recovery] = reported.recoveries.as_slice() else {
+            panic!("{:?}", reported.recoveries);
+        };
+        assert!(recovery.message.contains(failures), "{recovery:?}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn an_hour_between_stop_and_resume_is_nobodys_motion() {
     let (end, reported) = run(samples(), &[], [(4, Cue::Stop)], |_| u64::MAX).await;
     assert_eq!(end.state, ScanState::Completed);

@@ -10,7 +10,6 @@ use crate::frame::FrameKind;
 use crate::frame::FrameTag;
 use crate::geometry::Pose;
 use crate::scan::faults::Attempts;
-use crate::scan::frame_history::FrameSummary;
 use crate::scan::frame_rules::FrameRules;
 use crate::scan::look::{Difference, Look};
 use crate::scan::plan::{Shot, Step};
@@ -113,12 +112,11 @@ impl Runner<'_> {
         !std::mem::replace(&mut self.checks.has_frames, true)
     }
 
-    /// Confirms frames that may be those of an earlier pose by further frames at the same pose, which `summary` takes in.
+    /// Confirms frames that may be those of an earlier pose by further frames at the same pose.
     pub(super) async fn confirm(
         &mut self,
         shot: &Shot,
         looks: &[Look],
-        summary: &mut FrameSummary,
     ) -> Result<Confirmed, Ending> {
         let Some(first) = comparable(looks) else {
             return Ok(Confirmed::Yes);
@@ -146,15 +144,10 @@ impl Runner<'_> {
                 None => return Ok(Confirmed::Stopped),
                 Some(Err(error)) => return Ok(Confirmed::Failed(error)),
                 Some(Ok(visit)) => {
-                    let rules = &self.run.settings.frame;
                     if let Some(why) = visit.rejected {
                         return Ok(Confirmed::No(why));
                     }
-                    let found = FrameSummary::at(&visit, rules);
-                    if summary.takes_in(found, rules) {
-                        return Ok(Confirmed::No(Rejected::SameFrame));
-                    }
-                    looks_of(&visit, rules)
+                    looks_of(&visit, &self.run.settings.frame)
                 }
             };
             let difference = again.first().and_then(|again| first.difference(again));
