@@ -18,13 +18,17 @@ pub(super) struct SeenImages(HashSet<u64>);
 impl SeenImages {
     /// Returns the images of earlier runs of a scan.
     pub fn of(frames: &[Frame], rules: &FrameRules) -> SeenImages {
-        SeenImages(frames.iter().filter_map(|frame| print(frame, rules)).collect())
+        SeenImages(
+            frames
+                .iter()
+                .filter_map(|frame| print(frame, rules))
+                .collect(),
+        )
     }
 
     /// Adds an image; returns whether the camera returned it before. Images of a camera without noise may be equal.
     pub fn shows_again(&mut self, frame: &Frame, rules: &FrameRules) -> bool {
-        rules.read_noise_dn > 0.0
-            && print(frame, rules).is_some_and(|print| !self.0.insert(print))
+        rules.read_noise_dn > 0.0 && print(frame, rules).is_some_and(|print| !self.0.insert(print))
     }
 }
 

@@ -340,13 +340,13 @@ impl Store {
     /// # Errors
     /// A database error.
     pub async fn newest_frames(&self, scan_id: i64, limit: u32) -> Result<Vec<String>, StoreError> {
-        Ok(
-            sqlx::query_scalar("SELECT sha256 FROM frames WHERE scan_id = ? ORDER BY id DESC LIMIT ?")
-                .bind(scan_id)
-                .bind(limit)
-                .fetch_all(self.readers())
-                .await?,
+        Ok(sqlx::query_scalar(
+            "SELECT sha256 FROM frames WHERE scan_id = ? ORDER BY id DESC LIMIT ?",
         )
+        .bind(scan_id)
+        .bind(limit)
+        .fetch_all(self.readers())
+        .await?)
     }
 
     /// Commits a recorded series as a completed scan. Its files must already be durable.
@@ -622,6 +622,8 @@ pub(crate) mod tests {
         assert_eq!(store.shots_done(scan.id).await.unwrap(), [1]);
         assert_eq!(store.frames_for_reduction(scan.id).await.unwrap().len(), 1);
         assert_eq!(store.frames_rejected(scan.id).await.unwrap(), 2);
+        // A camera may return the image of a rejected frame again.
+        assert_eq!(store.newest_frames(scan.id, 8).await.unwrap().len(), 3);
         let newest = store.newest_sample_shots(scan.id, 10).await.unwrap();
         let [(1, shot_id)] = newest[..] else {
             panic!("{newest:?}");
