@@ -88,7 +88,10 @@ pub(super) async fn start(lab: &Lab) -> Result<(), StoreError> {
                 let Some(lab) = Lab::of_daemon(&inner) else {
                     return;
                 };
-                if let Err(error) = lab.run_queue(&mut watched).await {
+                // The store closes as the daemon ends.
+                if let Err(error) = lab.run_queue(&mut watched).await
+                    && !lab.store().is_closed()
+                {
                     tracing::error!(%error, "the queue could not go on: {error}");
                 }
             }
@@ -327,7 +330,9 @@ impl Lab {
         if !goes_on && watched.is_none() {
             return Ok(());
         }
-        if goes_on && run.halted.load(Ordering::SeqCst) {
+        // A queue that stops after its present order begins no other: nothing is to be held back.
+        let begins = now.state == QueueState::Running;
+        if begins && run.halted.load(Ordering::SeqCst) {
             let reason = "the rig was stopped; check it, then resume the queue";
             return self
                 .wait_for_a_person(QueueState::Paused, reason, None)
@@ -335,7 +340,7 @@ impl Lab {
         }
         if let Some((order, scan)) = self.current_order().await? {
             *watched = Some(order.id);
-            if goes_on && scan.state == ScanState::Interrupted {
+            if begins && scan.state == ScanState::Interrupted {
                 let why = scan.reason.unwrap_or_default();
                 let reason = format!(
                     "scan {} of order {} ({}) is interrupted: {why}; resume the queue",
@@ -499,9 +504,10 @@ fn message(
             scan.id,
             step.message()
         ),
-        (None, ScanState::Paused) => format!(
-            "Scan {} of {part} is paused: {}.{state}",
+        (None, ScanState::Paused | ScanState::Interrupted) => format!(
+            "Scan {} of {part} is {}: {}.{state}",
             scan.id,
+            scan.state,
             scan.reason.as_deref().unwrap_or("by a person")
         ),
         (None, _) => format!(

@@ -318,6 +318,11 @@ async fn the_queue_stops_after_the_present_part_pauses_and_is_paused_by_a_stop_o
     )
     .await;
     assert_eq!(held["counts"]["done"], 1);
+    // The queue may be stopped all the same, and stays so.
+    assert_eq!(asked(&router, "stop").await["state"], "stopping");
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    let stopping = queue(&router).await;
+    assert_eq!(stopping["state"], "stopping", "{stopping}");
     asked(&router, "resume").await;
     let end = until(&router, |_| false, is_stopped).await;
     assert_eq!(end["counts"]["done"], 3, "{end}");
