@@ -196,7 +196,7 @@ impl Owner {
     /// Returns whether the current work refuses further requests. A single axis that got a stop is about to be free.
     fn is_taken(&self, now: &Occupation, motion: Option<Motion>) -> bool {
         let stopped = motion.is_some_and(|motion| self.access.stops() != motion.asked_after);
-        now.activity.is_some() && !now.parks && !stopped
+        now.activity.is_some() && !now.clears_up && !stopped
     }
 
     fn refuse(&self, request: Request) {

@@ -238,8 +238,8 @@ pub struct RigUser {
 #[derive(Debug, Clone, Default)]
 struct Occupation {
     activity: Option<RigActivity>,
-    /// Whether the daemon parks the axes. Requests wait for it instead of being refused.
-    parks: bool,
+    /// Whether the daemon switches the lamp off or parks the axes. Requests wait for it instead of being refused.
+    clears_up: bool,
     scan_id: Option<i64>,
     orders: Option<mpsc::Sender<CommandRequest>>,
     /// Who started the present activity.

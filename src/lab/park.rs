@@ -2,6 +2,7 @@
 
 use super::scan_run::RigContext;
 use crate::bench::stage::StageError;
+use crate::geometry::Pose;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::visit::stage_code;
 use crate::scan::{Event, Rig};
@@ -27,31 +28,33 @@ impl RigContext {
         let parked = async {
             if !stage.status().await?.all_homed() {
                 tracing::info!("the axes are not parked, since they have no reference");
-                return Ok(());
+                return Ok(None);
             }
             self.occupation.send_modify(|now| {
                 now.activity = Some(RigActivity::Moving);
-                now.parks = true;
+                now.clears_up = true;
             });
             self.sink.report(Event::Rig {
                 activity: RigActivity::Moving,
                 theta_c: AxisEvent::to(place.theta_c),
                 phi_s: AxisEvent::to(place.phi_s),
             });
-            let at = stage.move_pose_since(place, stops_of_stage).await?;
-            self.sink.report(Event::Rig {
-                activity: RigActivity::Idle,
-                theta_c: AxisEvent::at(at.theta_c),
-                phi_s: AxisEvent::at(at.phi_s),
-            });
-            Ok(())
+            stage.move_pose_since(place, stops_of_stage).await.map(Some)
         };
-        let parked: Result<(), StageError> = parked.await;
-        self.occupation.send_modify(|now| {
-            now.activity = None;
-            now.parks = false;
-        });
-        let Err(error) = parked else { return };
+        let parked: Result<Option<Pose>, StageError> = parked.await;
+        // First: a client that reads this event finds the rig idle.
+        self.occupy(None, None);
+        let error = match parked {
+            Ok(None) => return,
+            Ok(Some(at)) => {
+                return self.sink.report(Event::Rig {
+                    activity: RigActivity::Idle,
+                    theta_c: AxisEvent::at(at.theta_c),
+                    phi_s: AxisEvent::at(at.phi_s),
+                });
+            }
+            Err(error) => error,
+        };
         rig.let_go_if_lost(&error);
         if matches!(error, StageError::Stopped) {
             return;

@@ -29,6 +29,8 @@ pub(super) struct LabRecorder {
     pub first_state: Option<FirstState>,
     pub occupation: Arc<watch::Sender<Occupation>>,
     pub hands: Hands,
+    /// Whether the lamp is switched off or the axes are parked at the end: the rig is idle only after that.
+    pub clears_up: bool,
 }
 
 impl From<&StoreError> for RecordError {
@@ -112,7 +114,11 @@ impl Recorder for LabRecorder {
             }
             // First, so that a client that sees the scan end can get the rig.
             if next.is_end() || next == ScanState::Interrupted {
-                self.occupation.send_modify(|now| now.activity = None);
+                let clears_up = self.clears_up;
+                self.occupation.send_modify(|now| match clears_up {
+                    true => now.clears_up = true,
+                    false => now.activity = None,
+                });
             }
             let written = self
                 .sink

@@ -75,6 +75,7 @@ impl RigContext {
             now.activity = activity;
             now.scan_id = scan_id;
             now.failure = None;
+            now.clears_up = false;
             if scan_id.is_none() {
                 now.orders = None;
             }
@@ -153,6 +154,7 @@ impl RigContext {
             first_state: work.first_state,
             occupation: Arc::clone(&self.occupation),
             hands: self.hands.clone(),
+            clears_up: self.settings.lamp_off.is_some() || self.settings.park.is_some(),
         };
         let last_frames = self.last_frames(scan_id).await;
         let unchecked = self.unchecked(scan_id, reference.every).await;
@@ -205,11 +207,18 @@ impl RigContext {
                 tokio::spawn(interrupt_when_possible(self.sink.clone(), scan_id));
             }
         }
-        self.occupy(None, None);
+        self.occupation.send_modify(|now| {
+            now.clears_up = true;
+            now.scan_id = None;
+            // No run receives them any more.
+            now.orders = None;
+        });
         self.switch_lamp_off(scan_id).await;
         if parks {
             self.park(rig).await;
         }
+        // Not before: what is idle does not move by itself.
+        self.occupy(None, None);
     }
 
     /// Returns what the camera stated about the newest frame that a reduction of the scan reads, calibrations included; nothing

@@ -11,6 +11,7 @@ use ridged::config::HooksSection;
 use ridged::geometry::Pose;
 use ridged::lab::{Hooks, RigParts};
 use ridged::program::Program;
+use ridged::scan::event::RigActivity;
 use ridged::scan::runner::ScanCommand;
 use ridged::scan::{Event, ScanState};
 use ridged::store::disk::RealDisk;
@@ -60,6 +61,31 @@ async fn the_axes_are_parked_when_a_scan_completes_and_the_next_one_waits_for_th
     bench.until(next.id, ScanState::Completed).await;
     idle(&mut events).await;
     assert!(is_parked(&bench), "{:?}", bench.rig.world.pose_now());
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_rig_is_idle_once_the_lamp_is_off_and_the_axes_are_parked() {
+    let folder = tempfile::tempdir().unwrap();
+    let tools = tempfile::tempdir().unwrap();
+    let cold = tools.path().join("cold");
+    let off = format!("until test -e {}; do sleep 0.05; done", cold.display());
+    let bench = bench(folder.path(), true, |parts| {
+        parking(parts);
+        parts.settings.lamp_off = Some(shell(&off));
+    })
+    .await;
+    let scan = bench.start(small(&[0.0], &[0.0])).await;
+    bench.until(scan.id, ScanState::Completed).await;
+    let mut events = bench.lab.events();
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    let waits = bench.lab.rig().await.unwrap();
+    assert_eq!(waits.activity, RigActivity::Scanning);
+    assert_eq!(waits.scan_id, None);
+    std::fs::write(&cold, "").unwrap();
+    idle(&mut events).await;
+    assert!(is_parked(&bench), "{:?}", bench.rig.world.pose_now());
+    assert_eq!(bench.lab.rig().await.unwrap().activity, RigActivity::Idle);
     bench.end().await;
 }
 
