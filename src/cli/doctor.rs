@@ -124,9 +124,8 @@ async fn check(args: &Args, config: &Config, findings: &mut Findings) -> Result<
         }
     }
     let (simulated, parts) = if args.simulated_rig {
-        let (simulated, mut parts) = SimulatedRig::build(Simulation::default())?;
-        parts.settings.apply(config);
-        (Some(simulated), Some(parts))
+        let (simulated, parts) = SimulatedRig::build(Simulation::default())?;
+        (Some(simulated), Some(parts.simulating(config)))
     } else {
         match real_rig(config, &runtime::real_clock()) {
             Ok(parts) => (None, parts),

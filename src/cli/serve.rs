@@ -47,7 +47,7 @@ pub struct Args {
     /// Data folder [default: ridged-data].
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// Drive a simulated rig instead of the configured one; all other settings still apply.
+    /// Drive a simulated rig instead of the configured one; limits, forbidden regions and all other settings still apply.
     #[arg(long)]
     pub simulated_rig: bool,
     /// How many times faster than real time the simulated rig runs.
@@ -99,13 +99,13 @@ async fn serve(args: Args) -> Result<(), CliError> {
     let sockets = server::listen(&settings).await.map_err(listen_error)?;
     let mut disk: Arc<dyn Disk> = Arc::new(RealDisk);
     let (simulator, parts, clock) = if args.simulated_rig {
-        let (rig, mut parts) = SimulatedRig::build(Simulation {
+        let (rig, parts) = SimulatedRig::build(Simulation {
             time_scale: args.time_scale,
             seed: args.seed,
             construction: args.construction.into(),
             ..Simulation::default()
         })?;
-        parts.settings.apply(&config);
+        let mut parts = parts.simulating(&config);
         if let Some((text, seed)) = faults {
             let (faulty, plan) = rig.with_faults(parts, text, seed);
             parts = faulty;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::{RigParts, RigSettings};
-use crate::bench::stage::NoFaults;
+use crate::bench::stage::{AxisName, NoFaults};
 use crate::bench::watched_folder::{WatchedFolder, WatchedFolderError, WatchedFolderSettings};
 use crate::clock::Clock;
 use crate::config::{CameraSection, Config};
@@ -83,6 +83,40 @@ pub fn real_rig(
         rig: Rig::new(link, Box::new(camera)),
         settings,
     }))
+}
+
+impl RigParts {
+    /// Applies the settings to a simulated rig: what [`RigSettings::apply`] applies, and where the stages may move. Logs the keys
+    /// of the stages that have no effect.
+    #[must_use]
+    pub fn simulating(mut self, config: &Config) -> Self {
+        self.settings.apply(config);
+        let Some(stated) = &config.stage else {
+            return self;
+        };
+        let mut link = self.rig.link().clone();
+        link.settings = stated.on_simulated_stages();
+        for axis in AxisName::ALL {
+            let (stated, own) = (stated.axis(axis), link.settings.axis(axis));
+            for (key, stated, own) in [
+                ("limit_min_deg", stated.limit_min, own.limit_min),
+                ("limit_max_deg", stated.limit_max, own.limit_max),
+            ] {
+                if stated != own {
+                    let (stated, own) = (stated.deg(), own.deg());
+                    tracing::warn!(
+                        "the simulated rig has stage.{axis}.{key} = {own:.3}, since it does not go to {stated:.3}"
+                    );
+                }
+            }
+        }
+        tracing::info!(
+            "the simulated rig has limit_min_deg and limit_max_deg of stage.theta_c and stage.phi_s, stage.forbidden and \
+             stage.homing from the settings; port and the other keys of stage have no effect on it"
+        );
+        self.rig = Rig::new(link, self.rig.camera);
+        self
+    }
 }
 
 impl RigSettings {

@@ -355,6 +355,40 @@ mod tests {
     }
 
     #[test]
+    fn a_simulated_rig_moves_where_the_settings_permit_it() {
+        use crate::bench::stage::{ForbiddenRegion, HomingOrder};
+        use crate::config::Config;
+
+        let own = StageSettings::simulated();
+        let mut stated = own.clone();
+        stated.theta_c.limit_min = Angle::from_deg(-10.0);
+        stated.theta_c.limit_max = Angle::from_deg(75.0);
+        stated.theta_c.zero = Angle::from_deg(3.0);
+        stated.theta_c.serial = Some(7);
+        stated.homing.order = HomingOrder::ThetaCFirst;
+        stated.forbidden = vec![ForbiddenRegion {
+            name: "lamp arm".into(),
+            reason: String::new(),
+            theta_c_deg: [30.0, 45.0],
+            phi_s_deg: [80.0, 100.0],
+        }];
+        let config = Config {
+            stage: Some(stated.clone()),
+            ..Config::default()
+        };
+        let (_rig, parts) = SimulatedRig::build(Simulation::default()).unwrap();
+        let settings = parts.simulating(&config).rig.link().settings.clone();
+        assert_eq!(settings.forbidden, stated.forbidden);
+        assert_eq!(settings.homing, stated.homing);
+        assert_eq!(settings.theta_c.limit_min, stated.theta_c.limit_min);
+        // No further than the simulated stage goes, whose devices stay its own.
+        assert_eq!(settings.theta_c.limit_max, own.theta_c.limit_max);
+        assert_eq!(settings.theta_c.zero, own.theta_c.zero);
+        assert_eq!(settings.theta_c.serial, own.theta_c.serial);
+        assert_eq!(settings.phi_s, own.phi_s);
+    }
+
+    #[test]
     fn the_default_settings_leave_a_simulated_rig_as_it_is() {
         use crate::config::Config;
 

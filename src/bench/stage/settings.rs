@@ -183,6 +183,31 @@ impl StageSettings {
         }
     }
 
+    /// Returns the settings of the simulated stages where these permit motion: with their forbidden regions, their order of
+    /// homing, and their limits as far as the simulated stages go. Everything else belongs to the devices.
+    #[must_use]
+    pub fn on_simulated_stages(&self) -> Self {
+        let mut simulated = StageSettings {
+            forbidden: self.forbidden.clone(),
+            homing: self.homing.clone(),
+            ..StageSettings::simulated()
+        };
+        for (axis, stated) in [
+            (&mut simulated.theta_c, &self.theta_c),
+            (&mut simulated.phi_s, &self.phi_s),
+        ] {
+            let (min, max) = (axis.limit_min, axis.limit_max);
+            let within = |angle: Angle| match angle {
+                below if below < min => min,
+                above if above > max => max,
+                angle => angle,
+            };
+            axis.limit_min = within(stated.limit_min);
+            axis.limit_max = within(stated.limit_max);
+        }
+        simulated
+    }
+
     /// Addresses of the controllers, each once.
     #[must_use]
     pub fn addresses(&self) -> Vec<u8> {

@@ -33,13 +33,12 @@ pub(super) async fn scan(args: &Args, plan: Option<PlanRequest>) -> Result<(), C
     let config = runtime::read_config(args.config.as_deref())?;
     let is_calibration = plan.as_ref().is_some_and(|plan| plan.repeats == Some(0));
     let (simulator, mut parts, clock) = if args.simulated_rig {
-        let (rig, mut parts) = SimulatedRig::build(Simulation {
+        let (rig, parts) = SimulatedRig::build(Simulation {
             time_scale: args.time_scale,
             ..Simulation::default()
         })?;
-        parts.settings.apply(&config);
         let clock = Arc::clone(&rig.clock);
-        (Some(rig), parts, clock)
+        (Some(rig), parts.simulating(&config), clock)
     } else {
         let clock = runtime::real_clock();
         let parts = real_rig(&config, &clock).map_err(CliError::bad_input)?;
