@@ -1,6 +1,7 @@
 //! Comparisons of two scans, and the repeatability of several: their results and circumstances, read from the store.
 
 use super::chosen_fit::{ReportChoice, chosen};
+use super::exports::measured_between;
 use super::request_checks::invalid;
 use super::series::plan_of_rows;
 use super::{LabError, StoredSeries};
@@ -11,8 +12,8 @@ use crate::frame::FrameKind;
 use crate::reduction::FrameSource as _;
 use crate::repeatability::{LeftOutScan, Repeatability, StudyChoice, study};
 use crate::series::Manifest;
+use crate::store::Store;
 use crate::store::scans::Scan;
-use crate::store::{Store, utc_of, utc_text};
 
 /// Most scans of a study.
 pub const SCANS_MAX: usize = 200;
@@ -123,12 +124,11 @@ async fn measured(
     };
     let (job, report, _) = chosen(store, &scan, &choice).await?;
     let (plan, measured_at) = match scan.plan.clone() {
-        Some(plan) => (plan, scan.started_at.clone()),
+        Some(plan) => (plan, measured_between(&scan, &[]).0),
         None => {
             let series = StoredSeries::open(store, scan_id).await?;
             let rows = series.rows();
-            let first = rows.iter().filter_map(|row| utc_of(&row.timestamp)).min();
-            (plan_of_rows(rows), first.map(utc_text))
+            (plan_of_rows(rows), measured_between(&scan, rows).0)
         }
     };
     Ok(MeasuredResult {
@@ -149,7 +149,7 @@ async fn measured(
             region: report.region,
             variant: report.variant,
             operator_name: scan.operator_name,
-            measured_at: measured_at.unwrap_or(scan.created_at),
+            measured_at,
         },
         parameters: report.parameters,
     })

@@ -10,13 +10,13 @@ use super::tasks::for_a_download;
 use super::{Lab, LabError, StoredSeries};
 use crate::fit::FitReport;
 use crate::fit::fitted_surface::{NoSurface, fitted_surface};
-use crate::frame::Frame;
 use crate::frame::tiff_stack::TiffStack;
+use crate::frame::{Frame, FrameKind};
 use crate::observation::ObservationSet;
 use crate::reduction::FrameSource;
 use crate::series::FrameRow;
-use crate::store::Store;
 use crate::store::scans::Scan;
+use crate::store::{Store, utc_of, utc_text};
 use crate::tables::bird_out::{self, BirdFacts};
 use crate::tables::rgl_out;
 use crate::version::BUILD;
@@ -100,13 +100,38 @@ pub fn bird_file(
 ) -> Result<Value, LabError> {
     let facts = BirdFacts {
         id: format!("urn:ridged:scan:{}:{}", scan.id, scan.created_at),
-        timestamp: scan.created_at.clone(),
+        timestamp: measured_between(scan, series.rows()).0,
         sample: scan.sample_name.clone(),
         wavelength_nm: series.manifest().rig.wavelength_nm,
         operator_name: scan.operator_name.clone(),
         program: BUILD.to_owned(),
     };
     bird_out::file(set, &facts).map_err(|error| not_for_this(scan.id, &error.to_string()))
+}
+
+/// Returns start and end of the measurement of a scan. An imported series was measured when its frames were taken; if they
+/// state no time, only that of the import is known.
+pub(super) fn measured_between(scan: &Scan, rows: &[FrameRow]) -> (String, Option<String>) {
+    let of_frames = match scan.plan {
+        Some(_) => None,
+        None => taken_between(rows),
+    };
+    match of_frames {
+        Some((first, last)) => (first, Some(last)),
+        None => {
+            let start = scan.started_at.as_ref().unwrap_or(&scan.created_at);
+            (start.clone(), scan.ended_at().map(str::to_owned))
+        }
+    }
+}
+
+/// Returns the earliest and the latest time, UTC, of the frames of the part; `None` if they state none. Dark frames and white
+/// reference may be much older.
+fn taken_between(rows: &[FrameRow]) -> Option<(String, String)> {
+    let of_part = rows.iter().filter(|row| row.kind == FrameKind::Sample);
+    let times = of_part.filter_map(|row| utc_of(&row.timestamp));
+    let (first, last) = (times.clone().min()?, times.max()?);
+    Some((utc_text(first), utc_text(last)))
 }
 
 /// Wavelength in a file of a scan whose rig states none; the file has one value for all wavelengths.
@@ -221,5 +246,31 @@ impl Lab {
         choice: &ReportChoice,
     ) -> Result<SurfaceFile, LabError> {
         surface_file(self.store(), scan_id, choice).await
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_series_was_measured_when_the_frames_of_its_part_were_taken() {
+        let list = |times: [&str; 3]| {
+            let [flat, second, first] = times;
+            let text = format!(
+                "file,kind,theta_c_deg,phi_s_deg,exposure_s,timestamp\na.png,flat,0,0,1,{flat}\n\
+                 b.png,sample,0,0,1,{second}\nc.png,sample,0,90,1,{first}\n"
+            );
+            FrameRow::read_all(&text, "frames.csv").unwrap()
+        };
+        let rows = list([
+            "2025-01-01T00:00:00Z",
+            "2026-03-02T11:00:00+01:00",
+            "2026-03-02T09:00:00Z",
+        ]);
+        let expected = ("2026-03-02T09:00:00.000Z", "2026-03-02T10:00:00.000Z");
+        let (first, last) = taken_between(&rows).unwrap();
+        assert_eq!((first.as_str(), last.as_str()), expected);
+        assert_eq!(taken_between(&list(["2025-01-01T00:00:00Z", "", ""])), None);
     }
 }

@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rust_hdf5::{Hdf5Error, VarLenUnicode};
 
 use super::chosen_fit::{ReportChoice, chosen};
-use super::exports::{not_for_this, of_other_size};
+use super::exports::{measured_between, not_for_this, of_other_size};
 use super::hdf5_group::Group;
 use super::{Lab, LabError, StoredSeries};
 use crate::fit::FitReport;
@@ -203,12 +203,10 @@ impl NexusFile {
             &format!("Scan {} of {}", scan.id, scan.sample_name),
         )?;
         entry.text("entry_identifier", &scan.id.to_string())?;
-        entry.text(
-            "start_time",
-            scan.started_at.as_ref().unwrap_or(&scan.created_at),
-        )?;
-        if let Some(ended_at) = scan.ended_at() {
-            entry.text("end_time", ended_at)?;
+        let (start, end) = measured_between(scan, self.series.rows());
+        entry.text("start_time", &start)?;
+        if let Some(end) = end {
+            entry.text("end_time", &end)?;
         }
         entry.text("program_name", BUILD)?;
         let user = entry.group("user", "NXuser")?;

@@ -3,6 +3,7 @@
 use std::io::Cursor;
 
 use axum::body::{Body, to_bytes};
+use ridged::frame::FrameKind;
 use ridged::series::Series;
 use ridged::tables::BrdfTable;
 use serde_json::{Value, json};
@@ -23,6 +24,13 @@ async fn the_brdf_of_a_scan_is_a_valid_bird_file_that_is_read_back() {
     let schema = include_str!("../data/bird/brdf_json_schema_v1.0.json");
     let schema: Value = serde_json::from_str(schema).unwrap();
     assert_eq!(against(&schema, &file, "file"), Vec::<String>::new());
+    let series = Series::open(&polymer()).unwrap();
+    let of_part = series
+        .rows()
+        .iter()
+        .filter(|row| row.kind == FrameKind::Sample);
+    let first = of_part.map(|row| row.timestamp.as_str()).min().unwrap();
+    assert_eq!(file["metadata"]["timestamp"], json!(first));
     let folder = tempfile::tempdir().unwrap();
     let manifest = "schema = \"brdf-table-1\"\ntable = \"brdf.json\"\n[goniometer]\nvalue = \"brdf\"\n[sample]\n\
         kind = \"dielectric\"\nindex_of_refraction = 1.54\n";
