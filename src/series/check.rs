@@ -419,6 +419,8 @@ mod tests {
         let infrared =
             named("metal = \"Cr\"").replacen("wavelength_nm = 550", "wavelength_nm = 5000", 1);
         assert!(refusal(&infrared).contains("which covers"));
+        let unstated = named("metal = \"Cr\"").replacen("wavelength_nm = 550", "#", 1);
+        assert!(refusal(&unstated).contains("rig.wavelength_nm: sample.metal = \"Cr\" needs it"));
         let clear = CHECKER.replacen(plastic, "metal = \"Cr\"", 1);
         assert!(refusal(&clear).contains("dielectric"));
     }

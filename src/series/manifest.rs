@@ -390,16 +390,14 @@ impl Manifest {
         }
     }
 
-    /// The metal that the sample names, at the lamp's wavelength; none where it names none.
+    /// The metal that the sample names, at the lamp's wavelength; none where one of them is not stated.
     ///
     /// # Errors
-    /// In words: no wavelength, no such metal, or a wavelength outside its table.
+    /// In words: no such metal, or a wavelength outside its table.
     pub(super) fn metal(&self) -> Option<Result<Material, String>> {
         let name = self.sample.metal.as_deref()?;
-        Some(match self.rig.wavelength_nm {
-            Some(wavelength_nm) => tables::metal(name, wavelength_nm).map_err(|e| e.to_string()),
-            None => Err("rig.wavelength_nm is missing".to_owned()),
-        })
+        let wavelength_nm = self.rig.wavelength_nm?;
+        Some(tables::metal(name, wavelength_nm).map_err(|e| e.to_string()))
     }
 
     /// Share of the body's light that leaves evenly over the ridges and its standard uncertainty, where it is stated.

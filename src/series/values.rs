@@ -373,6 +373,14 @@ fn camera_fits(manifest: &Manifest) -> Result<(), Problem> {
 
 fn material(manifest: &Manifest) -> Result<(), Problem> {
     let sample = &manifest.sample;
+    if let (Some(metal), None) = (&sample.metal, manifest.rig.wavelength_nm) {
+        return wrong(
+            "rig",
+            "wavelength_nm",
+            format!("sample.metal = \"{metal}\" needs it and it is missing"),
+            "write the lamp's wavelength in nm, or eta and k instead of the metal",
+        );
+    }
     if let Some(Err(cause)) = manifest.metal() {
         return wrong(
             "sample",

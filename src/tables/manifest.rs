@@ -201,7 +201,11 @@ pub(super) fn read(text: &str, file: &str) -> Result<TableManifest, TableError> 
             let cause = match error {
                 SeriesError::Invalid {
                     key, cause, remedy, ..
-                } => format!("{key}{cause}; {remedy}"),
+                } => {
+                    // The rig that was checked has the goniometer's wavelength.
+                    let key = key.replacen("rig.", "goniometer.", 1);
+                    format!("{key}{cause}; {remedy}")
+                }
                 other => other.to_string(),
             };
             TableError::new(file, None, cause)
@@ -212,4 +216,22 @@ pub(super) fn read(text: &str, file: &str) -> Result<TableManifest, TableError> 
         facts: text.goniometer,
         material,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_metal_without_a_wavelength_names_the_key_of_the_goniometer() {
+        let text = "schema = \"brdf-table-1\"\ntable = \"t.csv\"\n[goniometer]\nvalue = \"brdf\"\n\
+            [sample]\nkind = \"conductor\"\nmetal = \"Al\"\n";
+        let why = read(text, "manifest.toml").err().unwrap().to_string();
+        assert!(
+            why.contains("goniometer.wavelength_nm: sample.metal = \"Al\" needs it"),
+            "{why}"
+        );
+        let stated = text.replace("[sample]", "wavelength_nm = 633\n[sample]");
+        assert!(read(&stated, "manifest.toml").is_ok());
+    }
 }
