@@ -1,5 +1,5 @@
-//! Missing points, in all forms in which programs write them: words, and numbers that are not
-//! heights.
+//! Missing points and readings, in all forms in which programs write them: words, and numbers that
+//! are neither heights nor readings.
 
 use crate::wording::{counted, significant};
 
@@ -70,8 +70,17 @@ const SHARE_MAX: f64 = 1.0 / 3.0;
 /// The same for zeros, which a plane between towers also has.
 const ZEROS_MAX: f64 = 0.1;
 
+/// What the numbers are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// Heights of a surface.
+    Heights,
+    /// Readings of scattered light: zeros, and a peak that occurs twice, are measured.
+    Readings,
+}
+
 /// Whether a word marks a missing point.
-pub(super) fn is_mark(word: &str) -> bool {
+pub(crate) fn is_mark(word: &str) -> bool {
     let word = word.trim().to_lowercase();
     WORDS.contains(&word.as_str()) || word.parse().is_ok_and(|x: f64| !x.is_finite())
 }
@@ -87,8 +96,12 @@ struct End {
 /// Replaces numbers that mark missing points by NaN: `marks` (stated in the file), numbers larger
 /// than any height, and lowest or highest numbers far from all others. Returns notes that name
 /// them.
-pub(super) fn mark(heights: &mut [f64], marks: &[f64]) -> Vec<String> {
+pub(crate) fn mark(heights: &mut [f64], marks: &[f64], kind: Kind) -> Vec<String> {
     let mut notes = Vec::new();
+    let noun = match kind {
+        Kind::Heights => "height",
+        Kind::Readings => "reading",
+    };
     for h in heights.iter_mut() {
         let stated = marks.iter().any(|m| (*h - m).abs() <= 1e-6 * m.abs());
         if stated || h.abs() >= BEYOND {
@@ -103,8 +116,9 @@ pub(super) fn mark(heights: &mut [f64], marks: &[f64]) -> Vec<String> {
             let (off, range) = ((end.value - end.next).abs(), (end.next - other.value).abs());
             let share = end.count as f64 / count as f64;
             let times = match end.value {
-                0.0 if share <= ZEROS_MAX => 1.0,
                 v if NUMBERS.contains(&v) && share <= SHARE_MAX => OFF,
+                _ if kind == Kind::Readings => return false,
+                0.0 if share <= ZEROS_MAX => 1.0,
                 v if v != 0.0 && end.count > 1 && share <= SHARE_MAX => FAR_OFF,
                 _ => return false,
             };
@@ -120,7 +134,7 @@ pub(super) fn mark(heights: &mut [f64], marks: &[f64]) -> Vec<String> {
         };
         notes.push(format!(
             "{} of {} {} taken as missing: all others range from {} to {} in the file's unit",
-            counted(end.count, "height"),
+            counted(end.count, noun),
             end.value,
             if end.count == 1 { "is" } else { "are" },
             significant(others[0]),
@@ -183,7 +197,7 @@ mod tests {
             &[f64::INFINITY],
         ] {
             let mut heights = with(numbers, 0.17, 0.0);
-            mark(&mut heights, &[]);
+            mark(&mut heights, &[], Kind::Heights);
             let missing = heights.iter().filter(|h| h.is_nan()).count();
             assert_eq!(missing, 31, "{numbers:?}");
         }
@@ -194,7 +208,7 @@ mod tests {
             (0.0, 10.0, 30_000.0),
         ] {
             let mut heights = with(&[number], scale, offset);
-            let notes = mark(&mut heights, &[]);
+            let notes = mark(&mut heights, &[], Kind::Heights);
             assert_eq!(
                 heights.iter().filter(|h| h.is_nan()).count(),
                 31,
@@ -207,7 +221,7 @@ mod tests {
         }
         // A mark stated in the file applies at any value.
         let mut heights = with(&[], 1.0, 0.0);
-        assert!(mark(&mut heights, &[50.0]).is_empty());
+        assert!(mark(&mut heights, &[50.0], Kind::Heights).is_empty());
         assert!(heights[50].is_nan() && heights[51] == 51.0);
         // Isolated spikes, a step between two heights, and towers on a plane are heights.
         let mut spike = with(&[], 0.17, 0.0);
@@ -226,7 +240,7 @@ mod tests {
             .collect();
         for heights in [with(&[], 0.17, -3.0), spike, steps, towers] {
             let mut marked = heights.clone();
-            assert!(mark(&mut marked, &[]).is_empty());
+            assert!(mark(&mut marked, &[], Kind::Heights).is_empty());
             assert_eq!(marked, heights);
         }
     }

@@ -9,7 +9,7 @@
 mod archive;
 mod column_units;
 mod header;
-mod missing;
+pub(crate) mod missing;
 mod points;
 pub mod ridges;
 mod sdf;
@@ -112,7 +112,7 @@ fn png(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let mut heights: Vec<f64> = heights
         .map(|b| f64::from(u16::from_be_bytes([b[0], b[1]])))
         .collect();
-    let notes = missing::mark(&mut heights, &[]);
+    let notes = missing::mark(&mut heights, &[], missing::Kind::Heights);
     Ok(HeightMap {
         notes,
         ..HeightMap::new(columns, heights)

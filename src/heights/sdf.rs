@@ -3,7 +3,7 @@
 //! are in metres. A missing point is `BAD`, or the lowest integer of its type.
 
 use super::check_size;
-use super::missing::{is_mark, mark};
+use super::missing::{Kind, is_mark, mark};
 use super::text::{number, text_of};
 use crate::trace::scene::{HeightMap, MapUnits};
 
@@ -62,7 +62,7 @@ impl SdfHeader {
     }
 
     fn map(&self, mut heights: Vec<f64>) -> HeightMap {
-        let notes = mark(&mut heights, &[]);
+        let notes = mark(&mut heights, &[], Kind::Heights);
         let map = HeightMap::new(self.columns, heights).stating(MapUnits {
             pitch_um: [self.x_um, self.y_um],
             height_unit_um: self.z_um,

@@ -4,7 +4,7 @@
 use std::borrow::Cow;
 
 use super::header::Header;
-use super::missing::{is_mark, mark};
+use super::missing::{Kind, is_mark, mark};
 use super::text::{number, text_of};
 use super::{check_size, column_units, points};
 use crate::trace::scene::HeightMap;
@@ -217,7 +217,7 @@ impl Above {
                 .skip(columns - 1)
                 .step_by(columns)
                 .collect();
-            let notes = mark(&mut heights, marks);
+            let notes = mark(&mut heights, marks, Kind::Heights);
             let mut marked = numbers.clone();
             for (row, z) in marked.chunks_exact_mut(columns).zip(heights) {
                 row[columns - 1] = z;
@@ -238,7 +238,7 @@ impl Above {
                 return Ok(map);
             }
         }
-        let notes = mark(&mut numbers, marks);
+        let notes = mark(&mut numbers, marks, Kind::Heights);
         let map = HeightMap::new(columns, numbers);
         Ok(HeightMap {
             pitch_um: self.header.pitch_um(columns, map.rows),

@@ -9,7 +9,7 @@ use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 
 use super::check_size;
-use super::missing::mark;
+use super::missing::{Kind, mark};
 use super::text::number;
 use crate::trace::scene::HeightMap;
 
@@ -177,7 +177,7 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
             heights.len()
         ));
     }
-    let marked = mark(&mut heights, no_data.as_slice());
+    let marked = mark(&mut heights, no_data.as_slice(), Kind::Heights);
     Ok(HeightMap {
         notes: note.into_iter().chain(marked).collect(),
         ..HeightMap::new(columns, heights)

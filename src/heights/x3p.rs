@@ -8,7 +8,7 @@
 use roxmltree::{Document, Node};
 
 use super::archive::{Archive, note};
-use super::missing::mark;
+use super::missing::{Kind, mark};
 use super::{check_size, text as encoded};
 use crate::trace::scene::{HeightMap, MapUnits};
 
@@ -72,7 +72,7 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
         None => listed(root, count)?,
     };
     // Marks of missing points are numbers of the file, before scaling.
-    notes.extend(mark(&mut values, &[]));
+    notes.extend(mark(&mut values, &[], Kind::Heights));
     for value in &mut values {
         *value = if z.scales() {
             *value * z.increment

@@ -11,6 +11,7 @@ use serde_json::Value as Json;
 use super::TableError;
 use super::manifest::{Goniometer, ValueKind};
 use super::rows::{TableContents, TableReading, check};
+use crate::heights::missing::{Kind, mark};
 use crate::wording::counted;
 use crate::wording::json;
 
@@ -78,6 +79,44 @@ impl Angles {
     }
 }
 
+/// Units of the schema, and spellings that occur.
+const ANGLES: &[&str] = &["rad", "deg", "°"];
+const BRDF: &[&str] = &["1/sr", "sr^-1"];
+const UNCERTAINTIES: &[&str] = &["1/sr", "sr^-1", "%"];
+/// The second and third begin with two characters that look alike.
+const WAVELENGTHS: &[&str] = &["nm", "μm", "µm", "um"];
+
+/// Refuses units that the schema does not have.
+fn check_units(data: &Data) -> Result<(), String> {
+    let constant = data.brdf.uncertainty.as_ref();
+    for (name, unit, known) in [
+        ("theta_i", Some(&data.theta_i.unit), ANGLES),
+        ("phi_i", Some(&data.phi_i.unit), ANGLES),
+        ("theta_r", Some(&data.theta_r.unit), ANGLES),
+        ("phi_r", Some(&data.phi_r.unit), ANGLES),
+        ("BRDF", Some(&data.brdf.unit), BRDF),
+        ("BRDF.uncertainty", constant.map(|c| &c.unit), UNCERTAINTIES),
+        (
+            "uBRDF",
+            data.u_brdf.as_ref().map(|u| &u.unit),
+            UNCERTAINTIES,
+        ),
+        (
+            "wavelength_i",
+            data.wavelength_i.as_ref().map(|w| &w.unit),
+            WAVELENGTHS,
+        ),
+    ] {
+        if let Some(unit) = unit.filter(|unit| !known.contains(&unit.as_str())) {
+            return Err(format!(
+                "data.{name}.unit: expected {}, got `{unit}`",
+                known.join(" or ")
+            ));
+        }
+    }
+    Ok(())
+}
+
 /// Largest difference of a wavelength from the requested one, nm.
 const SAME_NM: f64 = 0.5;
 
@@ -103,20 +142,7 @@ pub(super) fn read(
                 .to_owned(),
         ));
     }
-    for (name, unit, known) in [
-        ("theta_i", &data.theta_i.unit, &["rad", "deg", "°"][..]),
-        ("phi_i", &data.phi_i.unit, &["rad", "deg", "°"]),
-        ("theta_r", &data.theta_r.unit, &["rad", "deg", "°"]),
-        ("phi_r", &data.phi_r.unit, &["rad", "deg", "°"]),
-        ("BRDF", &data.brdf.unit, &["1/sr", "sr^-1"]),
-    ] {
-        if !known.contains(&unit.as_str()) {
-            let known = known.join(" or ");
-            return Err(wrong(format!(
-                "data.{name}.unit: expected {known}, got `{unit}`"
-            )));
-        }
-    }
+    check_units(&data).map_err(wrong)?;
     let count = data.brdf.values.len();
     let lengths = [
         ("theta_i", Some(data.theta_i.values.len())),
@@ -148,16 +174,22 @@ pub(super) fn read(
     let wavelength = wavelength(&data, facts).map_err(wrong)?;
     let u_brdf = data.u_brdf.as_ref();
     let constant = data.brdf.uncertainty.as_ref();
+    let mut values: Vec<f64> = data
+        .brdf
+        .values
+        .iter()
+        .map(|v| v.unwrap_or(f64::NAN))
+        .collect();
     let mut read = TableContents {
+        left_out: mark(&mut values, &[], Kind::Readings),
         readings: Vec::new(),
-        left_out: Vec::new(),
     };
     let (mut missing, mut other, mut polarised) = (0, 0, 0);
-    for index in 0..count {
-        let Some(value) = data.brdf.values[index] else {
+    for (index, value) in values.into_iter().enumerate() {
+        if value.is_nan() {
             missing += 1;
             continue;
-        };
+        }
         let is_other = |wanted: f64| {
             let own = data.wavelength_i.as_ref().and_then(|w| w.nanometres(index));
             own.is_some_and(|own| (own - wanted).abs() > SAME_NM)
@@ -176,7 +208,7 @@ pub(super) fn read(
             continue;
         }
         let share = |of: f64, unit: &str| match unit {
-            "%" => (value * of / 100.0).abs(),
+            "%" => value.abs() * of / 100.0,
             _ => of,
         };
         let own = u_brdf.and_then(|u| Some(share(u.values[index]?, &u.unit)));
@@ -187,7 +219,8 @@ pub(super) fn read(
             theta_o_deg: data.theta_r.in_degrees(index),
             phi_o_deg: data.phi_r.in_degrees(index),
             value,
-            sigma: sigma.filter(|sigma| *sigma > 0.0),
+            // The schema allows 0, which states no uncertainty.
+            sigma: sigma.filter(|sigma| *sigma != 0.0),
         };
         check(&reading).map_err(|cause| wrong(format!("reading {}: {cause}", index + 1)))?;
         read.readings.push(reading);
@@ -224,7 +257,7 @@ impl Values {
     }
 }
 
-/// The wavelength to read, nm; `None` if the file has only one.
+/// The wavelength to read, nm; `None` if the file has at most one and the manifest states none.
 fn wavelength(data: &Data, facts: &Goniometer) -> Result<Option<f64>, String> {
     let Some(all) = &data.wavelength_i else {
         return Ok(None);
@@ -234,23 +267,96 @@ fn wavelength(data: &Data, facts: &Goniometer) -> Result<Option<f64>, String> {
         .collect();
     found.sort_by(f64::total_cmp);
     found.dedup_by(|a, b| (*a - *b).abs() <= SAME_NM);
-    if found.len() < 2 {
+    if found.is_empty() || (found.len() == 1 && facts.wavelength_nm.is_none()) {
         return Ok(None);
     }
     let listed = || {
-        let some = found.iter().take(8).map(|w| format!("{w}"));
+        // Micrometres are converted with a rounding in the last digits.
+        let some = found
+            .iter()
+            .take(8)
+            .map(|w| format!("{}", (w * 1e3).round() / 1e3));
         some.collect::<Vec<_>>().join(", ")
     };
     match facts.wavelength_nm {
         None => Err(format!(
-            "the file has {} wavelengths ({} nm): set wavelength_nm in the manifest's [goniometer] to the one to fit",
+            "the file has {} wavelengths ({} nm): set goniometer.wavelength_nm to the one to fit",
             found.len(),
             listed()
         )),
         Some(wanted) if found.iter().all(|w| (w - wanted).abs() > SAME_NM) => Err(format!(
-            "no reading is at wavelength_nm = {wanted}: the file has {} nm",
+            "no reading is at goniometer.wavelength_nm = {wanted} nm: the file has {} nm",
             listed()
         )),
         wanted => Ok(wanted),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn contents(goniometer: &str, changed: &[(&str, Json)]) -> Result<TableContents, TableError> {
+        let facts = format!("value = \"brdf\"\n{goniometer}");
+        let facts: Goniometer = toml::from_str(&facts).unwrap();
+        let angle = json!({"unit": "deg", "values": [10, 20]});
+        let mut file = json!({"data": {
+            "theta_i": angle, "phi_i": angle, "theta_r": angle, "phi_r": angle,
+            "BRDF": {"unit": "1/sr", "values": [0.5, 0.4]},
+            "uBRDF": {"unit": "%", "values": [1, 1]},
+            "wavelength_i": {"unit": "μm", "values": [0.633, 0.633]},
+        }});
+        for (key, value) in changed {
+            file["data"][*key] = value.clone();
+        }
+        read(&file.to_string(), "table.json", &facts)
+    }
+
+    #[test]
+    fn the_only_wavelength_of_a_file_is_compared_with_the_manifest() {
+        for (stated, is_read) in [
+            ("", true),
+            ("wavelength_nm = 633.2", true),
+            ("wavelength_nm = 450", false),
+        ] {
+            assert_eq!(contents(stated, &[]).is_ok(), is_read, "{stated}");
+        }
+        let why = contents("wavelength_nm = 450", &[])
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(why.contains("= 450 nm: the file has 633 nm"), "{why}");
+    }
+
+    #[test]
+    fn units_that_the_schema_does_not_have_and_negative_uncertainties_are_refused() {
+        let values = |unit: &str, values: [f64; 2]| json!({"unit": unit, "values": values});
+        let constant = json!({"unit": "1/sr", "values": [0.5, 0.4], "uncertainty": {"value": 1, "unit": "dB"}});
+        for (key, value, words) in [
+            (
+                "wavelength_i",
+                values("m", [1e-6, 1e-6]),
+                "wavelength_i.unit: expected nm or",
+            ),
+            (
+                "uBRDF",
+                values("percent", [1.0, 1.0]),
+                "data.uBRDF.unit: expected 1/sr or sr^-1 or %",
+            ),
+            ("BRDF", constant, "data.BRDF.uncertainty.unit"),
+            (
+                "uBRDF",
+                values("1/sr", [0.1, -0.1]),
+                "reading 2: sigma = -0.1",
+            ),
+            ("uBRDF", values("%", [-1.0, 1.0]), "reading 1: sigma"),
+        ] {
+            let why = contents("", &[(key, value)]).err().unwrap().to_string();
+            assert!(why.contains(words), "{why}");
+        }
+        let none = contents("", &[("uBRDF", values("1/sr", [0.0, 0.1]))]).unwrap();
+        assert_eq!(none.readings[0].sigma, None);
     }
 }

@@ -8,6 +8,7 @@
 
 mod bird;
 pub mod bird_out;
+mod columns;
 mod half_vectors;
 mod manifest;
 pub mod rgl_out;
@@ -106,10 +107,11 @@ impl BrdfTable {
             .trim_start_matches('\u{feff}')
             .trim_start()
             .starts_with('{');
-        let read = match is_json {
+        let mut read = match is_json {
             true => bird::read(&text, file, &manifest.facts)?,
-            false => rows::read(&text, file)?,
+            false => rows::read(&text, file, &manifest.facts)?,
         };
+        rows::leave_copies_out(&mut read);
         if read.readings.is_empty() {
             return Err(TableError::new(
                 file,
@@ -228,8 +230,9 @@ impl BrdfTable {
         }
     }
 
+    /// The largest value; a negative one is noise or a fault.
     fn largest(&self) -> f64 {
-        let values = self.readings.iter().map(|r| r.value.abs());
+        let values = self.readings.iter().map(|r| r.value);
         values.fold(0.0, f64::max)
     }
 

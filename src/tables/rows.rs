@@ -1,6 +1,11 @@
 //! The rows of a CSV table.
 
+use std::collections::HashSet;
+
 use super::TableError;
+use super::columns::{COLUMNS, Columns};
+use super::manifest::Goniometer;
+use crate::heights::missing::{Kind, is_mark, mark};
 use crate::wording::counted;
 use crate::wording::sheet::Sheet;
 
@@ -28,49 +33,11 @@ pub(super) struct TableContents {
     pub(super) left_out: Vec<String>,
 }
 
-/// The columns with their accepted names, without case, unit and separators.
-const COLUMNS: [(&str, &[&str]); 6] = [
-    ("theta_i_deg", &["thetai", "thetain", "thetaincident"]),
-    ("phi_i_deg", &["phii", "phiin", "phiincident"]),
-    ("theta_o_deg", &["thetao", "thetar", "thetas", "thetaout"]),
-    ("phi_o_deg", &["phio", "phir", "phis", "phiout"]),
-    (
-        "value",
-        &[
-            "value",
-            "brdf",
-            "bsdf",
-            "f",
-            "fr",
-            "radiancefactor",
-            "radiance",
-            "ars",
-        ],
-    ),
-    (
-        "sigma",
-        &["sigma", "std", "valuestd", "brdfstd", "ubrdf", "stdbrdf"],
-    ),
-];
-/// Texts of a missing reading.
-const MISSING: [&str; 6] = ["", "nan", "na", "n/a", "-", "null"];
-
-/// A column's name without case, unit and separators, and whether its unit is the radian.
-fn plain(name: &str) -> (String, bool) {
-    let lower = name
-        .to_lowercase()
-        .replace('θ', "theta")
-        .replace(['φ', 'ϕ'], "phi");
-    let mut words: Vec<&str> = lower
-        .split(|c: char| !c.is_alphanumeric() && c != '°')
-        .filter(|w| !w.is_empty())
-        .collect();
-    let radian = words.contains(&"rad");
-    words.retain(|w| !["deg", "degrees", "degree", "°", "rad", "1", "per", "sr"].contains(w));
-    (words.concat(), radian)
-}
-
-pub(super) fn read(text: &str, file: &str) -> Result<TableContents, TableError> {
+pub(super) fn read(
+    text: &str,
+    file: &str,
+    facts: &Goniometer,
+) -> Result<TableContents, TableError> {
     let mut sheet = Sheet::open(text);
     let no_csv = |error: csv::Error, sheet: &Sheet<'_>| {
         let cause = match error.kind() {
@@ -85,72 +52,60 @@ pub(super) fn read(text: &str, file: &str) -> Result<TableContents, TableError> 
         TableError::new(file, sheet.line(error.position()), cause)
     };
     let headers = sheet.headers().map_err(|e| no_csv(e, &sheet))?;
-    let names: Vec<(String, bool)> = headers.iter().map(plain).collect();
-    let mut places = [None; COLUMNS.len()];
-    for (place, (column, known)) in places.iter_mut().zip(COLUMNS) {
-        let mut found = (0..names.len()).filter(|i| known.contains(&names[*i].0.as_str()));
-        *place = found.next();
-        let wrong = match (*place, found.next()) {
-            (None, _) if column != "sigma" => format!(
-                "the column {column} is missing: the header needs {}, and may have sigma",
-                COLUMNS[..5]
-                    .iter()
-                    .map(|c| c.0)
-                    .collect::<Vec<_>>()
-                    .join(",")
-            ),
-            (Some(a), Some(b)) => format!(
-                "the columns `{}` and `{}` both mean {column}: remove one",
-                &headers[a], &headers[b]
-            ),
-            _ => continue,
-        };
-        return Err(TableError::new(file, Some(sheet.header_line()), wrong));
-    }
-    let mut read = TableContents {
-        readings: Vec::new(),
-        left_out: Vec::new(),
-    };
+    let columns = Columns::find(&headers, facts)
+        .map_err(|cause| TableError::new(file, Some(sheet.header_line()), cause))?;
+    let mut rows: Vec<(Option<usize>, TableReading)> = Vec::new();
     let mut missing = 0;
     while let Some(record) = sheet.read() {
         let record = record.map_err(|e| no_csv(e, &sheet))?;
         let line = sheet.line(record.position());
-        let at = |column: usize| places[column].map(|place| &record[place]);
         let number = |column: usize| -> Result<f64, TableError> {
-            let value = sheet.number(at(column).unwrap_or_default());
-            let value = value.map_err(|cause| {
+            let value = sheet.number(columns.field(&record, column).unwrap_or_default());
+            value.map_err(|cause| {
                 TableError::new(file, line, format!("column {}: {cause}", COLUMNS[column].0))
-            })?;
-            let radian = column < 4 && places[column].is_some_and(|place| names[place].1);
-            Ok(if radian { value.to_degrees() } else { value })
+            })
         };
-        let is_missing = |field: &str| MISSING.contains(&field.to_lowercase().as_str());
-        if at(4).is_some_and(is_missing) {
+        let angle = |column: usize| number(column).map(|x| columns.converted(column, x));
+        if columns.field(&record, 4).is_some_and(is_mark) {
             missing += 1;
             continue;
         }
         let reading = TableReading {
-            theta_i_deg: number(0)?,
-            phi_i_deg: number(1)?,
-            theta_o_deg: number(2)?,
-            phi_o_deg: number(3)?,
+            theta_i_deg: angle(0)?,
+            phi_i_deg: angle(1)?,
+            theta_o_deg: angle(2)?,
+            phi_o_deg: angle(3)?,
             value: number(4)?,
-            sigma: match at(5) {
+            sigma: match columns.field(&record, 5) {
                 None => None,
-                Some(field) if is_missing(field) => None,
+                Some(field) if is_mark(field) => None,
                 Some(_) => Some(number(5)?),
             },
         };
+        rows.push((line, reading));
+    }
+    // Marks are recognised in the file's unit.
+    let mut values: Vec<f64> = rows.iter().map(|(_, r)| r.value).collect();
+    let mut left_out = mark(&mut values, &[], Kind::Readings);
+    let mut readings = Vec::new();
+    for ((line, mut reading), value) in rows.into_iter().zip(values) {
+        if value.is_nan() {
+            missing += 1;
+            continue;
+        }
         check(&reading).map_err(|cause| TableError::new(file, line, cause))?;
-        read.readings.push(reading);
+        reading.value = columns.converted(4, value);
+        let stated = reading.sigma;
+        reading.sigma = stated.and_then(|stated| columns.sigma(reading.value, stated));
+        readings.push(reading);
     }
     if missing > 0 {
-        read.left_out.push(format!(
+        left_out.push(format!(
             "{} without a value left out",
             counted(missing, "row")
         ));
     }
-    Ok(read)
+    Ok(TableContents { readings, left_out })
 }
 
 /// Refuses a reading that is not one of a goniometer in reflection.
@@ -173,5 +128,128 @@ pub(super) fn check(reading: &TableReading) -> Result<(), String> {
             "sigma = {sigma}: a standard uncertainty must be above 0; leave the field empty to use that of the manifest"
         )),
         _ => Ok(()),
+    }
+}
+
+/// Leaves out readings that repeat another one in every digit, which are copies of one measurement.
+pub(super) fn leave_copies_out(read: &mut TableContents) {
+    let before = read.readings.len();
+    let mut seen = HashSet::new();
+    read.readings.retain(|r| {
+        let numbers = [
+            r.theta_i_deg,
+            r.phi_i_deg,
+            r.theta_o_deg,
+            r.phi_o_deg,
+            r.value,
+        ];
+        seen.insert((numbers.map(f64::to_bits), r.sigma.map(f64::to_bits)))
+    });
+    let copies = before - read.readings.len();
+    if copies > 0 {
+        read.left_out.push(format!(
+            "{} left out that repeat the directions, value and sigma of another one in every digit: \
+             state independent repeats with all their digits",
+            counted(copies, "reading")
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ANGLES: &str = "theta_i,phi_i,theta_o,phi_o";
+
+    fn contents(kind: &str, header: &str, rows: &[&str]) -> Result<TableContents, TableError> {
+        let facts: Goniometer = toml::from_str(&format!("value = \"{kind}\"")).unwrap();
+        let rows: String = rows
+            .iter()
+            .enumerate()
+            .map(|(n, row)| format!("10,0,{n},90,{row}\n"))
+            .collect();
+        read(&format!("{header}\n{rows}"), "table.csv", &facts)
+    }
+
+    #[test]
+    fn per_cent_of_a_value_and_values_in_per_cent_are_converted() {
+        let of = |kind: &str, columns: &str, row: &str| {
+            let read = contents(kind, &format!("{ANGLES},{columns}"), &[row]);
+            let reading = read.unwrap().readings[0];
+            (reading.value, reading.sigma)
+        };
+        let share = of("brdf", "BRDF [1/sr],uBRDF [%]", "0.5,1");
+        assert_eq!(share, (0.5, Some(0.005)));
+        // Per cent of nothing state no uncertainty.
+        assert_eq!(of("brdf", "brdf,ubrdf_%", "0,1"), (0.0, None));
+        let factor = of("radiance-factor", "radiance factor [%],sigma", "28,2");
+        assert!((factor.0 - 0.28).abs() < 1e-15 && factor.1 == Some(0.02));
+    }
+
+    #[test]
+    fn a_unit_that_a_column_cannot_have_is_refused_by_name() {
+        for (kind, header, words) in [
+            (
+                "brdf",
+                "theta_i (radians),phi_i,theta_o,phi_o,brdf",
+                "`theta_i (radians)`",
+            ),
+            (
+                "brdf",
+                "theta_i_mrad,phi_i,theta_o,phi_o,brdf",
+                "deg (°) or rad",
+            ),
+            ("brdf", "theta_i,phi_i,theta_o,phi_o,brdf [%]", "1/sr"),
+            (
+                "radiance-factor",
+                "theta_i,phi_i,theta_o,phi_o,f [1/sr]",
+                "1 or %",
+            ),
+            (
+                "radiance-factor",
+                "theta_i,phi_i,theta_o,phi_o,f [%],sigma [%]",
+                "two meanings",
+            ),
+            (
+                "brdf",
+                "theta_i,phi_i,theta_o,phi_o,f [1/sr],std [W]",
+                "`std [W]`",
+            ),
+            (
+                "brdf",
+                "theta_i,phi_i,elevation,phi_o,brdf",
+                "it has `theta_i`, `phi_i`, `elevation`",
+            ),
+        ] {
+            let why = contents(kind, header, &[]).err().unwrap().to_string();
+            assert!(why.contains(words), "{header}: {why}");
+        }
+    }
+
+    #[test]
+    fn marks_of_missing_readings_are_left_out_and_a_peak_that_occurs_twice_is_not() {
+        let mut rows = vec!["0.2"; 30];
+        (rows[1], rows[2], rows[3]) = ("0.3", "#N/A", "--");
+        let plain = contents("brdf", &format!("{ANGLES},value"), &rows).unwrap();
+        assert_eq!(plain.readings.len(), 28);
+        rows[4] = "-9999";
+        let read = contents("brdf", &format!("{ANGLES},value"), &rows).unwrap();
+        assert_eq!(read.readings.len(), 27);
+        let note = &read.left_out[0];
+        assert!(note.contains("1 reading of -9999"), "{note}");
+        (rows[4], rows[5]) = ("80", "80");
+        let read = contents("brdf", &format!("{ANGLES},value"), &rows).unwrap();
+        assert_eq!(read.readings.len(), 28);
+    }
+
+    #[test]
+    fn copies_of_a_reading_count_once() {
+        let mut read =
+            contents("brdf", &format!("{ANGLES},value"), &["0.2", "0.2", "0.3"]).unwrap();
+        let copy = read.readings[1];
+        read.readings.push(copy);
+        leave_copies_out(&mut read);
+        assert_eq!(read.readings.len(), 3);
+        assert!(read.left_out[0].starts_with("1 reading left out"));
     }
 }
