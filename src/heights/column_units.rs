@@ -114,6 +114,24 @@ pub(super) fn of_points(names: &[String]) -> Result<[Option<f64>; 3], String> {
     }
 }
 
+/// The places of the columns of a profile (v, z) or of points (x, y, z) in a row of names; `None` if the names do not state
+/// each of them once.
+pub(super) fn order_of(names: &[String]) -> Option<Vec<usize>> {
+    let wanted: &[&[&str]] = match names.len() {
+        2 => &[&["v", "x", "y", "position"], &["z", "height"]],
+        3 => &[&["x"], &["y"], &["z", "height"]],
+        _ => return None,
+    };
+    let bare = |name: &String| {
+        let lower = name.trim().to_lowercase();
+        let end = lower.find(|c: char| !c.is_alphanumeric());
+        lower[..end.unwrap_or(lower.len())].to_owned()
+    };
+    let bare: Vec<String> = names.iter().map(bare).collect();
+    let place = |known: &&[&str]| bare.iter().position(|name| known.contains(&name.as_str()));
+    wanted.iter().map(place).collect()
+}
+
 /// The unit in a word that contains only a unit, bare or in brackets.
 pub(super) fn unit_alone(word: &str) -> Option<&str> {
     let inner = |a, b| word.strip_prefix(a).and_then(|w| w.strip_suffix(b));
@@ -204,6 +222,25 @@ mod tests {
                 "{head}"
             );
         }
+    }
+
+    #[test]
+    fn columns_are_ordered_by_their_names() {
+        for text in [
+            "z_nm,v_mm\n3,2\n",
+            "# z_nm, v_mm\n3,2\n",
+            "z,v\nnm,mm\n3,2\n",
+        ] {
+            assert_eq!(heights(text).unwrap(), [2000.0, 3.0 * 1e-3], "{text}");
+        }
+        assert_eq!(heights("a,b\n3,2\n").unwrap(), [3.0, 2.0]);
+        let points: String = (0..12)
+            .map(|n| format!("{},{},{}\n", 10 * n, n / 4, 2 * (n % 4)))
+            .collect();
+        let map = read("points.csv", format!("z_nm,y_mm,x_um\n{points}").as_bytes()).unwrap();
+        assert_eq!((map.columns, map.rows), (4, 3));
+        assert_eq!(map.pitch_um, Some([2.0, 1000.0]));
+        assert_eq!((map.height_unit_um, map.heights[5]), (Some(1e-3), 50.0));
     }
 
     #[test]

@@ -141,9 +141,12 @@ impl Above {
             return Ok(());
         }
         if let Ok(fields) = fields_of(remark) {
-            self.units = column_units::of_comment(&fields.words)?.or(self.units);
+            let units = column_units::of_comment(&fields.words)?;
+            self.units = units.or(self.units);
             let names = names_of(&fields.words);
-            if matches!(column_units::of_points(&names), Ok([Some(_), Some(_), _])) {
+            if units.is_some()
+                || matches!(column_units::of_points(&names), Ok([Some(_), Some(_), _]))
+            {
                 self.names = names;
             }
         }
@@ -199,7 +202,7 @@ impl Above {
     }
 
     /// The map in the rows.
-    fn map(self, rows: Rows, most: usize) -> Result<HeightMap, String> {
+    fn map(mut self, rows: Rows, most: usize) -> Result<HeightMap, String> {
         let Rows {
             columns,
             mut numbers,
@@ -210,6 +213,19 @@ impl Above {
         }
         let marks = &self.header.marks;
         if columns == 2 || columns == 3 {
+            if let Some(order) =
+                column_units::order_of(&self.names).filter(|order| order.len() == columns)
+            {
+                let rows = numbers.chunks_exact(columns);
+                numbers = rows
+                    .flat_map(|row| order.iter().map(move |n| row[*n]))
+                    .collect();
+                self.names = order.iter().map(|n| self.names[*n].clone()).collect();
+                self.units = self.units.map(|units| match order[0] {
+                    0 => units,
+                    _ => [units[1], units[0]],
+                });
+            }
             // Positions are neither heights nor marks of missing points.
             let mut heights: Vec<f64> = numbers
                 .iter()
@@ -225,9 +241,15 @@ impl Above {
             if columns == 2 {
                 // A table of two columns is a profile, in µm by default.
                 let [v_um, z_um] = self.units.unwrap_or([1.0; 2]);
-                for row in marked.chunks_exact_mut(2) {
-                    (row[0], row[1]) = (row[0] * v_um, row[1] * z_um);
+                let mut rows: Vec<[f64; 2]> = marked
+                    .chunks_exact(2)
+                    .map(|row| [row[0] * v_um, row[1] * z_um])
+                    .collect();
+                // A stage may run towards −v.
+                if rows.is_sorted_by(|a, b| a[0] > b[0]) {
+                    rows.reverse();
                 }
+                let marked = rows.concat();
                 return Ok(HeightMap {
                     notes,
                     ..HeightMap::new(2, marked)
@@ -238,6 +260,12 @@ impl Above {
                 return Ok(map);
             }
         }
+        if let Some(line) = coordinates(columns, &numbers) {
+            return Err(format!(
+                "the first {line} has evenly spaced increasing or decreasing numbers as positions are, and no other {line} has: remove \
+                 it, and state the steps with --pitch-um or in the header"
+            ));
+        }
         let notes = mark(&mut numbers, marks, Kind::Heights);
         let map = HeightMap::new(columns, numbers);
         Ok(HeightMap {
@@ -247,6 +275,49 @@ impl Above {
             ..map
         })
     }
+}
+
+/// Least number of positions that are distinguished from heights.
+const POSITIONS_MIN: usize = 8;
+/// Largest deviation of a position from even spacing, in steps: programs round positions.
+const UNEVEN_MAX: f64 = 0.02;
+
+/// Whether the first column or the first row contains positions, and the others heights.
+fn coordinates(columns: usize, numbers: &[f64]) -> Option<&'static str> {
+    let rows = numbers.len() / columns;
+    // The corner of a table with positions on both sides may have any number.
+    let column = |n: usize| {
+        numbers[n..]
+            .iter()
+            .copied()
+            .step_by(columns)
+            .skip(1)
+            .collect::<Vec<f64>>()
+    };
+    let row = |n: usize| numbers[n * columns + 1..(n + 1) * columns].to_vec();
+    let only_first = |count: usize, line: &dyn Fn(usize) -> Vec<f64>| {
+        count > 2 && is_even(&line(0)) && !(1..count).any(|n| is_even(&line(n)))
+    };
+    if only_first(columns, &column) {
+        return Some("column");
+    }
+    only_first(rows, &row).then_some("row")
+}
+
+/// Whether numbers are evenly spaced and not all equal.
+fn is_even(line: &[f64]) -> bool {
+    let [first, .., last] = line else {
+        return false;
+    };
+    let step = (last - first) / (line.len() - 1) as f64;
+    let off = |(n, x): (usize, &f64)| (x - first - step * n as f64).abs();
+    line.len() >= POSITIONS_MIN
+        && step != 0.0
+        && line
+            .iter()
+            .enumerate()
+            .map(off)
+            .all(|off| off <= UNEVEN_MAX * step.abs())
 }
 
 /// Names of columns; a unit in brackets belongs to the name before it.
@@ -322,6 +393,45 @@ mod tests {
         )
         .unwrap();
         assert_eq!((stated.columns, stated.rows, stated.missing()), (4, 2, 1));
+    }
+
+    #[test]
+    fn positions_beside_the_heights_are_refused_by_name_and_a_plane_is_a_map() {
+        let table = |height: fn(usize, usize) -> f64, first: bool, above: bool| {
+            let mut text = String::new();
+            if above {
+                let places: Vec<String> = (0..12).map(|n| format!("{}", 2 * n)).collect();
+                text += &format!("{}{}\n", if first { "0," } else { "" }, places.join(","));
+            }
+            for n in 0..10 {
+                let row: Vec<String> = (0..12).map(|i| format!("{}", height(i, n))).collect();
+                let place = format!("{:.3},", n as f64 / 3.0);
+                text += &format!("{}{}\n", if first { &place } else { "" }, row.join(","));
+            }
+            read("a.csv", text.as_bytes())
+        };
+        let ridges = |i: usize, n: usize| ((i + 2 * n) % 5) as f64;
+        for (first, above, line) in [
+            (true, false, "column"),
+            (false, true, "row"),
+            (true, true, "column"),
+        ] {
+            let why = table(ridges, first, above).unwrap_err();
+            assert!(why.starts_with(&format!("the first {line} has")), "{why}");
+        }
+        assert!(table(ridges, false, false).is_ok());
+        assert!(table(|i, n| (i + 2 * n) as f64, false, false).is_ok());
+    }
+
+    #[test]
+    fn a_profile_measured_towards_smaller_v_is_reversed_and_an_unsorted_one_is_refused() {
+        let profile = |text: &str| read("a.csv", text.as_bytes()).unwrap().profile();
+        let forward = profile("0,0\n9.7,-1.7\n10,0\n").unwrap();
+        assert_eq!(profile("10,0\n9.7,-1.7\n0,0\n").unwrap(), forward);
+        let why = profile("0,0\n9.8,-1.5\n9.7,-1.7\n10,0\n")
+            .unwrap_err()
+            .to_string();
+        assert!(why.contains("sort the rows by v"), "{why}");
     }
 
     #[test]

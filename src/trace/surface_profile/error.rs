@@ -34,7 +34,9 @@ pub enum ProfileError {
         rows: usize,
     },
     /// A position does not increase.
-    #[error("row {row}: v = {v} does not increase; overhanging walls are not traced")]
+    #[error(
+        "row {row}: v = {v} does not increase: sort the rows by v; overhanging walls are not traced"
+    )]
     NotIncreasing {
         /// From 1, for the first row of numbers.
         row: usize,
