@@ -66,6 +66,7 @@ const RULES: &[(&str, &[&str])] = &[
         &[
             "units",
             "geometry",
+            "heights",
             "material",
             "model",
             "observation",
