@@ -435,24 +435,6 @@ async fn one_failure_of_the_camera_is_retried_and_reported_as_a_recovery() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn each_fault_before_a_point_counts_has_its_recovery() {
-    let moved = AxisFault::ForeignMove(Angle::from_deg(0.5));
-    // The retake after the failure of the camera is disturbed.
-    let cues = [(5, Cue::Fail), (7, Cue::Cause(AxisName::ThetaC, moved))];
-    let (end, reported) = run(samples(), &[], cues, |_| u64::MAX).await;
-    assert_eq!(end.state, ScanState::Completed);
-    let recoveries = reported.recoveries.iter();
-    let overcome: Vec<(&str, &[u32])> = recoveries
-        .map(|found| (found.code.as_str(), found.points.as_slice()))
-        .collect();
-    let point: &[u32] = &[1];
-    assert_eq!(
-        overcome,
-        [("camera-failed", point), ("frames-rejected", point)]
-    );
-}
-
-#[tokio::test(flavor = "multi_thread")]
 async fn a_fault_that_persists_has_the_reaction_of_the_settings() {
     let failing = || (4..=6).map(|frame| (frame, Cue::Fail));
     for (reaction, state, accepted, alarms) in [

@@ -123,7 +123,7 @@ impl Runner<'_> {
                 return self.fail(&error.to_string()).await;
             }
             let (kind, now) = (error.kind(), self.run.clock.now());
-            self.note_failure(&error, shot);
+            self.note_failure(&error, now, shot);
             attempts.count(kind, now);
             let mut stopped = false;
             match self.run.settings.faults.judge(kind, attempts, now) {
@@ -180,7 +180,7 @@ impl Runner<'_> {
 
     async fn skip(&mut self, shot: &Shot, error: &VisitError) {
         self.skipped.insert(shot.index);
-        self.troubles.clear();
+        self.trouble = None;
         let point = name_of(shot);
         let why = format!("{error}; the scan continues without {point} (scan.reactions)");
         self.recorder.alarm("point-skipped", &why).await;
@@ -205,42 +205,37 @@ impl Runner<'_> {
         }
     }
 
-    fn note_failure(&mut self, error: &VisitError, shot: Option<&Shot>) {
+    fn note_failure(&mut self, error: &VisitError, now: Duration, shot: Option<&Shot>) {
         let Some(code) = error.code() else { return };
-        let trouble = self.trouble_of(code, &error.to_string());
+        let trouble = self.trouble.get_or_insert_with(|| Trouble {
+            failures: 0,
+            ..Trouble::new(code, &error.to_string(), now)
+        });
         trouble.failures += 1;
         trouble.points.extend(shot.map(|shot| shot.index));
     }
 
     /// Notes that frames were discarded before those of this point.
     pub(super) fn note_discarded(&mut self, shot: &Shot, why: &str) {
-        let trouble = self.trouble_of("frame-stale", why);
-        trouble.failures = trouble.failures.max(1);
+        let now = self.run.clock.now();
+        let trouble = self
+            .trouble
+            .get_or_insert_with(|| Trouble::new("frame-stale", why, now));
         trouble.points.insert(shot.index);
     }
 
     /// Notes that a person had to resume the scan.
     pub(super) fn note_pause(&mut self, code: &str, reason: &str) {
-        self.trouble_of(code, reason).attended = true;
+        let now = self.run.clock.now();
+        let trouble = self
+            .trouble
+            .get_or_insert_with(|| Trouble::new(code, reason, now));
+        trouble.attended = true;
     }
 
-    /// Returns the fault with this code that the scan has not overcome, which begins now if there is none.
-    fn trouble_of(&mut self, code: &str, what: &str) -> &mut Trouble {
-        let known = self.troubles.iter().position(|t| t.code == code);
-        let at = known.unwrap_or_else(|| {
-            let now = self.run.clock.now();
-            self.troubles.push(Trouble {
-                failures: 0,
-                ..Trouble::new(code, what, now)
-            });
-            self.troubles.len() - 1
-        });
-        &mut self.troubles[at]
-    }
-
-    /// Reports the faults that this accepted point ends.
+    /// Reports the fault that this accepted point ends, if there was one.
     pub(super) async fn report_recovery(&mut self, shot: &Shot) {
-        for mut trouble in std::mem::take(&mut self.troubles) {
+        if let Some(mut trouble) = self.trouble.take() {
             trouble.points.insert(shot.index);
             let then = format!("{} counts", name_of(shot));
             self.report(trouble, &then).await;
