@@ -114,9 +114,6 @@ async fn a_controller_that_is_replaced_in_a_scan_pauses_it_and_the_scan_notes_th
     let scan = bench.start(small(&[0.0, 10.0], &[0.0, 30.0])).await;
     bench.until(scan.id, ScanState::WaitingForOperator).await;
     bench.rig.world.cause(ThetaC, AxisFault::Replaced(777));
-    bench.rig.world.cap_lens(true);
-    let done = bench.lab.order(scan.id, ScanCommand::Continue).await;
-    done.unwrap();
     let hands = bench.rig.operate(&bench.lab, true);
     bench.until(scan.id, ScanState::Paused).await;
     // The restart alone pauses it. The line stayed; homing finds that the controller is another one.

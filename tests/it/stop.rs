@@ -187,9 +187,6 @@ async fn a_resume_while_the_controller_is_silent_leaves_the_port_to_what_comes_n
     let scan = bench.start(small(&[0.0, 10.0], &[0.0])).await;
     bench.until(scan.id, ScanState::WaitingForOperator).await;
     bench.rig.world.set_powered(PhiS, false);
-    bench.rig.world.cap_lens(true);
-    let done = bench.lab.order(scan.id, ScanCommand::Continue).await;
-    done.unwrap();
     // The dark frame needs no motion; the next point does.
     let hands = bench.rig.operate(&bench.lab, true);
     bench.until(scan.id, ScanState::Paused).await;
