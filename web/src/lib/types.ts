@@ -1,5 +1,5 @@
-// Names of the bodies of the HTTP interface (/api/v1). Their fields are in `openapi.ts`, which is made from the daemon's OpenAPI
-// document (`npm run types`). Only results that the document describes as plain objects are written out here.
+// Names of the bodies of the HTTP interface (/api/v1). Their fields are in `openapi.ts`, which `npm run types` makes from the
+// daemon's OpenAPI document. Only results that the document describes as plain objects are written out here.
 
 import type * as openapi from './openapi';
 
