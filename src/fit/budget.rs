@@ -46,7 +46,7 @@ mod shared;
 use nalgebra::{DMatrix, DVector};
 
 use super::covariance::{Covariance, Scaling, covariance};
-use super::denials::{denials, tells_the_material};
+use super::denials::{denials, determines_the_material};
 use super::drift::{Drift, drift};
 use super::estimate::Estimate;
 use super::known::{drift_std, reference_std};
@@ -199,7 +199,7 @@ pub fn uncertainty(estimate: &Estimate<'_>) -> Uncertainty {
     let mut of = of_parts(&[Part { estimate, columns }], jacobian, residuals);
     // Where the data contradict the certificate of the material, U reaches the values without it.
     let mut denials = denials(estimate);
-    denials.retain(|denial| denial.is_of_material() && tells_the_material(estimate));
+    denials.retain(|denial| denial.is_of_material() && determines_the_material(estimate));
     for j in 0..of.budgets.len() {
         let own = of.budgets[j].combined();
         let shifts = denials.iter().map(|denial| denial.shift[j].abs());

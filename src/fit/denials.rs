@@ -32,7 +32,7 @@ impl Denial {
 
 /// Whether a contradiction of the material means something: a large model error is absorbed by a fitted index, and without
 /// a lobe the light hardly depends on it.
-pub(super) fn tells_the_material(e: &Estimate<'_>) -> bool {
+pub(super) fn determines_the_material(e: &Estimate<'_>) -> bool {
     e.discrepancy <= LOUD && e.no_lobe.is_none()
 }
 

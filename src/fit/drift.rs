@@ -261,14 +261,14 @@ pub(super) fn drift(estimate: &Estimate<'_>) -> Option<Drift> {
             let lamp = fitted(estimate)?;
             // No usable lamp changes more; a larger change has another cause.
             let plausible = lamp.change_over_series.abs() < PLAUSIBLE;
-            let told = estimate.discrepancy <= LOUD || lamp.explains > EXPLAINS_LOUD;
+            let counts = estimate.discrepancy <= LOUD || lamp.explains > EXPLAINS_LOUD;
             let one_way = lamp
                 .t
                 .abs()
                 .max((lamp.change_over_series / lamp.change_std).abs());
             let stands_out =
                 lamp.chance < CHANCE && one_way > REPORTED_T && lamp.steady_over_groups > GROUPS;
-            ((plausible && told && stands_out).then_some(lamp)?, 1.0)
+            ((plausible && counts && stands_out).then_some(lamp)?, 1.0)
         }
     };
     let times = Times::of(set)?;

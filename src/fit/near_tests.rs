@@ -149,8 +149,8 @@ fn a_wide_lobe_keeps_the_few_views_that_it_needs() {
     assert_eq!(most, Some(25));
     assert_eq!(set.with_finer_views(0.12), None);
     let report = fitted(&set);
-    let told = "directions of all but 25 of 10000 points of the field";
-    assert!(report.left_out.iter().any(|left| left.what == told));
+    let what = "directions of all but 25 of 10000 points of the field";
+    assert!(report.left_out.iter().any(|left| left.what == what));
     let [error, residual] = off(&report, &truth);
     assert!(error < 1.0 && residual < 1.2 * NOISE, "{error} {residual}");
 }

@@ -54,11 +54,11 @@ pub(super) fn in_time<T>(
     // Dropped at the end of the work, which ends the wait.
     let (working, end) = channel::<()>();
     std::thread::scope(|scope| {
-        let told = &over;
+        let raised = &over;
         scope.spawn(move || {
             while end.recv_timeout(LOOKS_AT_THE_CLOCK) == Err(RecvTimeoutError::Timeout) {
                 if cancel.load(Ordering::Relaxed) || !time.allows() {
-                    told.store(true, Ordering::Relaxed);
+                    raised.store(true, Ordering::Relaxed);
                     return;
                 }
             }
@@ -200,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn work_in_progress_is_told_that_the_time_is_over_or_that_it_is_cancelled() {
+    fn work_in_progress_learns_that_the_time_is_over_or_that_it_is_cancelled() {
         let begun = std::time::Instant::now();
         let now = || begun.elapsed().as_secs_f64();
         let time = |limit_s| {
@@ -210,15 +210,15 @@ mod tests {
                 retrace: false,
             })
         };
-        let until_told = |over: &AtomicBool| {
+        let until_over = |over: &AtomicBool| {
             while !over.load(Ordering::Relaxed) {
                 std::thread::yield_now();
             }
         };
         let never = AtomicBool::new(false);
-        in_time(time(Some(0.05)), &never, until_told);
+        in_time(time(Some(0.05)), &never, until_over);
         assert!(now() >= 0.05);
-        in_time(time(Some(1e9)), &AtomicBool::new(true), until_told);
+        in_time(time(Some(1e9)), &AtomicBool::new(true), until_over);
         // Without a limit the flag is that of the caller.
         assert!(!in_time(time(None), &never, |over| over.load(Ordering::Relaxed)));
     }

@@ -106,11 +106,11 @@ mod tests {
                 off.abs() < 1.5 * p.theta_r_deg.expanded.unwrap(),
                 "{seed} {off} {p:?}"
             );
-            let told = report
+            let named = report
                 .warnings
                 .iter()
                 .filter(|w| w.contains("may show no lobe"));
-            assert_eq!(told.count(), 1, "{seed} {:?}", report.warnings);
+            assert_eq!(named.count(), 1, "{seed} {:?}", report.warnings);
         }
     }
 

@@ -25,9 +25,6 @@ const KINDS: &[&str] = &["md", "toml", "svelte", "ts", "css", "html", "py", "ipy
 /// Rust sources; identifiers are checked there too.
 const SOURCES: &[&str] = &["src", "tests/it", "benches"];
 
-/// Folders whose inner names the redesign of the numerical core will replace.
-const NAMES_LEFT: &[&str] = &["src/model", "src/fit", "src/map"];
-
 /// The lines of the block of `docs/style.md` that begins with "```kind".
 fn listed(sheet: &str, kind: &str) -> Vec<String> {
     let fence = format!("```{kind}\n");
@@ -146,12 +143,6 @@ fn no_text_or_name_has_what_the_style_sheet_avoids() {
             for line in lines_with(&prose, phrase) {
                 report(&path, line, phrase);
             }
-        }
-        if NAMES_LEFT
-            .iter()
-            .any(|left| path.starts_with(root.join(left)))
-        {
-            continue;
         }
         for (line, part) in parts_of_names(&without_comments_and_texts(&text)) {
             if names.contains(&part) {

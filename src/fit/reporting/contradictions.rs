@@ -1,7 +1,7 @@
 //! Messages about stated values that the data contradict.
 
 use super::spoken;
-use crate::fit::denials::{Denial, denials, tells_the_material};
+use crate::fit::denials::{Denial, denials, determines_the_material};
 use crate::fit::estimate::Estimate;
 use crate::fit::findings::{Code, Finding};
 use crate::fit::misfit::peak;
@@ -18,8 +18,8 @@ pub(super) fn denied(e: &Estimate<'_>) -> Vec<String> {
         !d.by_user && d.quantity == Quantity::Background && e.values.background.abs() < FAINT * top
     };
     let denials = denials(e).into_iter();
-    let told = tells_the_material(e);
-    let denials = denials.filter(|d| (told || !d.is_of_material()) && !faint(d));
+    let material = determines_the_material(e);
+    let denials = denials.filter(|d| (material || !d.is_of_material()) && !faint(d));
     let messages = denials.map(|denial| {
         let Denial {
             quantity,
@@ -76,7 +76,7 @@ fn without_prior(e: &Estimate<'_>, quantity: Quantity, mean: f64, leverage: f64)
 /// Returns the finding for an index that the data contradict, if they do.
 pub(super) fn index(e: &Estimate<'_>) -> Option<Finding> {
     let known = |f: &Finding| f.code == Code::Index;
-    if !tells_the_material(e) || e.findings.iter().any(known) {
+    if !determines_the_material(e) || e.findings.iter().any(known) {
         return None;
     }
     let denials = denials(e).into_iter().filter(Denial::is_of_material);

@@ -140,15 +140,15 @@ mod tests {
     fn a_wrong_angle_of_the_lamp_is_named_with_the_one_that_fits() {
         let mut set = painted(poses(1.0), &TRUTH, 1e-3, 1);
         let right = set.rig.theta_l;
-        let told = |set: &ObservationSet| {
+        let message = |set: &ObservationSet| {
             let cancel = AtomicBool::new(false);
             let options = FitOptions::default();
             let e = estimate(set, Variant::Sawtooth, &options, None, &cancel).unwrap();
             rig_slips(&e, &uncertainty(&e)).pop()
         };
-        assert_eq!(told(&set), None);
+        assert_eq!(message(&set), None);
         set.rig.theta_l = right + Angle::from_deg(6.0);
-        let text = told(&set).unwrap();
+        let text = message(&set).unwrap();
         // 10°, to the first order of the offset.
         assert!(text.contains("for which about 9.9° would fit"), "{text}");
     }

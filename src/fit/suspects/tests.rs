@@ -28,7 +28,7 @@ fn tilted(wedge_deg: f64, azimuth_deg: f64, alpha_v: f64) -> ObservationSet {
 }
 
 #[test]
-fn a_tilt_across_the_ridges_is_fitted_and_told_from_the_azimuth_s_zero() {
+fn a_tilt_across_the_ridges_is_fitted_apart_from_the_azimuth_s_zero() {
     let options = FitOptions {
         variant: VariantChoice::Sawtooth,
         ..FitOptions::default()
