@@ -26,6 +26,26 @@ pub struct Observation {
     /// Mean time of its frames, in seconds after the mean time of the white reference's frames (or
     /// of all observations without a white reference); `None` if the frames have no times.
     pub taken_s: Option<f64>,
+    /// Its place in a table of readings; `None` for frames.
+    pub row: Option<TableRow>,
+}
+
+/// Place of a reading in a table, from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TableRow {
+    /// Line of a CSV file.
+    Line(usize),
+    /// Number among the readings of a BiRD file.
+    Reading(usize),
+}
+
+impl std::fmt::Display for TableRow {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            TableRow::Line(n) => write!(f, "line {n}"),
+            TableRow::Reading(n) => write!(f, "reading {n}"),
+        }
+    }
 }
 
 /// Change of this observation by one standard uncertainty of each source that all observations
@@ -174,6 +194,7 @@ impl Observation {
             shared: SharedErrors::default(),
             n_frames: 1,
             taken_s: None,
+            row: None,
         }
     }
 }

@@ -92,13 +92,16 @@ fn parameters(report: &FitReport, form: &Form) -> String {
         .region
         .as_ref()
         .map_or_else(String::new, |r| format!(" · region {r}"));
+    let frames = match report.n_frames_used as usize {
+        n if n == report.n_observations => String::new(),
+        n => format!(" from {}", counted(n, "frame")),
+    };
     line(
         &mut out,
         &format!(
-            "{} · {status}{region} · {} from {}",
+            "{} · {status}{region} · {}{frames}",
             paint(&format!("variant {}", report.variant), "1"),
             counted(report.n_observations, "observation"),
-            counted(report.n_frames_used as usize, "frame")
         ),
     );
     line(&mut out, "");

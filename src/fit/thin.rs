@@ -104,6 +104,7 @@ pub fn merged(set: &ObservationSet, loss: Loss) -> Option<Merged> {
                 n_frames: group.iter().map(|o| o.n_frames).sum(),
                 taken_s: (group.iter().all(|o| o.taken_s.is_some()))
                     .then(|| mean(&|o| o.taken_s.unwrap_or(0.0))),
+                row: group[0].row,
             }
         })
         .collect();

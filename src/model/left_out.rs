@@ -66,8 +66,8 @@ pub fn lens(cones: &Cones) -> Option<LeftOut> {
     (cones.lens.rad() <= 0.0).then(|| {
         LeftOut::new(
             "the lens's cone",
-            "the rig states no lens_angular_radius_deg, so the lens counts as a point; this matters for \
-             lobes as narrow as its cone",
+            "neither lens_angular_radius_deg nor, for a table, detector_angular_radius_deg is stated, so the \
+             lens counts as a point; this matters for lobes as narrow as its cone",
             None,
         )
     })

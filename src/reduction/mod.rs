@@ -370,6 +370,7 @@ pub fn reduce(
                     .taken_s
                     .zip(began_s)
                     .map(|(taken, began)| taken - began),
+                row: None,
             }
         })
         .collect();

@@ -359,6 +359,7 @@ fn observation(row: &Row, taken_s: Option<f64>) -> Observation {
         },
         n_frames: row.n_frames,
         taken_s,
+        row: None,
     }
 }
 
@@ -393,6 +394,7 @@ mod tests {
                     },
                     n_frames: 3,
                     taken_s: Some(10.0 / f64::from(i + 3)),
+                    row: None,
                 })
                 .collect(),
             flats: vec![FlatObservation {

@@ -12,6 +12,7 @@ use super::TableError;
 use super::manifest::{Goniometer, ValueKind};
 use super::rows::{TableContents, TableReading, check};
 use crate::heights::missing::{Kind, mark};
+use crate::observation::TableRow;
 use crate::wording::counted;
 use crate::wording::json;
 
@@ -134,7 +135,7 @@ pub(super) fn read(
             Ok(_) => error.to_string(),
         };
         let cause = format!("{cause}; expected a BiRD file of version 1.0");
-        TableError::new(file, Some(error.line()), cause)
+        TableError::new(file, Some(TableRow::Line(error.line())), cause)
     })?;
     if facts.value != ValueKind::Brdf {
         return Err(wrong(
@@ -221,8 +222,9 @@ pub(super) fn read(
             value,
             // The schema allows 0, which states no uncertainty.
             sigma: sigma.filter(|sigma| *sigma != 0.0),
+            row: Some(TableRow::Reading(index + 1)),
         };
-        check(&reading).map_err(|cause| wrong(format!("reading {}: {cause}", index + 1)))?;
+        check(&reading, file)?;
         read.readings.push(reading);
     }
     for (n, why) in [

@@ -6,6 +6,7 @@ use serde::Deserialize;
 use super::TableError;
 use crate::geometry::Directions;
 use crate::material::Material;
+use crate::observation::TableRow;
 use crate::series::{Manifest, SeriesError, TABLE_SCHEMA as SCHEMA};
 use crate::wording::toml_text;
 
@@ -134,7 +135,7 @@ pub(super) fn read(text: &str, file: &str) -> Result<TableManifest, TableError> 
             "{key}{}; docs/reference/brdf-tables.md lists all keys",
             refused.words
         );
-        TableError::new(file, refused.line, cause)
+        TableError::new(file, refused.line.map(TableRow::Line), cause)
     })?;
     let wrong = |cause: String| Err(TableError::new(file, None, cause));
     if text.schema != SCHEMA {

@@ -23,7 +23,9 @@ pub use self::manifest::{AzimuthSense, Goniometer, ValueKind, ValueScale};
 pub use self::rows::TableReading;
 use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::material::Material;
-use crate::observation::{Observation, ObservationSet, Prior, SharedErrors, View, WhiteReference};
+use crate::observation::{
+    Observation, ObservationSet, Prior, SharedErrors, TableRow, View, WhiteReference,
+};
 use crate::robust;
 use crate::series::TABLE_SCHEMA;
 use crate::units::Angle;
@@ -50,21 +52,21 @@ const STRAY_SHARE: f64 = 0.01;
 
 /// Why a folder is not a valid table.
 #[derive(Debug, thiserror::Error)]
-#[error("{file}{}: {cause}", .line.map(|l| format!(" line {l}")).unwrap_or_default())]
+#[error("{file}{}: {cause}", .row.map(|row| format!(" {row}")).unwrap_or_default())]
 pub struct TableError {
     /// The file.
     pub file: String,
-    /// Line number from 1, if known.
-    pub line: Option<usize>,
+    /// The line or reading, if known.
+    pub row: Option<TableRow>,
     /// The fault and the remedy.
     pub cause: String,
 }
 
 impl TableError {
-    fn new(file: &str, line: Option<usize>, cause: impl Into<String>) -> Self {
+    fn new(file: &str, row: Option<TableRow>, cause: impl Into<String>) -> Self {
         TableError {
             file: file.to_owned(),
-            line,
+            row,
             cause: cause.into(),
         }
     }
@@ -187,6 +189,7 @@ impl BrdfTable {
                     phi_s_zero: phi_std,
                     ..SharedErrors::default()
                 },
+                row: reading.row,
                 ..Observation::new(placed.pose, signal, per_value * own.max(least))
             });
             views.push(vec![View {
@@ -345,6 +348,6 @@ fn text_of(folder: &Path, file: &str) -> Result<String, TableError> {
         std::fs::read(&path).map_err(|e| unread(format!("the file cannot be read: {e}")))?;
     decoded(bytes).map_err(|(line, byte)| {
         let cause = format!("the byte 0x{byte:02X} is not valid UTF-8: save the file as UTF-8");
-        TableError::new(file, Some(line), cause)
+        TableError::new(file, Some(TableRow::Line(line)), cause)
     })
 }

@@ -6,6 +6,7 @@ use super::TableError;
 use super::columns::{COLUMNS, Columns};
 use super::manifest::Goniometer;
 use crate::heights::missing::{Kind, is_mark, mark};
+use crate::observation::TableRow;
 use crate::wording::counted;
 use crate::wording::sheet::Sheet;
 
@@ -25,6 +26,8 @@ pub struct TableReading {
     pub value: f64,
     /// Its standard uncertainty, if stated in the table.
     pub sigma: Option<f64>,
+    /// Its place in the file, if known.
+    pub row: Option<TableRow>,
 }
 
 /// The contents of a file.
@@ -49,16 +52,20 @@ pub(super) fn read(
             ),
             _ => format!("the line is not valid CSV: {error}"),
         };
-        TableError::new(file, sheet.line(error.position()), cause)
+        TableError::new(
+            file,
+            sheet.line(error.position()).map(TableRow::Line),
+            cause,
+        )
     };
     let headers = sheet.headers().map_err(|e| no_csv(e, &sheet))?;
     let columns = Columns::find(&headers, facts)
-        .map_err(|cause| TableError::new(file, Some(sheet.header_line()), cause))?;
-    let mut rows: Vec<(Option<usize>, TableReading)> = Vec::new();
+        .map_err(|cause| TableError::new(file, Some(TableRow::Line(sheet.header_line())), cause))?;
+    let mut rows: Vec<TableReading> = Vec::new();
     let mut missing = 0;
     while let Some(record) = sheet.read() {
         let record = record.map_err(|e| no_csv(e, &sheet))?;
-        let line = sheet.line(record.position());
+        let line = sheet.line(record.position()).map(TableRow::Line);
         let number = |column: usize| -> Result<f64, TableError> {
             let value = sheet.number(columns.field(&record, column).unwrap_or_default());
             value.map_err(|cause| {
@@ -81,19 +88,20 @@ pub(super) fn read(
                 Some(field) if is_mark(field) => None,
                 Some(_) => Some(number(5)?),
             },
+            row: line,
         };
-        rows.push((line, reading));
+        rows.push(reading);
     }
     // Marks are recognised in the file's unit.
-    let mut values: Vec<f64> = rows.iter().map(|(_, r)| r.value).collect();
+    let mut values: Vec<f64> = rows.iter().map(|r| r.value).collect();
     let mut left_out = mark(&mut values, &[], Kind::Readings);
     let mut readings = Vec::new();
-    for ((line, mut reading), value) in rows.into_iter().zip(values) {
+    for (mut reading, value) in rows.into_iter().zip(values) {
         if value.is_nan() {
             missing += 1;
             continue;
         }
-        check(&reading).map_err(|cause| TableError::new(file, line, cause))?;
+        check(&reading, file)?;
         reading.value = columns.converted(4, value);
         let stated = reading.sigma;
         reading.sigma = stated.and_then(|stated| columns.sigma(reading.value, stated));
@@ -109,22 +117,25 @@ pub(super) fn read(
 }
 
 /// Refuses a reading that is not one of a goniometer in reflection.
-pub(super) fn check(reading: &TableReading) -> Result<(), String> {
+pub(super) fn check(reading: &TableReading, file: &str) -> Result<(), TableError> {
+    let refused = |cause: String| Err(TableError::new(file, reading.row, cause));
     for (name, theta) in [
         ("theta_i", reading.theta_i_deg),
         ("theta_o", reading.theta_o_deg),
     ] {
         if theta.abs() >= 90.0 {
-            return Err(format!(
+            return refused(format!(
                 "{name} = {theta}° is not above the surface: leave out readings in transmission and at 90°, and check that the unit is the degree"
             ));
         }
     }
     if reading.phi_i_deg.abs().max(reading.phi_o_deg.abs()) > 3600.0 {
-        return Err("an azimuth exceeds ten turns: check that the unit is the degree".to_owned());
+        return refused(
+            "an azimuth exceeds ten turns: check that the unit is the degree".to_owned(),
+        );
     }
     match reading.sigma {
-        Some(sigma) if sigma <= 0.0 => Err(format!(
+        Some(sigma) if sigma <= 0.0 => refused(format!(
             "sigma = {sigma}: a standard uncertainty must be above 0; leave the field empty to use that of the manifest"
         )),
         _ => Ok(()),

@@ -94,6 +94,7 @@ fn observations(name: &str, bench: Bench) -> ObservationSet {
             },
             n_frames: 3,
             taken_s: None,
+            row: None,
         });
     }
     let mut flats = Vec::new();

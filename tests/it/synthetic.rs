@@ -135,6 +135,7 @@ fn painted(seed: u64, poses: &[(f64, f64)], cones: Cones, alpha: f64, polarised:
                 },
                 n_frames: 3,
                 taken_s: None,
+                row: None,
             }
         })
         .collect();

@@ -11,6 +11,7 @@ use serde_json::{Value as Json, json};
 use tempfile::TempDir;
 
 use ridged::analysis::{AnalysisOptions, analyse_observations};
+use ridged::fit::findings::Code;
 use ridged::fit::{Constraint, FitOptions, FitReport, Quantity, VariantChoice};
 use ridged::geometry::{Cones, Directions};
 use ridged::model::prepared::OpticsTable;
@@ -202,6 +203,18 @@ fn a_table_of_the_hemisphere_identifies_its_surface() {
     holds("αu", (p.alpha_u.value, p.alpha_u.expanded), 0.10, 0.01);
     holds("αv", (p.alpha_v.value, p.alpha_v.expanded), 0.14, 0.01);
     holds("ρd", (p.rho_d.value, p.rho_d.expanded), 0.3, 0.02);
+}
+
+#[test]
+fn a_bad_reading_is_named_by_its_line() {
+    let angles = around();
+    let mut values = noisy(&brdf(&surface(12.0), &angles));
+    values[40] *= 1.3;
+    let report = fitted(observed(MANIFEST, &csv(&angles, &values)));
+    let bad: Vec<&str> = report.findings.iter().map(|f| f.advice.as_str()).collect();
+    // The header is line 1.
+    assert!(bad[0].starts_with("Check line 42: "), "{bad:?}");
+    assert_eq!(report.findings[0].code, Code::BadPose);
 }
 
 #[test]

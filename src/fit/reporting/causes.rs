@@ -20,6 +20,10 @@ pub(super) fn all(
 ) -> Vec<Finding> {
     let mut found = e.findings.clone();
     let set = e.problem.set();
+    let (pose, frames) = match set.is_of_goniometer() {
+        true => ("reading", ""),
+        false => ("pose", "the frames of "),
+    };
     if let Some(curve) = set.detector {
         found.push(Finding {
             code: Code::NonLinear,
@@ -48,7 +52,7 @@ pub(super) fn all(
             explains: poses.explains,
             change_of_theta_r_deg: None,
             advice: format!(
-                "Check the frames of {}: {} robust standard deviations from the others.",
+                "Check {frames}{}: {} robust standard deviations from the others.",
                 named(e, &poses.observations),
                 significant(poses.deviations)
             ),
@@ -61,7 +65,7 @@ pub(super) fn all(
             change_of_theta_r_deg: None,
             advice: format!(
                 "The {} starting at {} deviate by {} %, all in one direction. Find out what changed then, and measure them again.",
-                counted(block.observations.len(), "pose"),
+                counted(block.observations.len(), pose),
                 named(e, &block.observations[..1]),
                 significant(100.0 * block.share)
             ),
@@ -80,12 +84,15 @@ pub(super) fn all(
     sorted(found)
 }
 
-/// Lists poses by their angles.
+/// Lists poses by their angles, and readings of a table by their rows.
 fn named(e: &Estimate<'_>, observations: &[usize]) -> String {
     let all = &e.problem.set().observations;
-    let each = observations.iter().map(|i| {
-        let pose = all[*i].pose;
-        format!("θc {:.2}°, φs {:.2}°", pose.theta_c.deg(), pose.phi_s.deg())
+    let each = observations.iter().map(|i| match all[*i].row {
+        Some(row) => row.to_string(),
+        None => {
+            let pose = all[*i].pose;
+            format!("θc {:.2}°, φs {:.2}°", pose.theta_c.deg(), pose.phi_s.deg())
+        }
     });
     each.collect::<Vec<_>>().join("; ")
 }
