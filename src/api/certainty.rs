@@ -15,18 +15,6 @@ use crate::scan::event::{Certainty, UncertainValue};
 use crate::scan::{Event, RecordedEvent};
 use crate::store::utc_text;
 
-/// A parameter with its standard uncertainty.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct UncertainBody {
-    /// Estimate, in the unit of the parameter's name.
-    value: f64,
-    /// Standard uncertainty with all known components, in the same unit.
-    std: f64,
-    /// k: the expanded uncertainty is k times `std`.
-    #[schema(required = false)]
-    coverage_factor: f64,
-}
-
 /// Result of the live fit of the frames so far.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct CertaintyBody {
@@ -47,7 +35,7 @@ pub struct CertaintyBody {
     #[schema(value_type = Status)]
     status: String,
     /// By name, without the parameters that the frames so far do not determine.
-    parameters: BTreeMap<String, UncertainBody>,
+    parameters: BTreeMap<String, UncertainValue>,
 }
 
 impl CertaintyBody {
@@ -71,22 +59,7 @@ impl CertaintyBody {
             n_frames_used,
             variant,
             status,
-            parameters: parameters
-                .into_iter()
-                .map(|(name, p)| {
-                    let UncertainValue {
-                        value,
-                        std,
-                        coverage_factor,
-                    } = p;
-                    let body = UncertainBody {
-                        value,
-                        std,
-                        coverage_factor,
-                    };
-                    (name, body)
-                })
-                .collect(),
+            parameters,
         })
     }
 }

@@ -6,7 +6,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::frames::image_of;
-use super::scans::{OperatorBody, ProgressBody};
+use super::scans::ProgressBody;
 use crate::forecast::Forecast;
 use crate::frame::FrameKind;
 use crate::job::{JobKind, JobState};
@@ -60,7 +60,7 @@ pub(super) enum WhatHappened {
         /// Reason for the state, if it is not the normal course.
         reason: Option<String>,
         /// The operator step that it waits for.
-        operator: Option<OperatorBody>,
+        operator: Option<OperatorStep>,
         /// Progress of the scan.
         progress: ProgressBody,
     },
@@ -216,7 +216,7 @@ impl From<Event> for WhatHappened {
                 previous,
                 state,
                 reason,
-                operator: operator.map(|action| OperatorStep::from(action).into()),
+                operator: operator.map(OperatorStep::from),
                 progress: ProgressBody::new(&progress, state),
             },
             Event::Frame {

@@ -17,7 +17,7 @@ use super::status::{ApiError, Problem};
 use super::{App, Begun, List, jobs};
 use crate::fit::report::{Parameters, Status, VariantName};
 use crate::job::JobKind;
-use crate::lab::FitRequest;
+use crate::lab::{Curve, FitRequest};
 use crate::store::jobs::JobFilter;
 
 /// Filter of the list.
@@ -166,7 +166,7 @@ pub struct CurvesBody {
     /// Observed and predicted.
     observations: Vec<PointBody>,
     /// One curve per tilt and variant.
-    curves: Vec<CurveBody>,
+    curves: Vec<Curve>,
 }
 
 /// An observation and the prediction of the fit.
@@ -184,20 +184,6 @@ pub struct PointBody {
     predicted: f64,
     /// (signal − predicted) / peak.
     residual: f64,
-}
-
-/// Predicted signal over φs at one tilt.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct CurveBody {
-    /// Variant of the model.
-    #[schema(value_type = VariantName)]
-    variant: String,
-    /// Camera tilt θc as recorded, degrees.
-    theta_c_deg: f64,
-    /// Sample azimuths φs as recorded, degrees.
-    phi_s_deg: Vec<f64>,
-    /// Predicted signals at these azimuths, in the observations' unit of radiance.
-    signal: Vec<f64>,
 }
 
 /// The fitted curves over φs, one per tilt, with the observations.
@@ -233,15 +219,6 @@ pub(super) async fn curve(
                 },
             })
             .collect(),
-        curves: curves
-            .curves
-            .into_iter()
-            .map(|c| CurveBody {
-                variant: c.variant,
-                theta_c_deg: c.theta_c_deg,
-                phi_s_deg: c.phi_s_deg,
-                signal: c.signal,
-            })
-            .collect(),
+        curves: curves.curves,
     }))
 }

@@ -109,23 +109,7 @@ pub struct List<T> {
     pub next_cursor: Option<String>,
     /// Rows of this page that the store cannot read; omitted if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub damaged: Vec<DamagedBody>,
-}
-
-/// A row that the store cannot read.
-#[derive(Debug, Clone, Serialize, ToSchema)]
-pub struct DamagedBody {
-    /// Number of the row.
-    id: i64,
-    /// What is wrong with it.
-    detail: String,
-}
-
-impl From<DamagedRow> for DamagedBody {
-    fn from(row: DamagedRow) -> Self {
-        let DamagedRow { id, detail } = row;
-        DamagedBody { id, detail }
-    }
+    pub damaged: Vec<DamagedRow>,
 }
 
 impl<T, U: From<T>> From<Page<T>> for List<U> {
@@ -133,7 +117,7 @@ impl<T, U: From<T>> From<Page<T>> for List<U> {
         List {
             items: page.items.into_iter().map(U::from).collect(),
             next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
-            damaged: page.damaged.into_iter().map(DamagedBody::from).collect(),
+            damaged: page.damaged,
         }
     }
 }
@@ -144,12 +128,7 @@ impl<U> List<U> {
         List {
             items: Vec::new(),
             next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
-            damaged: page
-                .damaged
-                .iter()
-                .cloned()
-                .map(DamagedBody::from)
-                .collect(),
+            damaged: page.damaged.clone(),
         }
     }
 
@@ -162,7 +141,7 @@ impl<U> List<U> {
             Ok(item) => self.items.push(item),
             Err(error @ (LabError::Store(StoreError::BadRow { .. }) | LabError::Series(_))) => {
                 let detail = error.to_string();
-                self.damaged.push(DamagedBody { id, detail });
+                self.damaged.push(DamagedRow { id, detail });
             }
             Err(error) => return Err(error.into()),
         }

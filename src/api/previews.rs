@@ -16,6 +16,7 @@ use super::lease::user_of_rig;
 use super::status::{ApiError, Problem};
 use crate::lab::{LabError, PreviewFrame, PreviewRequest, PreviewView};
 use crate::preview::Area;
+use crate::preview::exposures::Suggestion;
 use crate::store::utc_text;
 
 /// A preview to take.
@@ -32,7 +33,7 @@ pub struct PreviewBody {
     lamp: bool,
     /// The part of the frame to measure; the whole frame if omitted.
     #[serde(default)]
-    area: Option<AreaBody>,
+    area: Option<Area>,
     /// Number of exposures to suggest for a scan, 0 to 2; as many as are taken, at most 2, if omitted. The daemon may take
     /// further frames of up to 10 s to find them.
     #[serde(default)]
@@ -42,24 +43,6 @@ pub struct PreviewBody {
 
 fn on() -> bool {
     true
-}
-
-/// A rectangle of a frame.
-#[derive(Debug, Clone, Copy, Deserialize, Serialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct AreaBody {
-    /// First column, from 0.
-    #[schema(minimum = 0, maximum = 65_535)]
-    left_px: u32,
-    /// First row, from 0.
-    #[schema(minimum = 0, maximum = 65_535)]
-    top_px: u32,
-    /// Columns.
-    #[schema(minimum = 1, maximum = 65_535)]
-    width_px: u32,
-    /// Rows.
-    #[schema(minimum = 1, maximum = 65_535)]
-    height_px: u32,
 }
 
 /// A preview.
@@ -74,14 +57,14 @@ pub struct PreviewAnswer {
     /// Whether the lamp was on.
     lamp: bool,
     /// The part of the frame that was measured.
-    area: AreaBody,
+    area: Area,
     /// Whether the newest dark frames of this rig name the defect pixels. Otherwise a lone full pixel counts as a
     /// defect.
     defects_known: bool,
     /// One frame per exposure, in the order of the request.
     frames: Vec<PreviewFrameBody>,
     /// Exposures for a scan from this pose; null if none were requested.
-    suggestion: Option<SuggestionBody>,
+    suggestion: Option<Suggestion>,
 }
 
 /// A frame of a preview. The figures are those of the area without its defect pixels.
@@ -145,33 +128,6 @@ pub struct PictureBody {
     high_dn: f64,
 }
 
-/// Exposures for a scan.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct SuggestionBody {
-    /// Exposures, s, shortest first; empty if there is no suggestion. At the first one the brightest pixel of this pose reaches
-    /// about 70 % of full scale; the second one is three times as long.
-    exposures_s: Vec<f64>,
-    /// Why there is none, or why the brightest pixel does not reach 70 %; null otherwise.
-    reason: Option<String>,
-}
-
-impl From<AreaBody> for Area {
-    fn from(area: AreaBody) -> Area {
-        let AreaBody {
-            left_px,
-            top_px,
-            width_px,
-            height_px,
-        } = area;
-        Area {
-            left_px,
-            top_px,
-            width_px,
-            height_px,
-        }
-    }
-}
-
 impl From<PreviewFrame> for PreviewFrameBody {
     fn from(frame: PreviewFrame) -> Self {
         let PreviewFrame {
@@ -214,33 +170,19 @@ impl From<PreviewFrame> for PreviewFrameBody {
 impl From<PreviewView> for PreviewAnswer {
     fn from(view: PreviewView) -> Self {
         let pose = view.stages.pose();
-        let Area {
-            left_px,
-            top_px,
-            width_px,
-            height_px,
-        } = view.area;
         PreviewAnswer {
             theta_c_deg: pose.theta_c.deg_for_tables(),
             phi_s_deg: pose.phi_s.deg_for_tables(),
             referenced: view.stages.all_homed(),
             lamp: view.lamp,
-            area: AreaBody {
-                left_px,
-                top_px,
-                width_px,
-                height_px,
-            },
+            area: view.area,
             defects_known: view.defects_known,
             frames: view
                 .frames
                 .into_iter()
                 .map(PreviewFrameBody::from)
                 .collect(),
-            suggestion: view.suggestion.map(|found| SuggestionBody {
-                exposures_s: found.exposures_s,
-                reason: found.reason,
-            }),
+            suggestion: view.suggestion,
         }
     }
 }
@@ -260,7 +202,7 @@ pub(super) async fn take(
     let request = PreviewRequest {
         exposures_s: body.exposures_s,
         lamp: body.lamp,
-        area: body.area.map(Area::from),
+        area: body.area,
         suggest: body.suggest.map(|suggest| suggest as usize),
     };
     match app.lab.preview(request).await {

@@ -8,7 +8,6 @@ use utoipa::ToSchema;
 
 use super::caller::Caller;
 use super::extract::{Body, Id, Params, page};
-use super::scans::OperatorBody;
 use super::status::{self, ApiError, Problem};
 use super::{App, List};
 use crate::lab::{LabError, OrderRequest, QueueView};
@@ -117,7 +116,7 @@ pub struct CurrentOrder {
     /// State of its scan.
     scan_state: ScanState,
     /// The operator step that it waits for; place-sample asks for this part.
-    operator: Option<OperatorBody>,
+    operator: Option<OperatorStep>,
 }
 
 /// The queue.
@@ -158,7 +157,7 @@ async fn queue_body(app: &App, view: QueueView) -> Result<Json<QueueBody>, ApiEr
         Some((order, scan)) => Some(CurrentOrder {
             order: body(app, order).await?,
             scan_state: scan.state,
-            operator: scan.operator.map(|step| OperatorStep::from(step).into()),
+            operator: scan.operator.map(OperatorStep::from),
         }),
         None => None,
     };

@@ -285,27 +285,6 @@ pub struct JogBody {
     jog: Option<u64>,
 }
 
-/// State of a jog.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct JogAnswer {
-    /// Number of the jog: send it with each renewal.
-    jog: u64,
-    /// Whether the axis has stopped for good.
-    ended: bool,
-    /// Why the axis waits at the end of its way: its limit, or a forbidden region; null while it moves.
-    at_end: Option<String>,
-}
-
-impl From<JogView> for JogAnswer {
-    fn from(view: JogView) -> Self {
-        JogAnswer {
-            jog: view.jog,
-            ended: view.ended,
-            at_end: view.at_end,
-        }
-    }
-}
-
 /// The controllers to accept.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -397,7 +376,7 @@ const STOP_ANSWER: Duration = Duration::from_millis(900);
 /// not. It stays within its limits and outside the forbidden regions. Each jog has a number: after a stop, a renewal with
 /// the old number starts nothing.
 #[utoipa::path(post, path = "/api/v1/rig/jog", tag = "rig", request_body = JogBody, responses(
-    (status = 200, description = "The axis moves, or has stopped where `ended` is true", body = JogAnswer),
+    (status = 200, description = "The axis moves, or has stopped where `ended` is true", body = JogView),
     (status = 409, description = "The rig is busy, the jog has ended (`jog-ended`), or the axis has no reference (`stage-not-referenced`)", body = Problem),
     (status = 422, description = "A value is not valid", body = Problem),
     (status = 503, description = "The stages are not available", body = Problem),
@@ -405,7 +384,7 @@ const STOP_ANSWER: Duration = Duration::from_millis(900);
 pub(super) async fn jog(
     Caller(app): Caller,
     Body(body): Body<JogBody>,
-) -> Result<Json<JogAnswer>, ApiError> {
+) -> Result<Json<JogView>, ApiError> {
     let axis = body.axis.parse().map_err(|_| {
         ApiError::invalid(
             "axis",
@@ -417,7 +396,7 @@ pub(super) async fn jog(
         speed_deg_s: body.speed_deg_s,
         jog: body.jog,
     };
-    Ok(Json(app.lab.jog(request).await?.into()))
+    Ok(Json(app.lab.jog(request).await?))
 }
 
 /// Accept the controllers that answer instead of those of the rig. They are named, so that no others are accepted that were

@@ -46,16 +46,6 @@ impl From<FrameKind> for Phase {
     }
 }
 
-/// Where a scan comes from.
-#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum ScanOrigin {
-    /// The rig of this daemon.
-    Rig,
-    /// An imported series.
-    Import,
-}
-
 /// Progress of a scan.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ProgressBody {
@@ -95,25 +85,6 @@ impl ProgressBody {
     }
 }
 
-/// An operator step.
-#[derive(Debug, Clone, Serialize, ToSchema)]
-pub struct OperatorBody {
-    /// The step.
-    #[schema(value_type = OperatorAction)]
-    action: &'static str,
-    /// What to do, as a sentence.
-    message: &'static str,
-}
-
-impl From<OperatorStep> for OperatorBody {
-    fn from(step: OperatorStep) -> Self {
-        OperatorBody {
-            action: step.action.as_str(),
-            message: step.message,
-        }
-    }
-}
-
 /// A scan.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ScanBody {
@@ -128,9 +99,9 @@ pub struct ScanBody {
     /// Reason for the state, if it is not the normal course.
     reason: Option<String>,
     /// Origin of the scan.
-    origin: ScanOrigin,
+    origin: Origin,
     /// The operator step that it waits for; else null.
-    operator: Option<OperatorBody>,
+    operator: Option<OperatorStep>,
     /// The whole plan; of an import, its poses.
     plan: Plan,
     /// Progress of the scan.
@@ -214,11 +185,8 @@ pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
         frames_rejected: store.frames_rejected(scan.id).await?,
         calibration_ids: store.calibrations_of_scan(scan.id).await?,
         ended_at: scan.ended_at().map(str::to_owned),
-        operator: scan.operator.map(|a| OperatorStep::from(a).into()),
-        origin: match scan.origin {
-            Origin::Rig => ScanOrigin::Rig,
-            Origin::Import => ScanOrigin::Import,
-        },
+        operator: scan.operator.map(OperatorStep::from),
+        origin: scan.origin,
         id: scan.id,
         sample_id: scan.sample_id,
         sample_name: scan.sample_name,
@@ -347,7 +315,7 @@ pub struct EstimateBody {
     /// Free disk space, bytes.
     disk_free_bytes: u64,
     /// Operator steps, in order.
-    operator_steps: Vec<OperatorBody>,
+    operator_steps: Vec<OperatorStep>,
     /// Calibrations of earlier scans that it uses.
     calibration_ids: Vec<i64>,
     /// The whole plan without the frames that those calibrations replace.
@@ -375,7 +343,7 @@ pub(super) async fn estimate(
         operator_steps: estimated
             .operator_steps
             .into_iter()
-            .map(|action| OperatorStep::from(action).into())
+            .map(OperatorStep::from)
             .collect(),
         calibration_ids: estimated.calibration_ids,
         plan: estimated.plan,

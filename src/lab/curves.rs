@@ -10,16 +10,18 @@ use crate::model::{self, Optics, Surface, Variant};
 use crate::observation::ObservationSet;
 use crate::units::Angle;
 
-/// A fitted curve over φs at one tilt.
-#[derive(Debug, Clone, PartialEq)]
+/// Predicted signal over φs at one tilt.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
+#[schema(as = CurveBody)]
 pub struct Curve {
-    /// Variant.
+    /// Variant of the model.
+    #[schema(value_type = VariantName)]
     pub variant: String,
-    /// Tilt, as recorded.
+    /// Camera tilt θc as recorded, degrees.
     pub theta_c_deg: f64,
-    /// Azimuths, as recorded.
+    /// Sample azimuths φs as recorded, degrees.
     pub phi_s_deg: Vec<f64>,
-    /// Predicted signals in the observations' unit.
+    /// Predicted signals at these azimuths, in the observations' unit of radiance.
     pub signal: Vec<f64>,
 }
 

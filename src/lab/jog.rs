@@ -26,13 +26,14 @@ pub struct JogRequest {
 }
 
 /// State of a jog.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
+#[schema(as = JogAnswer)]
 pub struct JogView {
-    /// Its number, with which it is renewed.
+    /// Number of the jog: send it with each renewal.
     pub jog: u64,
-    /// Whether it has ended.
+    /// Whether the axis has stopped for good.
     pub ended: bool,
-    /// Why the axis waits at the end of its way.
+    /// Why the axis waits at the end of its way: its limit, or a forbidden region; null while it moves.
     pub at_end: Option<String>,
 }
 

@@ -36,11 +36,13 @@ pub struct Tried {
 }
 
 /// Exposures for a scan.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
+#[schema(as = SuggestionBody)]
 pub struct Suggestion {
-    /// Exposures, shortest first; empty if there is no suggestion.
+    /// Exposures, s, shortest first; empty if there is no suggestion. At the first one the brightest pixel of this pose reaches
+    /// about 70 % of full scale; the second one is three times as long.
     pub exposures_s: Vec<f64>,
-    /// Why there is none, or why the brightest pixel does not reach [`BRIGHTEST_SHARE`].
+    /// Why there is none, or why the brightest pixel does not reach 70 %; null otherwise.
     pub reason: Option<String>,
 }
 

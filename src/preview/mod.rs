@@ -7,6 +7,8 @@ pub mod defects;
 pub mod exposures;
 pub mod figures;
 
+use serde::{Deserialize, Serialize};
+
 /// What the counts of a camera mean.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CountScale {
@@ -29,14 +31,20 @@ impl CountScale {
 }
 
 /// A rectangle of a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = AreaBody)]
 pub struct Area {
-    /// First column.
+    /// First column, from 0.
+    #[schema(minimum = 0, maximum = 65_535)]
     pub left_px: u32,
-    /// First row.
+    /// First row, from 0.
+    #[schema(minimum = 0, maximum = 65_535)]
     pub top_px: u32,
     /// Columns.
+    #[schema(minimum = 1, maximum = 65_535)]
     pub width_px: u32,
     /// Rows.
+    #[schema(minimum = 1, maximum = 65_535)]
     pub height_px: u32,
 }

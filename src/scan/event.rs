@@ -74,12 +74,13 @@ impl OperatorAction {
     }
 }
 
-/// An operator step as it is shown to people.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+/// An operator step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[schema(as = OperatorBody)]
 pub struct OperatorStep {
-    /// What to do.
+    /// The step.
     pub action: OperatorAction,
-    /// The same in words.
+    /// What to do, as a sentence.
     pub message: &'static str,
 }
 
@@ -175,14 +176,15 @@ pub struct ShortValue {
     pub expanded: f64,
 }
 
-/// A fitted parameter in passing.
+/// A parameter with its standard uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = UncertainBody)]
 pub struct UncertainValue {
     /// Estimate, in the unit of the parameter's name.
     pub value: f64,
-    /// Standard uncertainty with everything known in it.
+    /// Standard uncertainty with all known components, in the same unit.
     pub std: f64,
-    /// k: its expanded uncertainty divided by the standard uncertainty.
+    /// k: the expanded uncertainty is k times `std`.
     #[serde(default = "two")]
     pub coverage_factor: f64,
 }

@@ -13,10 +13,11 @@ pub struct Page<T> {
     pub damaged: Vec<DamagedRow>,
 }
 
-/// A row that this program cannot read.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// A row that the store cannot read.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]
+#[schema(as = DamagedBody)]
 pub struct DamagedRow {
-    /// Number.
+    /// Number of the row.
     pub id: i64,
     /// What is wrong with it.
     pub detail: String,

@@ -10,12 +10,14 @@ use super::{Page, PageRequest, Store, StoreError};
 use crate::scan::{Event, OperatorAction, Plan, Progress, RecordedEvent, ScanState};
 use crate::version::BUILD;
 
-/// The origin of a scan.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Where a scan comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[schema(as = ScanOrigin)]
 pub enum Origin {
-    /// Taken by a rig of this daemon.
+    /// The rig of this daemon.
     Rig,
-    /// A recorded series.
+    /// An imported series.
     Import,
 }
 
