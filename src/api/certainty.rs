@@ -78,17 +78,9 @@ pub(super) async fn of_scan(
     let store = app.lab.store();
     store.scan(id).await?;
     let page = page(params.limit, params.cursor.as_deref())?;
-    let mut found = store
-        .uncertainties(id, page.cursor.unwrap_or(0), page.limit + 1)
-        .await?;
-    let more = found.len() > page.limit as usize;
-    found.truncate(page.limit as usize);
-    let next_cursor = more
-        .then(|| found.last().map(|e| e.id.to_string()))
-        .flatten();
-    Ok(Json(List {
-        items: found.into_iter().filter_map(CertaintyBody::of).collect(),
-        next_cursor,
-        damaged: Vec::new(),
-    }))
+    let found = store.scan_events(id, &["uncertainty"], page).await?;
+    let mut list = List::after(&found);
+    let rows = found.items.into_iter().filter_map(CertaintyBody::of);
+    list.items = rows.collect();
+    Ok(Json(list))
 }

@@ -23,21 +23,12 @@ pub(super) async fn of_scan(
     let store = app.lab.store();
     store.scan(id).await?;
     let page = page(params.limit, params.cursor.as_deref())?;
-    let mut found = store
-        .incidents(id, page.cursor.unwrap_or(0), page.limit + 1)
-        .await?;
-    let more = found.len() > page.limit as usize;
-    found.truncate(page.limit as usize);
-    let next_cursor = more
-        .then(|| found.last().map(|e| e.id.to_string()))
-        .flatten();
-    let incidents = found.into_iter().filter_map(|recorded| {
+    let found = store.scan_events(id, &Incident::KINDS, page).await?;
+    let mut list = List::after(&found);
+    let incidents = found.items.into_iter().filter_map(|recorded| {
         let at = utc_text(recorded.at);
         Incident::of(recorded, at)
     });
-    Ok(Json(List {
-        items: incidents.collect(),
-        next_cursor,
-        damaged: Vec::new(),
-    }))
+    list.items = incidents.collect();
+    Ok(Json(list))
 }

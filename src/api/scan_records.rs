@@ -10,7 +10,6 @@ use super::extract::{Body, Id, PageParams, Params, page};
 use super::scans::{ScanBody, body};
 use super::status::{ApiError, Problem};
 use super::{App, List};
-use crate::store::PageRequest;
 use crate::store::records::{RecordChange, RecordPatch};
 
 /// What changes of a scan; a field that is omitted stays as it is.
@@ -92,17 +91,6 @@ pub(super) async fn changes(
     Params(params): Params<PageParams>,
 ) -> Result<Json<List<RecordChange>>, ApiError> {
     let page = page(params.limit, params.cursor.as_deref())?;
-    let one_more = PageRequest {
-        limit: page.limit + 1,
-        ..page
-    };
-    let mut items = app.lab.store().record_changes(id, one_more).await?;
-    let is_more = items.len() > page.limit as usize;
-    items.truncate(page.limit as usize);
-    let last = items.last().filter(|_| is_more);
-    Ok(Json(List {
-        next_cursor: last.map(|change| change.id.to_string()),
-        items,
-        damaged: Vec::new(),
-    }))
+    let found = app.lab.store().record_changes(id, page).await?;
+    Ok(Json(found.into()))
 }

@@ -28,6 +28,7 @@ mod hdf5_group;
 mod hooks;
 mod import;
 mod import_duplicates;
+mod incidents;
 mod job_progress;
 mod job_slots;
 mod job_work;

@@ -1,9 +1,10 @@
 //! What followed a completed scan: its fits, and the verdicts against its specification.
 
 use super::fit_at_end::{FIT_NOT_STARTED, NOT_JUDGED};
+use super::incidents::incidents;
 use super::{Lab, LabError, VerdictRequest};
 use crate::job::{JobKind, JobState};
-use crate::scan::Event;
+use crate::scan::IncidentKind;
 use crate::store::jobs::{Job, JobFilter};
 use crate::store::{PageRequest, StoreError};
 
@@ -79,9 +80,10 @@ impl Lab {
 
     /// Whether an alarm says that no fit or no verdict follows.
     pub(super) async fn gave_up(&self, scan_id: i64) -> Result<bool, LabError> {
-        let incidents = self.store().incidents(scan_id, 0, 10_000).await?;
+        let incidents = incidents(self.store(), scan_id).await?;
         Ok(incidents.iter().any(|incident| {
-            matches!(&incident.event, Event::Alarm { code, .. } if [FIT_NOT_STARTED, NOT_JUDGED].contains(&code.as_str()))
+            incident.kind == IncidentKind::Alarm
+                && [FIT_NOT_STARTED, NOT_JUDGED].contains(&incident.code.as_str())
         }))
     }
 

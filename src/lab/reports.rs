@@ -6,6 +6,7 @@ use time::OffsetDateTime;
 use super::chosen_fit::{ReportChoice, chosen};
 use super::comparisons::{SCANS_MAX, repeatability};
 use super::curves::{FitCurves, curves_of};
+use super::incidents::incidents;
 use super::series::plan_of_rows;
 use super::stages::identity_of;
 use super::tasks::blocking;
@@ -21,12 +22,11 @@ use crate::report::{
     MeasuringRig, ReportedCurve, ReportedFit, ReportedObservation, ReportedVerdict,
     StageController, UsedCalibration, UsedDefinition,
 };
-use crate::scan::Incident;
 use crate::series::{FrameReadError, Series};
 use crate::store::definitions::DefinitionRef;
 use crate::store::jobs::JobFilter;
 use crate::store::scans::{Origin, Scan, ScanFilter};
-use crate::store::{PageRequest, Store, StoreError, sha256_hex, utc_of, utc_text};
+use crate::store::{PageRequest, Store, StoreError, sha256_hex, utc_of};
 use crate::version::BUILD;
 
 /// Distance of the points of a curve, degrees.
@@ -355,21 +355,6 @@ async fn repeats(
         Err(LabError::Invalid { .. }) => Ok(None),
         Err(error) => Err(error),
     }
-}
-
-async fn incidents(store: &Store, scan_id: i64) -> Result<Vec<Incident>, LabError> {
-    let mut all = Vec::new();
-    let mut after = 0;
-    loop {
-        let found = store.incidents(scan_id, after, ROWS.limit).await?;
-        let Some(last) = found.last() else { break };
-        after = last.id;
-        all.extend(found.into_iter().filter_map(|recorded| {
-            let at = utc_text(recorded.at);
-            Incident::of(recorded, at)
-        }));
-    }
-    Ok(all)
 }
 
 fn observations(set: &ObservationSet) -> Vec<ReportedObservation> {

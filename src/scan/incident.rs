@@ -37,6 +37,9 @@ pub struct Incident {
 }
 
 impl Incident {
+    /// Kinds of the events that record incidents.
+    pub const KINDS: [&str; 2] = ["alarm", "recovered"];
+
     /// Returns the incident that an event records; `at` is its time as text. `None` for events of other kinds.
     #[must_use]
     pub fn of(recorded: RecordedEvent, at: String) -> Option<Incident> {

@@ -3,7 +3,7 @@
 use sqlx::FromRow;
 use sqlx::sqlite::SqliteConnection;
 
-use super::{Store, StoreError, utc_of, utc_text};
+use super::{Page, PageRequest, Store, StoreError, utc_of, utc_text};
 use crate::access::DAEMON;
 use crate::scan::{Event, Progress, RecordedEvent};
 
@@ -149,52 +149,27 @@ impl Store {
         }
     }
 
-    /// Returns the uncertainties that a scan's live fit reported, oldest first, at most `limit` after event number
-    /// `after`.
+    /// Returns the events of a scan that are of these kinds, oldest first.
     ///
     /// # Errors
     /// A database error.
-    pub async fn uncertainties(
+    pub async fn scan_events(
         &self,
         scan_id: i64,
-        after: i64,
-        limit: u32,
-    ) -> Result<Vec<RecordedEvent>, StoreError> {
-        sqlx::query_as::<_, Row>(
-            "SELECT id, at, body, who FROM events WHERE scan_id = ? AND kind = 'uncertainty' AND id > ? ORDER BY id LIMIT ?",
+        kinds: &[&str],
+        page: PageRequest,
+    ) -> Result<Page<RecordedEvent>, StoreError> {
+        let rows = sqlx::query_as::<_, Row>(
+            "SELECT id, at, body, who FROM events
+             WHERE scan_id = ? AND kind IN (SELECT value FROM json_each(?)) AND id > ? ORDER BY id LIMIT ?",
         )
         .bind(scan_id)
-        .bind(after)
-        .bind(limit)
+        .bind(serde_json::json!(kinds).to_string())
+        .bind(page.cursor.unwrap_or(0))
+        .bind(page.limit + 1)
         .fetch_all(self.readers())
-        .await?
-        .into_iter()
-        .map(RecordedEvent::try_from)
-        .collect()
-    }
-
-    /// Returns the alarms and recoveries of a scan, oldest first, at most `limit` after event number `after`.
-    ///
-    /// # Errors
-    /// A database error.
-    pub async fn incidents(
-        &self,
-        scan_id: i64,
-        after: i64,
-        limit: u32,
-    ) -> Result<Vec<RecordedEvent>, StoreError> {
-        sqlx::query_as::<_, Row>(
-            "SELECT id, at, body, who FROM events WHERE scan_id = ? AND kind IN ('alarm', 'recovered') AND id > ?
-             ORDER BY id LIMIT ?",
-        )
-        .bind(scan_id)
-        .bind(after)
-        .bind(limit)
-        .fetch_all(self.readers())
-        .await?
-        .into_iter()
-        .map(RecordedEvent::try_from)
-        .collect()
+        .await?;
+        Ok(Page::read(rows, page.limit, |row: &Row| row.id))
     }
 
     /// Returns the number of the newest event; 0 if there is none.
@@ -236,6 +211,31 @@ mod tests {
         let missed = store.events_after(first.id, 10).await.unwrap();
         let events: Vec<Event> = missed.into_iter().map(|e| e.event).collect();
         assert_eq!(events, [alarm("b"), alarm("c")]);
+    }
+
+    #[tokio::test]
+    async fn events_of_a_scan_are_listed_by_kind_and_page() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, _) = open(folder.path()).await.unwrap();
+        let scan_id = planned(&store).await.id;
+        for (code, of) in [("a", Some(scan_id)), ("b", None), ("c", Some(scan_id))] {
+            let event = Event::Alarm {
+                code: code.into(),
+                message: "look".into(),
+                scan_id: of,
+            };
+            store.record(event).await.unwrap();
+        }
+        let listed = async |kinds: &[&str], cursor| {
+            let page = PageRequest { limit: 1, cursor };
+            store.scan_events(scan_id, kinds, page).await.unwrap()
+        };
+        let first = listed(&["alarm", "recovered"], None).await;
+        assert_eq!(first.next_cursor, Some(first.items[0].id));
+        let last = listed(&["alarm"], first.next_cursor).await;
+        assert_eq!((last.items.len(), last.next_cursor), (1, None));
+        assert!(matches!(&last.items[0].event, Event::Alarm { code, .. } if code == "c"));
+        assert_eq!(listed(&["recovered"], None).await.items, []);
     }
 
     #[tokio::test]

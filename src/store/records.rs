@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use sqlx::FromRow;
 
 use super::samples::NOTE_LENGTH_MAX;
-use super::{PageRequest, Store, StoreError};
+use super::{Page, PageRequest, Store, StoreError};
 
 /// Longest tag, in characters.
 pub const TAG_LENGTH_MAX: usize = 40;
@@ -124,6 +124,19 @@ struct Row {
     at: String,
 }
 
+impl TryFrom<Row> for RecordChange {
+    type Error = StoreError;
+
+    fn try_from(row: Row) -> Result<RecordChange, StoreError> {
+        Ok(RecordChange {
+            id: row.id,
+            who: row.who,
+            at: row.at,
+            record: record_of(Some(&row.tags), row.note, row.archived)?,
+        })
+    }
+}
+
 /// Reads a stored record.
 pub(super) fn record_of(
     tags: Option<&str>,
@@ -182,7 +195,7 @@ impl Store {
         Ok(after)
     }
 
-    /// Returns the changes of the record of a scan after the one with this number, oldest first.
+    /// Returns the changes of the record of a scan, oldest first.
     ///
     /// # Errors
     /// [`StoreError::NotFound`], or a database error.
@@ -190,25 +203,17 @@ impl Store {
         &self,
         scan_id: i64,
         page: PageRequest,
-    ) -> Result<Vec<RecordChange>, StoreError> {
+    ) -> Result<Page<RecordChange>, StoreError> {
         self.scan(scan_id).await?;
         let rows: Vec<Row> = sqlx::query_as(
             "SELECT id, tags, note, archived, who, at FROM scan_records WHERE scan_id = ? AND id > ? ORDER BY id LIMIT ?",
         )
         .bind(scan_id)
         .bind(page.cursor.unwrap_or(0))
-        .bind(page.limit)
+        .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
-        let changes = rows.into_iter().map(|row| {
-            Ok(RecordChange {
-                id: row.id,
-                who: row.who,
-                at: row.at,
-                record: record_of(Some(&row.tags), row.note, row.archived)?,
-            })
-        });
-        changes.collect()
+        Ok(Page::read(rows, page.limit, |row: &Row| row.id))
     }
 }
 
@@ -262,7 +267,7 @@ mod tests {
         let undone = change(archived(false), "anna").await;
         assert!(!undone.archived);
         let all = store.record_changes(id, PageRequest::default()).await;
-        let all = all.unwrap();
+        let all = all.unwrap().items;
         let who: Vec<&str> = all.iter().map(|change| &*change.who).collect();
         assert_eq!(who, ["anna", "ben", "ben", "anna", "anna"]);
         assert_eq!(all[1].record.note.as_deref(), Some("scratch at the edge"));
@@ -271,7 +276,8 @@ mod tests {
             limit: 1,
         };
         let page = store.record_changes(id, after).await.unwrap();
-        assert_eq!(page, [all[3].clone()]);
+        assert_eq!(page.items, [all[3].clone()]);
+        assert_eq!(page.next_cursor, Some(all[3].id));
         let unknown = store.change_record(99, &archived(true), "anna").await;
         assert!(matches!(unknown, Err(StoreError::NotFound { .. })));
     }

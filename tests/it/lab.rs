@@ -169,7 +169,9 @@ async fn a_scan_is_fitted_while_it_runs_and_its_uncertainty_falls() {
     assert!(few < many && early_s < late_s, "{fitted_at:?}");
     assert!(narrow < wide, "{fitted_at:?}");
     // It is kept, in order.
-    let kept = lab.store().uncertainties(scan.id, 0, 1000).await.unwrap();
+    let page = PageRequest::default();
+    let kept = lab.store().scan_events(scan.id, &["uncertainty"], page);
+    let kept = kept.await.unwrap().items;
     assert!(kept.len() >= 2 && kept.windows(2).all(|w| w[0].id < w[1].id));
     bench.end().await;
 }

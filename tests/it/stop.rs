@@ -13,10 +13,11 @@ use ridged::lab::{Lab, LabError, RigParts, ScanRequest};
 use ridged::scan::event::RigActivity;
 use ridged::scan::plan::{DarkRequest, FlatRequest};
 use ridged::scan::runner::ScanCommand;
-use ridged::scan::{Event, PlanRequest, RecordedEvent, Rig, ScanState, StageLink};
+use ridged::scan::{Event, Incident, PlanRequest, RecordedEvent, Rig, ScanState, StageLink};
 use ridged::sim::faults::{LineFault, ScriptedFaults};
 use ridged::sim::rig::{SimulatedRig, Simulation};
 use ridged::sim::world::AxisFault;
+use ridged::store::PageRequest;
 use ridged::store::disk::RealDisk;
 use ridged::units::Angle;
 use tokio::sync::broadcast::Receiver;
@@ -251,7 +252,12 @@ async fn power_that_comes_back_moves_nothing_without_a_person_or_the_settings() 
         }
         let scan = bench.finish(scan.id).await;
         assert_eq!(scan.state, ScanState::Completed, "{:?}", scan.reason);
-        let incidents = bench.lab.store().incidents(scan.id, 0, 100).await.unwrap();
+        let page = PageRequest::default();
+        let incidents = bench
+            .lab
+            .store()
+            .scan_events(scan.id, &Incident::KINDS, page);
+        let incidents = incidents.await.unwrap().items;
         let Some(Event::Recovered {
             attended,
             code,
