@@ -19,6 +19,7 @@ mod certainty;
 mod charts;
 mod comparisons;
 mod connections;
+mod definitions;
 mod document;
 mod event_body;
 mod events;

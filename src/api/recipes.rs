@@ -7,13 +7,12 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::caller::Caller;
-use super::extract::{Body, Id, PageParams, Params, page};
+use super::definitions::{self, DefinitionBody, DefinitionParams, VersionParams};
+use super::extract::{Body, Id, PageParams, Params};
 use super::status::{self, ApiError, Problem};
 use super::{App, List};
 use crate::lab::{LabError, Recipe};
-use crate::store::definitions::{Definition, DefinitionKind, Wanted};
-
-const KIND: DefinitionKind = DefinitionKind::Recipe;
+use crate::store::definitions::{Definition, DefinitionKind};
 
 /// One version of a recipe.
 #[derive(Debug, Serialize, ToSchema)]
@@ -36,7 +35,9 @@ pub struct RecipeBody {
     recipe: Recipe,
 }
 
-impl RecipeBody {
+impl DefinitionBody for RecipeBody {
+    const KIND: DefinitionKind = DefinitionKind::Recipe;
+
     fn of(stored: Definition) -> Result<Self, LabError> {
         Ok(RecipeBody {
             recipe: Recipe::of_content(&stored.content)?,
@@ -51,39 +52,15 @@ impl RecipeBody {
     }
 }
 
-/// Filter of the list.
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub struct RecipeParams {
-    /// The recipe of exactly this name.
-    name: Option<String>,
-    /// The archived ones instead of the others.
-    archived: Option<bool>,
-    /// Rows at most, 1 to 1000; 100 if omitted.
-    #[param(minimum = 1, maximum = 1000)]
-    limit: Option<u32>,
-    /// `next_cursor` of the previous page.
-    cursor: Option<String>,
-}
-
 /// Recipes in their newest versions, newest recipe first.
-#[utoipa::path(get, path = "/api/v1/recipes", tag = "recipes", params(RecipeParams), responses(
+#[utoipa::path(get, path = "/api/v1/recipes", tag = "recipes", params(DefinitionParams), responses(
     (status = 200, description = "A page of recipes", body = List<RecipeBody>),
 ))]
 pub(super) async fn list(
     State(app): State<App>,
-    Params(params): Params<RecipeParams>,
+    Params(params): Params<DefinitionParams>,
 ) -> Result<Json<List<RecipeBody>>, ApiError> {
-    let page = page(params.limit, params.cursor.as_deref())?;
-    let (name, archived) = (params.name.as_deref(), params.archived.unwrap_or(false));
-    let found = app.lab.store().definitions(KIND, name, archived, page);
-    let found = found.await?;
-    let mut list = List::after(&found);
-    for stored in found.items {
-        list.take(stored.id, RecipeBody::of(stored))?;
-    }
-    Ok(Json(list))
+    definitions::list(&app, params).await
 }
 
 /// Add a recipe. Its plan is checked against this rig.
@@ -102,29 +79,18 @@ pub(super) async fn add(
     Ok(status::created(location, RecipeBody::of(added)?))
 }
 
-/// Which version.
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub struct RecipeVersionParams {
-    /// The version; the newest one if omitted.
-    version: Option<i64>,
-}
-
 /// One recipe.
 #[utoipa::path(get, path = "/api/v1/recipes/{id}", tag = "recipes",
-    params(("id" = i64, Path, description = "Number of the recipe"), RecipeVersionParams), responses(
+    params(("id" = i64, Path, description = "Number of the recipe"), VersionParams), responses(
     (status = 200, description = "The recipe", body = RecipeBody),
     (status = 404, description = "There is no such recipe or version", body = Problem),
 ))]
 pub(super) async fn get(
     State(app): State<App>,
     Id(id): Id,
-    Params(params): Params<RecipeVersionParams>,
+    Params(params): Params<VersionParams>,
 ) -> Result<Json<RecipeBody>, ApiError> {
-    let wanted = params.version.map_or(Wanted::Newest, Wanted::Version);
-    let stored = app.lab.store().definition(KIND, id, wanted).await?;
-    Ok(Json(RecipeBody::of(stored)?))
+    definitions::one(&app, id, params).await
 }
 
 /// Versions of a recipe, newest first. Scans stay linked to the version that they were started with.
@@ -138,13 +104,7 @@ pub(super) async fn versions(
     Id(id): Id,
     Params(params): Params<PageParams>,
 ) -> Result<Json<List<RecipeBody>>, ApiError> {
-    let page = page(params.limit, params.cursor.as_deref())?;
-    let found = app.lab.store().definition_versions(KIND, id, page).await?;
-    let mut list = List::after(&found);
-    for stored in found.items {
-        list.take(stored.version, RecipeBody::of(stored))?;
-    }
-    Ok(Json(list))
+    definitions::versions(&app, id, params).await
 }
 
 /// A change of a recipe.
@@ -184,8 +144,7 @@ pub(super) async fn change(
     (status = 404, description = "Not found", body = Problem),
 ))]
 pub(super) async fn archive(Caller(app): Caller, Id(id): Id) -> Result<Json<RecipeBody>, ApiError> {
-    let stored = app.lab.archive_definition(KIND, id, true).await?;
-    Ok(Json(RecipeBody::of(stored)?))
+    definitions::archive(&app, id, true).await
 }
 
 /// Restore an archived recipe.
@@ -195,6 +154,5 @@ pub(super) async fn archive(Caller(app): Caller, Id(id): Id) -> Result<Json<Reci
     (status = 404, description = "Not found", body = Problem),
 ))]
 pub(super) async fn restore(Caller(app): Caller, Id(id): Id) -> Result<Json<RecipeBody>, ApiError> {
-    let stored = app.lab.archive_definition(KIND, id, false).await?;
-    Ok(Json(RecipeBody::of(stored)?))
+    definitions::archive(&app, id, false).await
 }

@@ -7,15 +7,14 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::caller::Caller;
-use super::extract::{Body, Id, PageParams, Params, page};
+use super::definitions::{self, DefinitionBody, DefinitionParams, VersionParams};
+use super::extract::{Body, Id, PageParams, Params};
 use super::status::{self, ApiError, Problem};
 use super::{App, List};
 use crate::judge::Specification;
 use crate::lab::LabError;
 use crate::lab::definitions::read;
-use crate::store::definitions::{Definition, DefinitionKind, Wanted};
-
-const KIND: DefinitionKind = DefinitionKind::Specification;
+use crate::store::definitions::{Definition, DefinitionKind};
 
 /// One version of a specification.
 #[derive(Debug, Serialize, ToSchema)]
@@ -38,7 +37,9 @@ pub struct SpecificationBody {
     specification: Specification,
 }
 
-impl SpecificationBody {
+impl DefinitionBody for SpecificationBody {
+    const KIND: DefinitionKind = DefinitionKind::Specification;
+
     fn of(stored: Definition) -> Result<Self, LabError> {
         Ok(SpecificationBody {
             specification: read(&stored.content)?,
@@ -53,39 +54,15 @@ impl SpecificationBody {
     }
 }
 
-/// Filter of the list.
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub struct SpecificationParams {
-    /// The specification of exactly this name.
-    name: Option<String>,
-    /// The archived ones instead of the others.
-    archived: Option<bool>,
-    /// Rows at most, 1 to 1000; 100 if omitted.
-    #[param(minimum = 1, maximum = 1000)]
-    limit: Option<u32>,
-    /// `next_cursor` of the previous page.
-    cursor: Option<String>,
-}
-
 /// Specifications in their newest versions, newest specification first.
-#[utoipa::path(get, path = "/api/v1/specifications", tag = "specifications", params(SpecificationParams), responses(
+#[utoipa::path(get, path = "/api/v1/specifications", tag = "specifications", params(DefinitionParams), responses(
     (status = 200, description = "A page of specifications", body = List<SpecificationBody>),
 ))]
 pub(super) async fn list(
     State(app): State<App>,
-    Params(params): Params<SpecificationParams>,
+    Params(params): Params<DefinitionParams>,
 ) -> Result<Json<List<SpecificationBody>>, ApiError> {
-    let page = page(params.limit, params.cursor.as_deref())?;
-    let (name, archived) = (params.name.as_deref(), params.archived.unwrap_or(false));
-    let found = app.lab.store().definitions(KIND, name, archived, page);
-    let found = found.await?;
-    let mut list = List::after(&found);
-    for stored in found.items {
-        list.take(stored.id, SpecificationBody::of(stored))?;
-    }
-    Ok(Json(list))
+    definitions::list(&app, params).await
 }
 
 /// Add a specification.
@@ -104,29 +81,18 @@ pub(super) async fn add(
     Ok(status::created(location, SpecificationBody::of(added)?))
 }
 
-/// Which version.
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub struct SpecificationVersionParams {
-    /// The version; the newest one if omitted.
-    version: Option<i64>,
-}
-
 /// One specification.
 #[utoipa::path(get, path = "/api/v1/specifications/{id}", tag = "specifications",
-    params(("id" = i64, Path, description = "Number of the specification"), SpecificationVersionParams), responses(
+    params(("id" = i64, Path, description = "Number of the specification"), VersionParams), responses(
     (status = 200, description = "The specification", body = SpecificationBody),
     (status = 404, description = "There is no such specification or version", body = Problem),
 ))]
 pub(super) async fn get(
     State(app): State<App>,
     Id(id): Id,
-    Params(params): Params<SpecificationVersionParams>,
+    Params(params): Params<VersionParams>,
 ) -> Result<Json<SpecificationBody>, ApiError> {
-    let wanted = params.version.map_or(Wanted::Newest, Wanted::Version);
-    let stored = app.lab.store().definition(KIND, id, wanted).await?;
-    Ok(Json(SpecificationBody::of(stored)?))
+    definitions::one(&app, id, params).await
 }
 
 /// Versions of a specification, newest first. Scans stay linked to the version that they are judged against.
@@ -140,13 +106,7 @@ pub(super) async fn versions(
     Id(id): Id,
     Params(params): Params<PageParams>,
 ) -> Result<Json<List<SpecificationBody>>, ApiError> {
-    let page = page(params.limit, params.cursor.as_deref())?;
-    let found = app.lab.store().definition_versions(KIND, id, page).await?;
-    let mut list = List::after(&found);
-    for stored in found.items {
-        list.take(stored.version, SpecificationBody::of(stored))?;
-    }
-    Ok(Json(list))
+    definitions::versions(&app, id, params).await
 }
 
 /// A change of a specification.
@@ -191,8 +151,7 @@ pub(super) async fn archive(
     Caller(app): Caller,
     Id(id): Id,
 ) -> Result<Json<SpecificationBody>, ApiError> {
-    let stored = app.lab.archive_definition(KIND, id, true).await?;
-    Ok(Json(SpecificationBody::of(stored)?))
+    definitions::archive(&app, id, true).await
 }
 
 /// Restore an archived specification.
@@ -205,6 +164,5 @@ pub(super) async fn restore(
     Caller(app): Caller,
     Id(id): Id,
 ) -> Result<Json<SpecificationBody>, ApiError> {
-    let stored = app.lab.archive_definition(KIND, id, false).await?;
-    Ok(Json(SpecificationBody::of(stored)?))
+    definitions::archive(&app, id, false).await
 }
