@@ -53,12 +53,14 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Reads a specification.
+/// Reads and checks a specification; `file` names it in errors.
 fn specified(text: &str, file: &str) -> Result<Specification, CliError> {
-    // The form first, so that a refusal has line, key and what is expected.
-    toml_text::read::<Specification>(text)
+    let specification: Specification = toml_text::read(text)
         .map_err(|refused| CliError::bad_input(anyhow!("{file}, {refused}")))?;
-    Specification::from_toml(text, file).map_err(CliError::bad_input)
+    match specification.check() {
+        Ok(()) => Ok(specification),
+        Err(error) => Err(CliError::bad_input(anyhow!("{file}: {error}"))),
+    }
 }
 
 /// Runs the command.

@@ -12,7 +12,7 @@
 //! inside the tolerance limits by the guard band g = t(1 − risk) · u (JCGM 106, 8.3.2), which the report
 //! states. The part fails if one item fails and passes if all pass.
 //!
-//! This module reads text and numbers; it knows neither files nor frames.
+//! This module knows neither files nor frames.
 
 mod contrast;
 mod decision;

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::quantity::QUANTITIES;
 use crate::fit::report::ReferencePlane;
-use crate::wording::stated;
+use crate::wording::{self, stated};
 
 /// Limits and decision rule of one kind of part.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -73,141 +73,57 @@ impl DecisionRule {
     }
 }
 
-/// Why a text is not a valid specification.
-#[derive(Debug, thiserror::Error)]
-pub enum SpecificationError {
-    /// Not TOML, an unknown key, or a wrong type.
-    #[error("{file}: {cause}")]
-    Unreadable {
-        /// The file.
-        file: String,
-        /// Line, key and reason.
-        cause: String,
-    },
-    /// An unknown quantity.
-    #[error("{file}: [limits] has the unknown quantity `{key}`{}; known quantities are {}", .meant.map(|m| format!(" (did you mean `{m}`?)")).unwrap_or_default(), QUANTITIES.join(", "))]
-    UnknownQuantity {
-        /// The file.
-        file: String,
-        /// The key.
-        key: String,
-        /// The quantity that was probably meant.
-        meant: Option<&'static str>,
-    },
-    /// Limits that are missing, contradictory or not finite.
-    #[error("{file}: limits of `{key}`: {cause}")]
-    BadLimits {
-        /// The file.
-        file: String,
-        /// The quantity.
-        key: String,
-        /// What is wrong.
-        cause: String,
-    },
-    /// A risk outside (0, 0.5).
-    #[error("{file}: [decision] {key} = {value}: expected a risk above 0 and below 0.5")]
-    BadRisk {
-        /// The file.
-        file: String,
-        /// The key.
-        key: &'static str,
-        /// What was given.
-        value: f64,
-    },
-    /// No limits.
-    #[error(
-        "{file}: [limits] is empty; state at least one limit, for instance theta_r_deg = {{ lower = 9.5, upper = 10.5 }}"
-    )]
-    NoLimits {
-        /// The file.
-        file: String,
-    },
-}
-
-impl SpecificationError {
-    /// Returns the path of what is wrong, e.g. `limits.theta_r_deg`; empty for the whole text.
-    #[must_use]
-    pub fn path(&self) -> String {
-        match self {
-            SpecificationError::Unreadable { .. } => String::new(),
-            SpecificationError::NoLimits { .. } => "limits".to_owned(),
-            SpecificationError::UnknownQuantity { key, .. }
-            | SpecificationError::BadLimits { key, .. } => format!("limits.{key}"),
-            SpecificationError::BadRisk { key, .. } => format!("decision.{key}"),
-        }
-    }
+/// What is wrong with a specification.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{words}")]
+pub struct SpecificationError {
+    /// Path of the value, e.g. `limits.theta_r_deg`.
+    pub path: String,
+    /// What is wrong with it, and what is allowed.
+    pub words: String,
 }
 
 impl Specification {
-    /// Reads and checks the text of a specification; `file` names it in errors.
+    /// Refuses unknown quantities, limits that contradict each other and risks out of range.
     ///
     /// # Errors
-    /// [`SpecificationError`] names the key and what is wrong with it.
-    pub fn from_toml(text: &str, file: &str) -> Result<Self, SpecificationError> {
-        let specification: Specification =
-            toml::from_str(text).map_err(|error| SpecificationError::Unreadable {
-                file: file.to_owned(),
-                cause: error.to_string().trim_end().to_owned(),
-            })?;
-        specification.checked(file)
-    }
-
-    /// Reads and checks a specification in a request, with the keys of the file's form.
-    ///
-    /// # Errors
-    /// [`SpecificationError`] names the key and what is wrong with it.
-    pub fn from_json(value: &serde_json::Value) -> Result<Self, SpecificationError> {
-        let file = "specification";
-        let specification =
-            Specification::deserialize(value).map_err(|error| SpecificationError::Unreadable {
-                file: file.to_owned(),
-                cause: error.to_string(),
-            })?;
-        specification.checked(file)
-    }
-
-    fn checked(self, file: &str) -> Result<Self, SpecificationError> {
-        let specification = self;
-        if specification.limits.is_empty() {
-            return Err(SpecificationError::NoLimits {
-                file: file.to_owned(),
-            });
+    /// The first thing that is wrong.
+    pub fn check(&self) -> Result<(), SpecificationError> {
+        let refused = |path: String, words: String| Err(SpecificationError { path, words });
+        if self.limits.is_empty() {
+            let words = "[limits] is empty; state at least one limit, for instance theta_r_deg = { lower = 9.5, upper = 10.5 }";
+            return refused("limits".to_owned(), words.to_owned());
         }
-        for (key, limits) in &specification.limits {
+        for (key, limits) in &self.limits {
+            let path = format!("limits.{key}");
             if !QUANTITIES.contains(&key.as_str()) {
-                return Err(SpecificationError::UnknownQuantity {
-                    file: file.to_owned(),
-                    key: key.clone(),
-                    meant: meant(key),
-                });
+                let hint =
+                    meant(key).map_or_else(String::new, |m| format!(" (did you mean `{m}`?)"));
+                let known = QUANTITIES.join(", ");
+                let words = format!(
+                    "[limits] has the unknown quantity `{key}`{hint}; known quantities are {known}"
+                );
+                return refused(path, words);
             }
-            limits
-                .check()
-                .map_err(|cause| SpecificationError::BadLimits {
-                    file: file.to_owned(),
-                    key: key.clone(),
-                    cause,
-                })?;
+            if let Err(cause) = limits.check() {
+                return refused(path, format!("limits of `{key}`: {cause}"));
+            }
         }
+        let DecisionRule {
+            max_false_accept_risk,
+            max_false_reject_risk,
+        } = self.decision;
         for (key, value) in [
-            (
-                "max_false_accept_risk",
-                specification.decision.max_false_accept_risk,
-            ),
-            (
-                "max_false_reject_risk",
-                specification.decision.max_false_reject_risk,
-            ),
+            ("max_false_accept_risk", max_false_accept_risk),
+            ("max_false_reject_risk", max_false_reject_risk),
         ] {
             if !(value > 0.0 && value < 0.5) {
-                return Err(SpecificationError::BadRisk {
-                    file: file.to_owned(),
-                    key,
-                    value,
-                });
+                let words =
+                    format!("[decision] {key} = {value}: expected a risk above 0 and below 0.5");
+                return refused(format!("decision.{key}"), words);
             }
         }
-        Ok(specification)
+        Ok(())
     }
 }
 
@@ -229,7 +145,8 @@ impl ToleranceLimits {
     }
 }
 
-/// The quantity whose name, without its unit, begins with the key, or the other way round.
+/// The quantity whose name, without its unit, begins with the key, or the other way round; otherwise the one with the most
+/// similar name.
 fn meant(key: &str) -> Option<&'static str> {
     let plain = |s: &str| -> String {
         s.chars()
@@ -237,28 +154,37 @@ fn meant(key: &str) -> Option<&'static str> {
             .collect::<String>()
             .to_ascii_lowercase()
     };
-    let key = plain(key);
-    QUANTITIES.into_iter().find(|q| {
+    let word = plain(key);
+    let by_stem = QUANTITIES.into_iter().find(|q| {
         let name = plain(q);
         let stem = name.strip_suffix("deg").unwrap_or(&name).to_owned();
-        !key.is_empty() && (key.starts_with(&stem) || stem.starts_with(&key))
-    })
+        !word.is_empty() && (word.starts_with(&stem) || stem.starts_with(&word))
+    });
+    by_stem.or_else(|| wording::meant(key, &QUANTITIES))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wording::toml_text;
+
+    fn checked(text: &str) -> Result<Specification, String> {
+        let specification: Specification =
+            toml_text::read(text).map_err(|refused| refused.to_string())?;
+        match specification.check() {
+            Ok(()) => Ok(specification),
+            Err(error) => Err(error.to_string()),
+        }
+    }
 
     fn refusal(text: &str) -> String {
-        Specification::from_toml(text, "spec.toml")
-            .unwrap_err()
-            .to_string()
+        checked(text).unwrap_err()
     }
 
     #[test]
     fn the_example_in_the_docs_is_a_specification() {
         let text = include_str!("../../docs/examples/specification.toml");
-        let specification = Specification::from_toml(text, "example").unwrap();
+        let specification = checked(text).unwrap();
         assert_eq!(specification.limits.len(), 5);
         assert!((specification.decision.max_false_accept_risk - 0.025).abs() < 1e-12);
     }
@@ -266,13 +192,15 @@ mod tests {
     #[test]
     fn unknown_keys_are_refused_by_name() {
         let ok = "name = \"s\"\n[limits]\ntheta_r_deg = { upper = 10.5 }\n";
-        assert!(Specification::from_toml(ok, "spec.toml").is_ok());
+        assert!(checked(ok).is_ok());
         assert!(refusal(&ok.replace("name", "nmae")).contains("nmae"));
         let limits = refusal(&ok.replace("theta_r_deg", "theta_r"));
         assert!(
             limits.contains("`theta_r`") && limits.contains("(did you mean `theta_r_deg`?)"),
             "{limits}"
         );
+        let limits = refusal(&ok.replace("theta_r_deg", "thtea_r_deg"));
+        assert!(limits.contains("(did you mean `theta_r_deg`?)"), "{limits}");
         assert!(refusal(&ok.replace("upper", "uper")).contains("uper"));
         assert!(refusal(&format!("{ok}[decision]\nrisk = 0.1\n")).contains("risk"));
     }
@@ -284,7 +212,7 @@ mod tests {
                 "name = \"s\"\nreference_plane = \"{plane}\"\n[limits]\ntheta_r_deg = {{ upper = 10.5 }}\n"
             )
         };
-        let read = |plane: &str| Specification::from_toml(&with(plane), "spec.toml").unwrap();
+        let read = |plane: &str| checked(&with(plane)).unwrap();
         assert_eq!(read("sample").reference_plane, Some(ReferencePlane::Sample));
         assert_eq!(
             read("turntable").reference_plane,

@@ -9,6 +9,7 @@ use crate::fit::{FitOptions, FitReport, fit};
 use crate::geometry::Pose;
 use crate::material::Material;
 use crate::observation::ObservationSet;
+use crate::wording::toml_text;
 
 fn measured(value: f64, std: f64) -> MeasuredValue {
     MeasuredValue {
@@ -21,7 +22,7 @@ fn measured(value: f64, std: f64) -> MeasuredValue {
 }
 
 fn specification(text: &str) -> Specification {
-    Specification::from_toml(text, "spec.toml").unwrap()
+    toml_text::read(text).unwrap()
 }
 
 fn verdict_of(text: &str, value: f64, std: f64) -> JudgedItem {

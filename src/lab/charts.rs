@@ -413,7 +413,7 @@ mod tests {
 
     fn spec(limits: serde_json::Value) -> Specification {
         let content = json!({ "name": "drawing 4711", "limits": limits });
-        Specification::from_json(&content).unwrap()
+        serde_json::from_value(content).unwrap()
     }
 
     #[test]

@@ -38,11 +38,6 @@ pub trait Content: Serialize + DeserializeOwned {
     fn check(&self, lab: &Lab) -> Result<(), LabError>;
 }
 
-pub(super) fn to_json(content: &impl Serialize) -> Result<Value, LabError> {
-    let json = serde_json::to_value(content);
-    json.map_err(|e| StoreError::bad_row("definition_versions", e).into())
-}
-
 /// Reads stored content.
 ///
 /// # Errors
@@ -173,7 +168,8 @@ impl Lab {
             return Err(invalid("name", problem));
         }
         content.check(self)?;
-        to_json(content)
+        serde_json::to_value(content)
+            .map_err(|e| StoreError::bad_row("definition_versions", e).into())
     }
 
     async fn record_change(&self, done: &str, kind: DefinitionKind, changed: &Definition) {

@@ -1,6 +1,6 @@
 //! Specifications as clients state them: read, checked, and kept as definitions.
 
-use super::definitions::{Content, to_json};
+use super::definitions::Content;
 use super::request_checks::invalid;
 use super::{Lab, LabError};
 use crate::judge::Specification;
@@ -15,36 +15,25 @@ impl Content for Specification {
     }
 
     fn check(&self, _: &Lab) -> Result<(), LabError> {
-        let checked = specified(&to_json(self)?);
-        checked.map(drop).map_err(|error| match error {
-            LabError::Invalid { field, problem } => match field.strip_prefix("specification.") {
-                Some(field) => invalid(field, problem),
-                None => invalid(field, problem),
-            },
-            other => other,
-        })
+        Specification::check(self).map_err(|error| invalid(error.path, error.words))
     }
 }
 
-/// Parses a specification; an error names the part that is wrong.
+/// Reads and checks a specification; an error names the part that is wrong.
 pub(super) fn specified(value: &serde_json::Value) -> Result<Specification, LabError> {
-    let invalid = |field: String, problem: String| LabError::Invalid { field, problem };
-    json::from_value::<Specification>(value).map_err(|refusal| {
+    let specification: Specification = json::from_value(value).map_err(|refusal| {
         invalid(
             refusal.path_below("specification"),
             refusal.message("field"),
         )
     })?;
-    // Its errors begin with the name of the file, which is the field here.
-    Specification::from_json(value).map_err(|error| {
-        let field = match error.path() {
-            path if path.is_empty() => "specification".to_owned(),
-            path => format!("specification.{path}"),
-        };
-        let error = error.to_string();
-        let problem = error.strip_prefix("specification: ").unwrap_or(&error);
-        invalid(field, problem.to_owned())
-    })
+    match specification.check() {
+        Ok(()) => Ok(specification),
+        Err(error) => Err(invalid(
+            format!("specification.{}", error.path),
+            error.words,
+        )),
+    }
 }
 
 #[cfg(test)]
