@@ -1,8 +1,7 @@
 //! Forward-mode derivatives: a number that carries its partial derivatives.
 //!
 //! The closed forms are written once over [`Scalar`]; with `f64` they give a value, with [`Dual`] the exact gradient.
-//! Tests compare the fast hand-written gradient of the inner loop with this one, and this one with the crate
-//! num-dual.
+//! Tests compare the hand-written gradient of the inner loop with that of the same forms by the crate num-dual.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 

@@ -2,7 +2,7 @@
 //!
 //! [`radiance`] evaluates one pair of directions per place of the register. The derivatives are in reverse mode: each
 //! term adds to the sum L (o·n) and to the slopes of the sum with respect to its inputs (`ray`); at the end these are
-//! led back to the directions and the parameters. Tests compare them with the dual numbers of [`super::dual`] in the
+//! led back to the directions and the parameters. Tests compare them with the dual numbers of the crate num-dual in the
 //! forms of [`super::sawtooth`] and [`super::paper`].
 //!
 //! Branches are selections between two numbers, so that the places of a register may take different ones. What no place

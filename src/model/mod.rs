@@ -46,9 +46,10 @@ mod law_tests;
 
 use nalgebra::Vector3;
 
-use crate::geometry::{Cones, Directions, Pose, RigGeometry};
+#[cfg(test)]
+use crate::geometry::Pose;
+use crate::geometry::{Cones, Directions, RigGeometry};
 use crate::material::Material;
-use dual::{Dual, Scalar};
 pub use left_out::LeftOut;
 use real::Real;
 
@@ -224,82 +225,6 @@ pub fn radiance_gradient(
 ) -> Gradient {
     let table = prepared::OpticsTable::new(&Optics::new(rig, material));
     prepared::Prepared::new(variant, surface, &table).gradient(rig, pose)
-}
-
-/// Returns the same gradient by dual numbers: slow, and the reference for the fast one.
-#[must_use]
-pub fn gradient_by_dual_numbers(
-    variant: Variant,
-    rig: &RigGeometry,
-    pose: Pose,
-    surface: &Surface,
-    optics: &Optics,
-) -> Gradient {
-    type D = Dual<9>;
-    let q = sawtooth::Parameters {
-        theta_r: D::variable(surface.theta_r, 0),
-        alpha_u: D::variable(surface.alpha_u, 1),
-        alpha_v: D::variable(surface.alpha_v, 2),
-        rho_d: D::variable(surface.rho_d, 3),
-        amplitude: D::variable(surface.amplitude, 4),
-        eta: D::variable(optics.eta, 5),
-        k: D::variable(optics.k, 6),
-        theta_l: optics.theta_l,
-        widening: optics.cones.widening(),
-    };
-    let directions = rig.directions(pose);
-    let (sin, cos) = (pose.phi_s + rig.azimuth_zero).sin_cos();
-    let dual = |w: Vector3<f64>| {
-        let tilt = tilt_derivative(w, sin, cos);
-        let turn = turn_derivative(w);
-        [0, 1, 2].map(|j| {
-            let mut x = D::constant(w[j]);
-            x.partials[7] = tilt[j];
-            x.partials[8] = turn[j];
-            x
-        })
-    };
-    let (i, o) = (dual(directions.incident), dual(directions.outgoing));
-    let result = match variant {
-        Variant::Paper => paper::radiance_of(i, o, &q),
-        Variant::Sawtooth => sawtooth::radiance_of(i, o, &q),
-    };
-    let [
-        theta_r,
-        alpha_u,
-        alpha_v,
-        rho_d,
-        amplitude,
-        eta,
-        k,
-        theta_c,
-        phi_s,
-    ] = result.partials;
-    Gradient {
-        value: result.value,
-        theta_r,
-        alpha_u,
-        alpha_v,
-        rho_d,
-        amplitude,
-        eta,
-        k,
-        theta_c,
-        phi_s,
-        ..Gradient::ZERO
-    }
-}
-
-/// Returns ∂ω/∂θc in the sample frame; `sin`, `cos` are those of the azimuth of v. Tilting turns a rig direction (x,
-/// y, z) about +y at the rate (z, 0, −x).
-fn tilt_derivative(w: Vector3<f64>, sin: f64, cos: f64) -> Vector3<f64> {
-    let x = w.x * sin + w.y * cos;
-    Vector3::new(w.z * sin, w.z * cos, -x)
-}
-
-/// Returns ∂ω/∂φs in the sample frame.
-fn turn_derivative(w: Vector3<f64>) -> Vector3<f64> {
-    Vector3::new(w.y, -w.x, 0.0)
 }
 
 fn parameters(surface: &Surface, optics: &Optics) -> sawtooth::Parameters<f64> {

@@ -7,33 +7,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use nalgebra::{Dyn, U1};
+use num_dual::{Derivative, DualDVec64, DualNum};
 use ridged::fit::covariance::{Scaling, covariance};
 use ridged::fit::least_squares::LeastSquares;
 use ridged::fit::solver::{Bounds, Settings, minimise};
-
-/// A value with its derivatives with respect to all parameters.
-#[derive(Clone)]
-struct Dual {
-    value: f64,
-    slope: Vec<f64>,
-}
-
-impl Dual {
-    fn map(self, value: f64, derivative: f64) -> Dual {
-        Dual {
-            value,
-            slope: self.slope.iter().map(|s| s * derivative).collect(),
-        }
-    }
-
-    fn join(&self, other: &Dual, value: f64, own: f64, others: f64) -> Dual {
-        let slope = self.slope.iter().zip(&other.slope);
-        Dual {
-            value,
-            slope: slope.map(|(a, b)| a * own + b * others).collect(),
-        }
-    }
-}
 
 /// An expression of the problem files: `+ - * / **`, parentheses, exp, cos, sin, atan, pi, names.
 enum Expression {
@@ -46,48 +24,33 @@ enum Expression {
 }
 
 impl Expression {
-    fn evaluate(&self, b: &[f64], x: &[f64]) -> Dual {
-        let constant = |value| Dual {
-            value,
-            slope: vec![0.0; b.len()],
-        };
+    /// Returns the value at `x`, with its derivatives with respect to all parameters `b`.
+    fn evaluate(&self, b: &[DualDVec64], x: &[f64]) -> DualDVec64 {
         match self {
-            Expression::Number(v) => constant(*v),
-            Expression::Predictor(k) => constant(x[*k]),
-            Expression::Parameter(k) => {
-                let mut own = constant(b[*k]);
-                own.slope[*k] = 1.0;
-                own
-            }
-            Expression::Negated(e) => {
-                let e = e.evaluate(b, x);
-                let v = e.value;
-                e.map(-v, -1.0)
-            }
+            Expression::Number(v) => DualDVec64::from_re(*v),
+            Expression::Predictor(k) => DualDVec64::from_re(x[*k]),
+            Expression::Parameter(k) => b[*k].clone(),
+            Expression::Negated(e) => -e.evaluate(b, x),
             Expression::Call(name, e) => {
                 let e = e.evaluate(b, x);
-                let v = e.value;
                 match name.as_str() {
-                    "exp" => e.map(v.exp(), v.exp()),
-                    "cos" => e.map(v.cos(), -v.sin()),
-                    "sin" => e.map(v.sin(), v.cos()),
-                    "atan" => e.map(v.atan(), 1.0 / (1.0 + v * v)),
+                    "exp" => e.exp(),
+                    "cos" => e.cos(),
+                    "sin" => e.sin(),
+                    "atan" => e.atan(),
                     other => panic!("unknown function {other}"),
                 }
             }
             Expression::Binary(sign, left, right) => {
                 let (l, r) = (left.evaluate(b, x), right.evaluate(b, x));
-                let (p, q) = (l.value, r.value);
                 match sign {
-                    '+' => l.join(&r, p + q, 1.0, 1.0),
-                    '-' => l.join(&r, p - q, 1.0, -1.0),
-                    '*' => l.join(&r, p * q, q, p),
-                    '/' => l.join(&r, p / q, 1.0 / q, -p / q / q),
-                    '^' => {
-                        let constant = r.slope.iter().all(|s| *s == 0.0);
-                        let by_exponent = if constant { 0.0 } else { p.powf(q) * p.ln() };
-                        l.join(&r, p.powf(q), q * p.powf(q - 1.0), by_exponent)
-                    }
+                    '+' => l + r,
+                    '-' => l - r,
+                    '*' => l * r,
+                    '/' => l / r,
+                    // The general power has no real logarithm of a negative base.
+                    '^' if r.eps == Derivative::none() => l.powf(r.re),
+                    '^' => l.powd(r),
                     other => panic!("unknown operator {other}"),
                 }
             }
@@ -260,11 +223,15 @@ impl LeastSquares for &Problem {
     }
 
     fn evaluate(&self, b: &[f64], residuals: &mut [f64], jacobian: &mut [f64]) {
-        let m = self.responses.len();
+        let (m, n) = (self.responses.len(), b.len());
+        let b = b.iter().enumerate();
+        let b: Vec<_> = b
+            .map(|(k, b)| DualDVec64::from_re(*b).derivative(n, k))
+            .collect();
         for (i, x) in self.predictors.iter().enumerate() {
-            let model = self.model.evaluate(b, x);
-            residuals[i] = model.value - self.responses[i];
-            for (j, s) in model.slope.iter().enumerate() {
+            let model = self.model.evaluate(&b, x);
+            residuals[i] = model.re - self.responses[i];
+            for (j, s) in model.eps.unwrap_generic(Dyn(n), U1).iter().enumerate() {
                 jacobian[i + j * m] = *s;
             }
         }
