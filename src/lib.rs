@@ -16,6 +16,7 @@ pub mod comparison;
 pub mod config;
 pub mod contrast;
 pub mod daemon;
+pub mod deadline;
 #[cfg(test)]
 mod extremes;
 pub mod figures;

@@ -10,8 +10,7 @@ mod paths;
 mod prediction;
 mod trace;
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::anyhow;
 
@@ -88,35 +87,6 @@ impl Stopwatch {
         self.max_seconds
             .is_some_and(|limit| self.seconds() >= limit)
     }
-
-    /// Does `work` with a flag that is raised once `cancel` is raised or the time limit has passed, for work that only
-    /// checks a flag.
-    pub fn flagging<T>(&self, cancel: &AtomicBool, work: impl FnOnce(&AtomicBool) -> T) -> T {
-        const LOOK: Duration = Duration::from_millis(10);
-        let (end, done) = (AtomicBool::new(false), AtomicBool::new(false));
-        std::thread::scope(|scope| {
-            scope.spawn(|| {
-                while !done.load(Ordering::Relaxed) {
-                    if cancel.load(Ordering::Relaxed) || self.is_late() {
-                        end.store(true, Ordering::Relaxed);
-                    }
-                    std::thread::sleep(LOOK);
-                }
-            });
-            // Ends the thread also where the work panics.
-            let _done = Raised(&done);
-            work(&end)
-        })
-    }
-}
-
-/// Raises a flag when dropped.
-struct Raised<'a>(&'a AtomicBool);
-
-impl Drop for Raised<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
 }
 
 #[cfg(test)]
@@ -149,21 +119,6 @@ mod tests {
             );
         }
         assert!(check_tolerance(Some(0.5)).is_ok() && check_tolerance(None).is_ok());
-    }
-
-    #[test]
-    fn work_that_only_checks_a_flag_ends_with_its_time_and_on_cancel() {
-        let waits = |watch: &Stopwatch, cancelled: bool| {
-            watch.flagging(&AtomicBool::new(cancelled), |end| {
-                while !end.load(Ordering::Relaxed) {
-                    std::thread::yield_now();
-                }
-            });
-        };
-        waits(&Stopwatch::start(Some(1e-3)), false);
-        waits(&Stopwatch::start(None), true);
-        let calm = AtomicBool::new(false);
-        assert!(Stopwatch::start(None).flagging(&calm, |end| !end.load(Ordering::Relaxed)));
     }
 
     #[test]

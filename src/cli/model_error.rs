@@ -19,6 +19,7 @@ use super::progress::Bar;
 use super::shards::{MergeArgs, Target};
 use super::{CliError, interrupt, output, output_path};
 use crate::accuracy::model_error::{ErrorSurface, MATERIALS, SurfaceComparison, SurfaceErrors};
+use crate::deadline;
 use crate::shard::Shard;
 
 /// Errors of the variants paper and sawtooth: table and maps.
@@ -196,8 +197,8 @@ fn cells(args: &Args, watch: &Stopwatch, cancel: &AtomicBool) -> Result<Compared
                 apart_s: 0.0,
             };
             for wanted in &middle {
-                let run = watch.flagging(cancel, |end| wanted.run(paths, args.seed, end));
-                let (cell, fits_s) = run?;
+                let run = |end: &AtomicBool| wanted.run(paths, args.seed, end);
+                let (cell, fits_s) = deadline::flagging(&|| watch.is_late(), cancel, run)?;
                 trial.error = cell.noise.max(trial.error);
                 trial.apart_s += fits_s;
             }
@@ -247,8 +248,9 @@ fn compare(
     let mut found = Vec::new();
     for next in wanted {
         let trace = |paths| {
-            let run = watch.flagging(cancel, |end| next.run(paths, seed, end));
-            run.map(|(cell, _)| cell)
+            let run = |end: &AtomicBool| next.run(paths, seed, end);
+            let found = deadline::flagging(&|| watch.is_late(), cancel, run);
+            found.map(|(cell, _)| cell)
         };
         found.push(match watch.is_late() {
             true => None,

@@ -26,7 +26,7 @@
 //!   `parameter_covariance`, [`report`] (its form), [`fitted_surface`] (report to BRDF), [`joint`] (several scans),
 //!   [`trail`] (progress against time), [`outlook`] (forecast of the duration).
 //!
-//! This module uses no frames, no files and no clock.
+//! This module uses no frames, no files and no clock: limits of time are read from the caller's ([`trail::Time`]).
 
 use std::sync::atomic::AtomicBool;
 

@@ -5,9 +5,7 @@
 //! recorded. The caller provides the clock ([`Time`]).
 
 use std::cell::RefCell;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::time::Duration;
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 
@@ -17,9 +15,6 @@ use super::least_squares::{LeastSquares, norm, sum_of_squares};
 use super::problem::Problem;
 use super::solver::{Settings, minimise};
 use super::start::starts;
-
-/// How often a running descent looks at the clock.
-const LOOKS_AT_THE_CLOCK: Duration = Duration::from_millis(20);
 
 /// The caller's clock and time limit.
 #[derive(Clone, Copy)]
@@ -38,35 +33,6 @@ impl Time<'_> {
     pub fn allows(&self) -> bool {
         self.limit_s.is_none_or(|limit| (self.now)() < limit)
     }
-}
-
-/// Runs `work` with a flag that is set when `cancel` is, or when the time is over, so that a descent ends in the midst of
-/// it. A descent of a near rig may take longer than the limit.
-pub(super) fn in_time<T>(
-    time: Option<Time<'_>>,
-    cancel: &AtomicBool,
-    work: impl FnOnce(&AtomicBool) -> T,
-) -> T {
-    let Some(time) = time.filter(|time| time.limit_s.is_some()) else {
-        return work(cancel);
-    };
-    let over = AtomicBool::new(false);
-    // Dropped at the end of the work, which ends the wait.
-    let (working, end) = channel::<()>();
-    std::thread::scope(|scope| {
-        let raised = &over;
-        scope.spawn(move || {
-            while end.recv_timeout(LOOKS_AT_THE_CLOCK) == Err(RecvTimeoutError::Timeout) {
-                if cancel.load(Ordering::Relaxed) || !time.allows() {
-                    raised.store(true, Ordering::Relaxed);
-                    return;
-                }
-            }
-        });
-        let result = work(&over);
-        drop(working);
-        result
-    })
 }
 
 /// One evaluation of the model on the way to the minimum.
@@ -193,33 +159,4 @@ pub fn retrace(
         }
     }
     iterations
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn work_in_progress_learns_that_the_time_is_over_or_that_it_is_cancelled() {
-        let begun = std::time::Instant::now();
-        let now = || begun.elapsed().as_secs_f64();
-        let time = |limit_s| {
-            Some(Time {
-                now: &now,
-                limit_s,
-                retrace: false,
-            })
-        };
-        let until_over = |over: &AtomicBool| {
-            while !over.load(Ordering::Relaxed) {
-                std::thread::yield_now();
-            }
-        };
-        let never = AtomicBool::new(false);
-        in_time(time(Some(0.05)), &never, until_over);
-        assert!(now() >= 0.05);
-        in_time(time(Some(1e9)), &AtomicBool::new(true), until_over);
-        // Without a limit the flag is that of the caller.
-        assert!(!in_time(time(None), &never, |over| over.load(Ordering::Relaxed)));
-    }
 }

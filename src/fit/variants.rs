@@ -22,9 +22,10 @@ use super::solver::Ending;
 use super::suspects::investigated;
 use super::tier::Tier;
 use super::traced::{Watch, estimate_traced};
-use super::trail::{Time, in_time, retrace};
+use super::trail::{Time, retrace};
 use super::{FitOptions, VariantChoice};
 use super::{thin, wedge};
+use crate::deadline;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::trace::surface_profile::SurfaceProfile;
@@ -151,7 +152,7 @@ fn fit_each(
 ) -> FitReport {
     let late = || tracer.time.is_some_and(|time| !time.allows());
     let mut finer = None;
-    let mut all = in_time(tracer.time, cancel, |over| {
+    let mut attempt = |over: &AtomicBool| {
         let run = |variant: Variant| {
             let tier = tier.filter(|_| variant == Variant::Sawtooth);
             estimate_until(set, variant, options, tier, &late, over)
@@ -165,7 +166,13 @@ fn fit_each(
             _ => ideal.clone(),
         };
         [paper, ideal, sawtooth]
-    });
+    };
+    // A descent of a near rig may take longer than the limit: the flag ends it in the midst of it.
+    let is_limited = tracer.time.is_some_and(|time| time.limit_s.is_some());
+    let mut all = match is_limited {
+        true => deadline::flagging(&late, cancel, attempt),
+        false => attempt(cancel),
+    };
     let enough = late();
     for e in all.iter_mut().flatten() {
         if enough && e.minimum.ending == Ending::Cancelled {

@@ -20,6 +20,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("frame", &[]),
     ("clock", &[]),
     ("colour", &[]),
+    ("deadline", &[]),
     ("figures", &["colour"]),
     ("jackknife", &["units", "geometry"]),
     ("forecast", &[]),
@@ -44,6 +45,7 @@ const RULES: &[(&str, &[&str])] = &[
     (
         "fit",
         &[
+            "deadline",
             "units",
             "geometry",
             "jackknife",
