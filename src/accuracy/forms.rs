@@ -4,12 +4,13 @@ use std::time::Instant;
 
 use super::plan_check::{PlanCheck, PlanPart};
 use super::{AccuracyEffort, AccuracyPoint};
+use crate::cases::reference::{PRINTED_BRDF, ReferenceTable, directions_of, surface_of};
 use crate::cases::{RECORDED_SERIES, RecordedSeries, RecordedTruth};
 use crate::geometry::{Cones, Directions, Pose};
 use crate::model::brdf::{self, Case};
 use crate::model::prepared::OpticsTable;
 use crate::model::quadrature::Quadrature;
-use crate::model::{Optics, Surface, Variant, cone, radiance};
+use crate::model::{Optics, Variant, cone, radiance};
 use crate::plan::{self, Decision, TOLERANCE};
 
 pub(super) fn measure(effort: AccuracyEffort, points: &mut Vec<AccuracyPoint>) {
@@ -31,32 +32,10 @@ fn seconds_of(mut call: impl FnMut()) -> f64 {
 }
 
 fn printed(points: &mut Vec<AccuracyPoint>) {
-    let text = include_str!("../../tests/data/brdf/reference.csv");
-    let rows: Vec<(Case, f64)> = text
-        .lines()
-        .skip(1)
-        .filter_map(|line| {
-            let x: Vec<f64> = line
-                .split(',')
-                .skip(1)
-                .filter_map(|t| t.parse().ok())
-                .collect();
-            let case = Case {
-                theta_i: x[0],
-                phi_i: x[1],
-                theta_o: x[2],
-                phi_o: x[3],
-                theta_r: x[4],
-                alpha_u: x[5],
-                alpha_v: x[6],
-                rho_d: x[7],
-                eta: x[8],
-                k: x[9],
-            };
-            // Relative errors need values that doubles can hold.
-            (x[10] > 1e-250).then_some((case, x[10]))
-        })
-        .collect();
+    let table = ReferenceTable::read(PRINTED_BRDF);
+    let rows = table.rows().map(|row| (row.case(), row.number("f")));
+    // Relative errors need values that doubles can hold.
+    let rows: Vec<(Case, f64)> = rows.filter(|(_, f)| *f > 1e-250).collect();
     let count = rows.len() as f64;
     let mut add = |method: &str, f: &dyn Fn(&Case) -> f64| {
         let seconds = seconds_of(|| {
@@ -83,30 +62,8 @@ fn printed(points: &mut Vec<AccuracyPoint>) {
         brdf::evaluate(c).map_or(f64::NAN, |e| e.f)
     });
     add("doubles", &|c| {
-        let surface = Surface {
-            theta_r: c.theta_r,
-            alpha_u: c.alpha_u,
-            alpha_v: c.alpha_v,
-            rho_d: c.rho_d,
-            amplitude: 1.0,
-        };
-        let optics = Optics {
-            eta: c.eta,
-            k: c.k,
-            theta_l: 0.0,
-            cones: Cones::NONE,
-        };
-        let of = |theta: f64, phi: f64| {
-            nalgebra::Vector3::new(
-                theta.sin() * phi.cos(),
-                theta.sin() * phi.sin(),
-                theta.cos(),
-            )
-        };
-        let d = Directions {
-            incident: of(c.theta_i, c.phi_i),
-            outgoing: of(c.theta_o, c.phi_o),
-        };
+        let (surface, optics) = surface_of(c);
+        let d = directions_of(c);
         radiance(Variant::Paper, &d, &surface, &optics) / d.incident.z
     });
 }

@@ -1,11 +1,12 @@
-//! Named cases that checks, accuracy measurements and tests share: samples, painted observations, series in memory and
-//! the recorded series that are part of the program.
+//! Named cases that checks, accuracy measurements and tests share: samples, painted observations, series in memory, and the
+//! recorded series and reference tables that are part of the program.
 //!
-//! A case states its truth. None of them reads a file, and none knows what is expected of it.
+//! A case states its truth. None of them reads a file, and none knows what is expected of a computation.
 
 mod memory;
 mod painted;
 mod recorded;
+pub mod reference;
 mod samples;
 
 pub use memory::MemorySeries;

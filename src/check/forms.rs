@@ -2,11 +2,11 @@
 
 use std::sync::atomic::AtomicBool;
 
-use nalgebra::{Complex, Vector3};
+use nalgebra::Complex;
 
 use super::criterion::{digits, limit, refused};
 use super::{CheckEffort, CheckRow};
-use crate::geometry::{Cones, Directions};
+use crate::cases::reference::{ReferenceTable, directions_of, surface_of};
 use crate::model::brdf::{self, Case};
 use crate::model::flat_stack::FlatStack;
 use crate::model::fresnel;
@@ -18,61 +18,6 @@ use crate::model::{Optics, Surface, Variant, radiance};
 
 const TABLE: &str = "60-digit arithmetic";
 const RECIPROCITY: &str = "reciprocity";
-/// θl of the tables of `sawtooth.csv`, degrees: it sets the unit of ρd.
-const THETA_L_DEG: f64 = 10.0;
-
-/// A table that is part of the program, with its columns by name.
-struct ReferenceTable(Vec<csv::StringRecord>, csv::StringRecord);
-
-impl ReferenceTable {
-    fn read(text: &str) -> ReferenceTable {
-        let mut reader = csv::Reader::from_reader(text.as_bytes());
-        let header = reader
-            .headers()
-            .expect("a table of the program has a header")
-            .clone();
-        let rows = reader
-            .records()
-            .collect::<Result<_, _>>()
-            .expect("a table of the program is whole");
-        ReferenceTable(rows, header)
-    }
-
-    fn rows(&self) -> impl Iterator<Item = ReferenceLine<'_>> {
-        self.0.iter().map(|row| ReferenceLine(row, &self.1))
-    }
-}
-
-struct ReferenceLine<'a>(&'a csv::StringRecord, &'a csv::StringRecord);
-
-impl ReferenceLine<'_> {
-    fn text(&self, name: &str) -> &str {
-        let at = self.1.iter().position(|n| n == name);
-        &self.0[at.expect("a column of the program's table")]
-    }
-
-    fn number(&self, name: &str) -> f64 {
-        self.text(name)
-            .parse()
-            .expect("the program's tables hold numbers")
-    }
-
-    fn case(&self) -> Case {
-        Case {
-            theta_i: self.number("theta_i"),
-            phi_i: self.number("phi_i"),
-            theta_o: self.number("theta_o"),
-            phi_o: self.number("phi_o"),
-            theta_r: self.number("theta_r"),
-            alpha_u: self.number("alpha_u"),
-            alpha_v: self.number("alpha_v"),
-            rho_d: self.number("rho_d"),
-            eta: self.number("eta"),
-            k: self.number("k"),
-        }
-    }
-}
-
 pub(super) fn rows(_: CheckEffort, _: &AtomicBool) -> Vec<CheckRow> {
     let mut rows = Vec::new();
     printed(&mut rows);
@@ -83,35 +28,6 @@ pub(super) fn rows(_: CheckEffort, _: &AtomicBool) -> Vec<CheckRow> {
     limits(&mut rows);
     refusals(&mut rows);
     rows
-}
-
-fn directions(c: &Case) -> Directions {
-    let of = |theta: f64, phi: f64| {
-        let (s, cos) = theta.sin_cos();
-        let (sp, cp) = phi.sin_cos();
-        Vector3::new(s * cp, s * sp, cos)
-    };
-    Directions {
-        incident: of(c.theta_i, c.phi_i),
-        outgoing: of(c.theta_o, c.phi_o),
-    }
-}
-
-fn surface_of(c: &Case) -> (Surface, Optics) {
-    let surface = Surface {
-        theta_r: c.theta_r,
-        alpha_u: c.alpha_u,
-        alpha_v: c.alpha_v,
-        rho_d: c.rho_d,
-        amplitude: 1.0,
-    };
-    let optics = Optics {
-        eta: c.eta,
-        k: c.k,
-        theta_l: THETA_L_DEG.to_radians(),
-        cones: Cones::NONE,
-    };
-    (surface, optics)
 }
 
 /// The case with lamp and camera exchanged.
@@ -144,7 +60,7 @@ fn printed(rows: &mut Vec<CheckRow>) {
         ));
         // The form that fits use: radiance, in doubles.
         let (surface, optics) = surface_of(&c);
-        let d = directions(&c);
+        let d = directions_of(&c);
         let per_cos = 1.0 / d.incident.z;
         let found = radiance(Variant::Paper, &d, &surface, &optics) * per_cos;
         let judged = digits(expected, cond, found);
@@ -186,7 +102,7 @@ fn sawtooth(rows: &mut Vec<CheckRow>) {
         let (name, c) = (line.text("case"), line.case());
         let (expected, cond) = (line.number("value"), line.number("cond"));
         let (surface, optics) = surface_of(&c);
-        let d = directions(&c);
+        let d = directions_of(&c);
         let found = radiance(Variant::Sawtooth, &d, &surface, &optics);
         rows.push(CheckRow::new(
             area,
@@ -207,7 +123,7 @@ fn sawtooth(rows: &mut Vec<CheckRow>) {
         // L = f cos θi, and f is symmetric.
         let back = radiance(
             Variant::Sawtooth,
-            &directions(&exchanged(&c)),
+            &directions_of(&exchanged(&c)),
             &surface,
             &optics,
         );
@@ -348,7 +264,7 @@ fn limits(rows: &mut Vec<CheckRow>) {
         k: 0.0,
     };
     let (surface, optics) = surface_of(&c);
-    let d = directions(&c);
+    let d = directions_of(&c);
     let lambert = surface.rho_d / std::f64::consts::PI * d.incident.z;
     let matched = radiance(Variant::Sawtooth, &d, &surface, &optics);
     let judged = digits(lambert, 1.0, matched);

@@ -408,37 +408,16 @@ impl std::ops::Add for Scaled {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn cases() -> Vec<(String, Case, [f64; 5])> {
-        include_str!("../../tests/data/brdf/reference.csv")
-            .lines()
-            .skip(1)
-            .map(|line| {
-                let mut fields = line.split(',');
-                let name = fields.next().unwrap().to_owned();
-                let x: Vec<f64> = fields.map(|f| f.parse().unwrap()).collect();
-                let case = Case {
-                    theta_i: x[0],
-                    phi_i: x[1],
-                    theta_o: x[2],
-                    phi_o: x[3],
-                    theta_r: x[4],
-                    alpha_u: x[5],
-                    alpha_v: x[6],
-                    rho_d: x[7],
-                    eta: x[8],
-                    k: x[9],
-                };
-                (name, case, [x[10], x[11], x[12], x[13], x[14]])
-            })
-            .collect()
-    }
+    use crate::cases::reference::{PRINTED_BRDF, ReferenceTable};
 
     #[test]
     fn every_reference_case_is_exact_to_its_last_digit() {
-        let cases = cases();
-        assert_eq!(cases.len(), 3000);
-        for (name, case, [f, d, g, fresnel, cond]) in cases {
+        let table = ReferenceTable::read(PRINTED_BRDF);
+        assert_eq!(table.rows().count(), 3000);
+        for row in table.rows() {
+            let (name, case) = (row.text("case"), row.case());
+            let [f, d, g, fresnel, cond] =
+                ["f", "d", "g", "fresnel", "cond"].map(|column| row.number(column));
             let e = evaluate(&case).unwrap();
             // The requirement is 4 · 2⁻⁵³ (1 + cond); the form needs only one rounding of the result.
             let bound = 0.5 * f64::EPSILON * (1.0 + cond) * f;
@@ -541,7 +520,8 @@ mod tests {
 
     #[test]
     fn inputs_that_are_not_finite_are_refused_by_the_name_of_the_column() {
-        let (_, mut case, _) = cases().swap_remove(0);
+        let table = ReferenceTable::read(PRINTED_BRDF);
+        let mut case = table.rows().next().unwrap().case();
         case.eta = f64::NAN;
         assert_eq!(evaluate(&case), Err(Refusal::NotFinite("eta")));
         case.eta = 1.5;

@@ -7,6 +7,7 @@ use super::dual::Scalar;
 use super::prepared::{OpticsTable, Partials, Prepared};
 use super::sawtooth::Parameters;
 use super::{Optics, Surface, Variant, paper, sawtooth};
+use crate::cases::reference::{PRINTED_BRDF, ReferenceTable, directions_of, surface_of};
 use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::units::Angle;
 
@@ -148,41 +149,21 @@ fn agree(variant: Variant, c: &Case, label: &str) {
 
 #[test]
 fn gradients_agree_over_the_brdf_reference_cases() {
-    for (n, line) in include_str!("../../tests/data/brdf/reference.csv")
-        .lines()
-        .skip(1)
-        .enumerate()
-    {
-        let x: Vec<f64> = line
-            .split(',')
-            .skip(1)
-            .map(|f| f.parse().unwrap())
-            .collect();
+    let table = ReferenceTable::read(PRINTED_BRDF);
+    for (n, row) in table.rows().enumerate() {
+        let c = row.case();
         // At index 1 exactly, at the critical angle and at a ridge angle of 90° a derivative is infinite.
-        if (x[8] == 1.0 && x[9] == 0.0) || x[4] > 1.5 {
+        if (c.eta == 1.0 && c.k == 0.0) || c.theta_r > 1.5 {
             continue;
         }
-        let direction = |theta: f64, phi: f64| {
-            let (s, c) = theta.sin_cos();
-            [s * phi.cos(), s * phi.sin(), c]
-        };
+        let (surface, optics) = surface_of(&c);
+        let d = directions_of(&c);
         let case = Case {
-            incident: direction(x[0], x[1]),
-            outgoing: direction(x[2], x[3]),
-            surface: Surface {
-                theta_r: x[4],
-                alpha_u: x[5],
-                alpha_v: x[6],
-                rho_d: x[7],
-                amplitude: 1.0,
-            },
-            optics: Optics {
-                eta: x[8],
-                k: x[9],
-                theta_l: 0.17,
-                cones: Cones::NONE,
-            },
-            condition: 1.0 + x[14],
+            incident: d.incident.into(),
+            outgoing: d.outgoing.into(),
+            surface,
+            optics,
+            condition: 1.0 + row.number("cond"),
         };
         agree(Variant::Paper, &case, &format!("row {n}"));
     }

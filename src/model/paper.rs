@@ -105,6 +105,8 @@ pub fn shadowing_and_masking(reading: Reading, i: [f64; 3], o: [f64; 3], theta_r
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cases::reference::{PRINTED_BRDF, ReferenceTable, directions_of, surface_of};
+    use crate::model::parameters;
 
     fn direction(theta: f64, phi: f64) -> [f64; 3] {
         let (s, c) = theta.sin_cos();
@@ -138,32 +140,17 @@ mod tests {
 
     #[test]
     fn the_fast_form_is_the_printed_brdf_times_the_cosine() {
-        for (n, line) in include_str!("../../tests/data/brdf/reference.csv")
-            .lines()
-            .skip(1)
-            .enumerate()
-        {
-            let x: Vec<f64> = line
-                .split(',')
-                .skip(1)
-                .map(|f| f.parse().unwrap())
-                .collect();
-            let q = Parameters {
-                theta_r: x[4],
-                alpha_u: x[5],
-                alpha_v: x[6],
-                rho_d: x[7],
-                amplitude: 1.0,
-                eta: x[8],
-                k: x[9],
-                theta_l: 0.2,
-                widening: 0.0,
-            };
-            let (f, cond, cos_i) = (x[10], x[14], x[0].cos());
-            let l = radiance_of(direction(x[0], x[1]), direction(x[2], x[3]), &q);
+        let table = ReferenceTable::read(PRINTED_BRDF);
+        for (n, row) in table.rows().enumerate() {
+            let case = row.case();
+            let (surface, optics) = surface_of(&case);
+            let d = directions_of(&case);
+            let q = parameters(&surface, &optics);
+            let l = radiance_of(d.incident.into(), d.outgoing.into(), &q);
+            let (f, cond, cos_i) = (row.number("f"), row.number("cond"), case.theta_i.cos());
             // Vectors in doubles lose the digits that the angles' own rounding loses, times a few operations. For
             // opposite grazing directions the sum cancels; only the exact form covers these.
-            if line.starts_with("opposite") {
+            if row.text("case").starts_with("opposite") {
                 continue;
             }
             let bound = 64.0 * f64::EPSILON * (1.0 + cond) * f * cos_i;
