@@ -1,4 +1,4 @@
-//! Runs a program of the settings (a hook, a lamp's switch) with a time limit, without a shell.
+//! Runs a program of the settings (a hook, a lamp's switch, a watched value) with a time limit in real time, without a shell.
 //!
 //! The program gets a process group of its own, so that at the time limit it is killed with its children. The end of its
 //! stderr explains a failure.
@@ -72,11 +72,25 @@ impl Program {
     /// # Errors
     /// [`ProgramError`] if it cannot be started, fails, or exceeds its time limit.
     pub async fn run(&self, input: &[u8]) -> Result<(), ProgramError> {
+        self.finish(input, None).await.map(drop)
+    }
+
+    /// Runs it as [`Program::run`] does, without input, and returns the first `bytes_max` bytes that it prints.
+    ///
+    /// # Errors
+    /// As [`Program::run`].
+    pub async fn output(&self, bytes_max: u64) -> Result<Vec<u8>, ProgramError> {
+        self.finish(b"", Some(bytes_max)).await
+    }
+
+    /// Runs it to its end; without `bytes_max`, its output is not read.
+    async fn finish(&self, input: &[u8], bytes_max: Option<u64>) -> Result<Vec<u8>, ProgramError> {
         let (name, arguments) = self.words.split_first().expect("a program has a name");
+        let stdout = bytes_max.map_or_else(Stdio::null, |_| Stdio::piped());
         let mut child = Command::new(name)
             .args(arguments)
             .stdin(Stdio::piped())
-            .stdout(Stdio::null())
+            .stdout(stdout)
             .stderr(Stdio::piped())
             .process_group(0)
             .kill_on_drop(true)
@@ -86,10 +100,18 @@ impl Program {
                 source,
             })?;
         let mut stdin = child.stdin.take().expect("it was piped");
+        let stdout = child.stdout.take().zip(bytes_max);
         let mut stderr = child.stderr.take().expect("it was piped");
         let mut group = Group { child };
-        let mut words = Vec::new();
+        let (mut printed, mut words) = (Vec::new(), Vec::new());
         let worked = tokio::time::timeout(self.limit, async {
+            let work = async {
+                if let Some((stdout, bytes_max)) = stdout {
+                    // A program that prints more gets a closed pipe.
+                    stdout.take(bytes_max).read_to_end(&mut printed).await?;
+                }
+                group.child.wait().await
+            };
             let feed = async {
                 // A program may ignore its input.
                 stdin.write_all(input).await.ok();
@@ -101,7 +123,7 @@ impl Program {
                 std::future::pending().await
             };
             tokio::select! {
-                status = group.child.wait() => status,
+                status = work => status,
                 never = feed => never,
                 never = listen => never,
             }
@@ -118,7 +140,7 @@ impl Program {
             source,
         })?;
         if status.success() {
-            return Ok(());
+            return Ok(printed);
         }
         tokio::time::timeout(LAST_WORDS, tail(&mut stderr, &mut words))
             .await
@@ -192,6 +214,13 @@ mod tests {
             .unwrap_err();
         assert!(missing.to_string().contains("check its path"), "{missing}");
         assert_eq!(Program::of(&[], 1.0), None);
+    }
+
+    #[tokio::test]
+    async fn output_is_read_up_to_a_limit() {
+        let printed = async |bytes_max| shell("echo 57.5", 20.0).output(bytes_max).await.unwrap();
+        assert_eq!(printed(4096).await, b"57.5\n");
+        assert_eq!(printed(2).await, b"57");
     }
 
     #[tokio::test]

@@ -1,14 +1,9 @@
 //! A value that an external program prints: a door, a thermometer, a vibration sensor. It has limits, within which the rig may
 //! measure.
 
-use std::process::Stdio;
-use std::time::Duration;
-
 use serde::{Deserialize, Serialize};
-use tokio::io::AsyncReadExt;
-use tokio::process::Command;
 
-use crate::clock::{Clock, SystemClock};
+use crate::program::{Program, ProgramError};
 
 /// Longest output that is read, bytes.
 const OUTPUT_BYTES_MAX: u64 = 4096;
@@ -81,44 +76,19 @@ impl WatchedValue {
     }
 
     async fn read(&self) -> Result<f64, String> {
-        let (program, arguments) = self.command.split_first().ok_or("no program")?;
-        let mut child = Command::new(program)
-            .args(arguments)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .kill_on_drop(true)
-            .spawn()
-            .map_err(|error| format!("`{program}`: {error}"))?;
-        let mut output = child
-            .stdout
-            .take()
-            .expect("it was piped")
-            .take(OUTPUT_BYTES_MAX);
-        let running = async {
-            let mut text = Vec::new();
-            output.read_to_end(&mut text).await?;
-            // A program that prints more gets a closed pipe.
-            drop(output);
-            std::io::Result::Ok((text, child.wait().await?))
-        };
-        // Programs take real time, however fast a simulated rig runs.
-        let clock = SystemClock::new();
-        let limit = Duration::try_from_secs_f64(self.timeout_s).unwrap_or_default();
-        let (text, status) = tokio::select! {
-            biased;
-            ended = running => ended.map_err(|error| format!("`{program}`: {error}"))?,
-            () = clock.sleep(limit) => {
-                return Err(format!("`{program}` did not end within {} s", self.timeout_s));
+        let program = Program::of(&self.command, self.timeout_s).ok_or("no program")?;
+        let text = program.output(OUTPUT_BYTES_MAX).await;
+        let text = text.map_err(|error| match error {
+            ProgramError::NotStarted { name, source } => format!("`{name}`: {source}"),
+            ProgramError::Failed { name, status, .. } => format!("`{name}` ended with {status}"),
+            ProgramError::TimedOut { name, .. } => {
+                format!("`{name}` did not end within {} s", self.timeout_s)
             }
-        };
-        if !status.success() {
-            return Err(format!("`{program}` ended with {status}"));
-        }
+        })?;
         let value = String::from_utf8_lossy(&text).trim().parse::<f64>().ok();
         value
             .filter(|value| value.is_finite())
-            .ok_or_else(|| format!("`{program}` did not print a number"))
+            .ok_or_else(|| format!("`{}` did not print a number", self.command[0]))
     }
 }
 

@@ -224,7 +224,7 @@ const RULES: &[(&str, &[&str])] = &[
             "robust",
         ],
     ),
-    ("bench", &["units", "geometry", "frame", "clock"]),
+    ("bench", &["units", "geometry", "frame", "clock", "program"]),
     (
         "scan",
         &[
