@@ -8,41 +8,21 @@ pub mod tiff_stack;
 use std::io::Cursor;
 use std::str::FromStr;
 
-use serde::{Deserialize, Serialize};
-
 pub use picture::Picture;
 pub use tag::{FrameTag, TagError};
 
-/// Kind of a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum FrameKind {
-    /// The sample.
-    Sample,
-    /// No light: the lens is capped.
-    Dark,
-    /// The white reference.
-    Flat,
-}
+use crate::words::words;
 
-impl FrameKind {
-    /// All kinds.
-    pub const ALL: [FrameKind; 3] = [FrameKind::Sample, FrameKind::Dark, FrameKind::Flat];
-
-    /// The word used in files, requests and the database.
-    #[must_use]
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            FrameKind::Sample => "sample",
-            FrameKind::Dark => "dark",
-            FrameKind::Flat => "flat",
-        }
-    }
-}
-
-impl std::fmt::Display for FrameKind {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.as_str())
+words! {
+    /// Kind of a frame.
+    #[derive(utoipa::ToSchema)]
+    pub enum FrameKind {
+        /// The sample.
+        Sample = "sample",
+        /// No light: the lens is capped.
+        Dark = "dark",
+        /// The white reference.
+        Flat = "flat",
     }
 }
 
@@ -63,10 +43,7 @@ impl FromStr for FrameKind {
     type Err = UnknownKind;
 
     fn from_str(word: &str) -> Result<FrameKind, UnknownKind> {
-        FrameKind::ALL
-            .into_iter()
-            .find(|kind| kind.as_str() == word)
-            .ok_or_else(|| UnknownKind(word.to_owned()))
+        FrameKind::from_word(word).ok_or_else(|| UnknownKind(word.to_owned()))
     }
 }
 

@@ -52,3 +52,4 @@ pub mod trace;
 pub mod units;
 pub mod version;
 pub mod wording;
+mod words;

@@ -15,43 +15,23 @@ pub mod watched_folder;
 pub mod watched_value;
 pub mod wire;
 
-use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
 use futures::future::BoxFuture;
-use serde::{Deserialize, Serialize};
 
 use crate::frame::{Frame, FrameKind, FrameTag, TagError};
 use crate::geometry::Pose;
+use crate::words::words;
 
-/// The two axes of a rig, by the names used in files, requests and messages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum AxisName {
-    /// Tilt of the camera, θc.
-    ThetaC,
-    /// Rotation of the sample, φs.
-    PhiS,
-}
-
-impl AxisName {
-    /// Both axes.
-    pub const ALL: [AxisName; 2] = [AxisName::ThetaC, AxisName::PhiS];
-
-    /// `theta_c` or `phi_s`.
-    #[must_use]
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            AxisName::ThetaC => "theta_c",
-            AxisName::PhiS => "phi_s",
-        }
-    }
-}
-
-impl fmt::Display for AxisName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
+words! {
+    /// The two axes of a rig, by the names used in files, requests and messages.
+    #[derive(PartialOrd, Ord)]
+    pub enum AxisName {
+        /// Tilt of the camera, θc.
+        ThetaC = "theta_c",
+        /// Rotation of the sample, φs.
+        PhiS = "phi_s",
     }
 }
 
@@ -64,10 +44,7 @@ impl FromStr for AxisName {
     type Err = UnknownAxis;
 
     fn from_str(name: &str) -> Result<Self, UnknownAxis> {
-        AxisName::ALL
-            .into_iter()
-            .find(|axis| axis.as_str() == name)
-            .ok_or_else(|| UnknownAxis(name.to_owned()))
+        AxisName::from_word(name).ok_or_else(|| UnknownAxis(name.to_owned()))
     }
 }
 

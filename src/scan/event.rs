@@ -12,43 +12,22 @@ use super::state::ScanState;
 use crate::forecast::Forecast;
 use crate::frame::FrameKind;
 use crate::job::{JobId, JobKind, JobState};
+use crate::words::words;
 
-/// What a person has to do at the rig before the scan can go on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum OperatorAction {
-    /// Dark frames come next.
-    CapLens,
-    /// White-reference frames come next.
-    PlaceWhiteReference,
-    /// The sample's frames come next.
-    PlaceSample,
+words! {
+    /// What a person has to do at the rig before the scan can go on.
+    #[derive(utoipa::ToSchema)]
+    pub enum OperatorAction {
+        /// Dark frames come next.
+        CapLens = "cap-lens",
+        /// White-reference frames come next.
+        PlaceWhiteReference = "place-white-reference",
+        /// The sample's frames come next.
+        PlaceSample = "place-sample",
+    }
 }
 
 impl OperatorAction {
-    /// All of them, in the order in which a scan asks for them.
-    pub const ALL: [OperatorAction; 3] = [
-        OperatorAction::CapLens,
-        OperatorAction::PlaceWhiteReference,
-        OperatorAction::PlaceSample,
-    ];
-
-    /// The word used in files, requests and the database.
-    #[must_use]
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            OperatorAction::CapLens => "cap-lens",
-            OperatorAction::PlaceWhiteReference => "place-white-reference",
-            OperatorAction::PlaceSample => "place-sample",
-        }
-    }
-
-    /// The action of a word, if it is one.
-    #[must_use]
-    pub fn from_word(word: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|action| action.as_str() == word)
-    }
-
     /// What to tell the person.
     #[must_use]
     pub const fn message(self) -> &'static str {

@@ -22,32 +22,31 @@
 //! any state between `planned` and its end it holds the rig. `interrupted` holds nothing: a client that
 //! resumes it takes the rig again and redoes every point that was not committed.
 
-use std::fmt;
+use crate::words::words;
 
-use serde::{Deserialize, Serialize};
-
-/// Where a scan stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum ScanState {
-    /// Checked and stored; nothing has moved.
-    Planned,
-    /// A person has to do something at the rig, then say `continue`.
-    WaitingForOperator,
-    /// Moving and taking frames.
-    Running,
-    /// Finishing the current point before it pauses.
-    Pausing,
-    /// Holds the rig, does nothing; `resume` goes on.
-    Paused,
-    /// The daemon ended while the scan ran; every committed point is there.
-    Interrupted,
-    /// Every point of the plan is committed.
-    Completed,
-    /// A person ended it.
-    Aborted,
-    /// It could not go on.
-    Failed,
+words! {
+    /// Where a scan stands.
+    #[derive(utoipa::ToSchema)]
+    pub enum ScanState {
+        /// Checked and stored; nothing has moved.
+        Planned = "planned",
+        /// A person has to do something at the rig, then say `continue`.
+        WaitingForOperator = "waiting-for-operator",
+        /// Moving and taking frames.
+        Running = "running",
+        /// Finishing the current point before it pauses.
+        Pausing = "pausing",
+        /// Holds the rig, does nothing; `resume` goes on.
+        Paused = "paused",
+        /// The daemon ended while the scan ran; every committed point is there.
+        Interrupted = "interrupted",
+        /// Every point of the plan is committed.
+        Completed = "completed",
+        /// A person ended it.
+        Aborted = "aborted",
+        /// It could not go on.
+        Failed = "failed",
+    }
 }
 
 use ScanState::{
@@ -101,19 +100,6 @@ pub const TRANSITIONS: &[(ScanState, &[ScanState])] = &[
 ];
 
 impl ScanState {
-    /// All states, in the order of the drawing.
-    pub const ALL: [ScanState; 9] = [
-        Planned,
-        WaitingForOperator,
-        Running,
-        Pausing,
-        Paused,
-        Interrupted,
-        Completed,
-        Aborted,
-        Failed,
-    ];
-
     /// The states that may come next.
     #[must_use]
     pub fn next(self) -> &'static [ScanState] {
@@ -133,36 +119,6 @@ impl ScanState {
     #[must_use]
     pub fn is_end(self) -> bool {
         self.next().is_empty()
-    }
-
-    /// The word used in files, requests and the database.
-    #[must_use]
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Planned => "planned",
-            WaitingForOperator => "waiting-for-operator",
-            Running => "running",
-            Pausing => "pausing",
-            Paused => "paused",
-            Interrupted => "interrupted",
-            Completed => "completed",
-            Aborted => "aborted",
-            Failed => "failed",
-        }
-    }
-
-    /// The state of a word, if it is one.
-    #[must_use]
-    pub fn from_word(word: &str) -> Option<ScanState> {
-        ScanState::ALL
-            .into_iter()
-            .find(|state| state.as_str() == word)
-    }
-}
-
-impl fmt::Display for ScanState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
     }
 }
 
@@ -208,17 +164,6 @@ mod tests {
             assert!(
                 state.may_become(Aborted) && state.may_become(Failed),
                 "{state}"
-            );
-        }
-    }
-
-    #[test]
-    fn words_and_states_agree_with_serde() {
-        for state in ScanState::ALL {
-            assert_eq!(ScanState::from_word(state.as_str()), Some(state));
-            assert_eq!(
-                serde_json::to_string(&state).unwrap(),
-                format!("\"{state}\"")
             );
         }
     }

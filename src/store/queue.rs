@@ -1,45 +1,17 @@
 //! The queue: orders in sequence, what became of them, and the state of the queue. The state of an order follows from its
 //! newest scan, which the store writes together with the number of the order.
 
-use std::fmt;
-
-use serde::{Deserialize, Serialize};
 use sqlx::FromRow;
 use sqlx::sqlite::SqliteConnection;
 
 use super::definitions::DefinitionKind;
 use super::{Page, PageRequest, Store, StoreError};
-
-macro_rules! words {
-    ($(#[$doc:meta])* $name:ident { $($(#[$of:meta])* $variant:ident = $word:literal),* $(,)? }) => {
-        $(#[$doc])*
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
-        #[serde(rename_all = "kebab-case")]
-        pub enum $name { $($(#[$of])* $variant),* }
-
-        impl $name {
-            /// The word used in requests and the database.
-            #[must_use]
-            pub const fn as_str(self) -> &'static str {
-                match self { $($name::$variant => $word),* }
-            }
-
-            fn from_word(word: &str) -> Option<Self> {
-                match word { $($word => Some($name::$variant),)* _ => None }
-            }
-        }
-
-        impl fmt::Display for $name {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.pad(self.as_str())
-            }
-        }
-    };
-}
+use crate::words::words;
 
 words! {
     /// State of the queue.
-    QueueState {
+    #[derive(utoipa::ToSchema)]
+    pub enum QueueState {
         /// No order begins. A person starts the queue.
         Stopped = "stopped",
         /// Orders begin one after the other.
@@ -53,7 +25,8 @@ words! {
 
 words! {
     /// State of an order.
-    OrderState {
+    #[derive(utoipa::ToSchema)]
+    pub enum OrderState {
         /// It has its place in the sequence.
         Waiting = "waiting",
         /// Its scan has begun and has not ended.

@@ -14,17 +14,17 @@ use code::Code;
 /// A module and the modules it may name. `*` means every module.
 const RULES: &[(&str, &[&str])] = &[
     ("units", &[]),
-    ("access", &[]),
+    ("access", &["words"]),
     ("archive", &[]),
     ("material", &[]),
-    ("frame", &[]),
+    ("frame", &["words"]),
     ("clock", &[]),
     ("colour", &[]),
     ("deadline", &[]),
     ("figures", &["colour"]),
     ("jackknife", &["units", "geometry"]),
     ("forecast", &[]),
-    ("job", &[]),
+    ("job", &["words"]),
     ("limits", &[]),
     ("logging", &[]),
     ("robust", &[]),
@@ -32,6 +32,7 @@ const RULES: &[(&str, &[&str])] = &[
     ("chart", &[]),
     ("preview", &["frame", "robust"]),
     ("wording", &[]),
+    ("words", &[]),
     ("program", &[]),
     ("version", &[]),
     ("geometry", &["units"]),
@@ -224,12 +225,15 @@ const RULES: &[(&str, &[&str])] = &[
             "robust",
         ],
     ),
-    ("bench", &["units", "geometry", "frame", "clock", "program"]),
+    (
+        "bench",
+        &["units", "geometry", "frame", "clock", "program", "words"],
+    ),
     (
         "scan",
         &[
             "units", "geometry", "frame", "clock", "limits", "series", "bench", "forecast", "job",
-            "program", "wording",
+            "program", "wording", "words",
         ],
     ),
     (
@@ -257,6 +261,7 @@ const RULES: &[(&str, &[&str])] = &[
             "scan",
             "version",
             "wording",
+            "words",
         ],
     ),
     (
