@@ -28,8 +28,12 @@ use crate::scan::{Event, Rig, StageAccess};
 use crate::store::StoreError;
 use crate::units::Angle;
 
-/// Spawns the task that owns the rig from now on.
-pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, StoreError> {
+/// Spawns the task that owns the rig from now on. It first switches off the lamp of `cut_off`, a scan that a kill ended.
+pub(super) async fn take(
+    parts: RigParts,
+    sink: EventSink,
+    cut_off: Option<i64>,
+) -> Result<RigSide, StoreError> {
     let RigParts { rig, settings } = parts;
     let link = rig.link();
     let camera = rig.camera.describe();
@@ -82,7 +86,13 @@ pub(super) async fn take(parts: RigParts, sink: EventSink) -> Result<RigSide, St
             sink,
         },
     };
-    let task = tokio::spawn(owner.run(rig, inbox));
+    let task = tokio::spawn(async move {
+        if cut_off.is_some() {
+            // A failure is an alarm.
+            owner.context.switch_lamp_off(cut_off).await.ok();
+        }
+        owner.run(rig, inbox).await;
+    });
     *side.owner.lock().expect("no holder of this lock panics") = Some(task);
     Ok(side)
 }

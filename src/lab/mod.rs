@@ -290,7 +290,8 @@ impl Lab {
             Some(parts) => {
                 let (clock, events) = (Arc::clone(&clock), events.clone());
                 let sink = EventSink::new(store.clone(), clock, events, ends.clone());
-                Some(bench::take(parts, sink).await?)
+                let cut_off = recovery.interrupted_scans.last().copied();
+                Some(bench::take(parts, sink, cut_off).await?)
             }
         };
         let lab = Lab {

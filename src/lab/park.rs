@@ -3,6 +3,7 @@
 use super::scan_run::RigContext;
 use crate::bench::stage::StageError;
 use crate::geometry::Pose;
+use crate::program::ProgramError;
 use crate::scan::event::{AxisEvent, RigActivity};
 use crate::scan::visit::stage_code;
 use crate::scan::{Event, Rig};
@@ -67,19 +68,21 @@ impl RigContext {
         });
     }
 
-    /// Switches the lamp off, if the settings have a command for it. A failure is an alarm.
-    pub(super) async fn switch_lamp_off(&self, scan_id: i64) {
+    /// Switches the lamp off, if the settings have a command for it. A failure is an alarm, and is returned.
+    pub(super) async fn switch_lamp_off(&self, scan_id: Option<i64>) -> Result<(), ProgramError> {
         let Some(program) = &self.settings.lamp_off else {
-            return;
+            return Ok(());
         };
-        if let Err(error) = program.run(b"").await {
+        let switched = program.run(b"").await;
+        if let Err(error) = &switched {
             self.sink.report(Event::Alarm {
                 code: "lamp-failed".into(),
                 message: format!(
                     "the lamp could not be switched off: {error}; switch it off by hand"
                 ),
-                scan_id: Some(scan_id),
+                scan_id,
             });
         }
+        switched
     }
 }

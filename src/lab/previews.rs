@@ -148,10 +148,10 @@ impl RigContext {
             () = answer.closed() => Err(LabError::BrokenOff),
             view = self.look(rig, stage, &exposures_s, &request) => view,
         };
-        let lamp_off = match &self.settings.lamp_off {
+        let lamp_off = match request.lamp {
             // It was switched on for these frames only.
-            Some(program) if request.lamp => program.run(b"").await,
-            _ => Ok(()),
+            true => self.switch_lamp_off(None).await,
+            false => Ok(()),
         };
         if let Err(LabError::Stage(error)) = &view {
             rig.let_go_if_lost(error);

@@ -30,10 +30,11 @@ impl RunningJobs {
     where
         F: Future<Output = ()> + Send + 'static,
     {
-        let cancel = Arc::new(AtomicBool::new(false));
         let progress = Arc::new(ProgressMeter::new());
         // Held while the task starts, so that it cannot end before it is listed.
         let mut all = self.lock();
+        // A job that starts while the daemon ends is interrupted at once.
+        let cancel = Arc::new(AtomicBool::new(self.interrupted.load(Ordering::Relaxed)));
         let task = tokio::spawn(work(Arc::clone(&cancel), Arc::clone(&progress)));
         let job = RunningJob {
             cancel,
@@ -74,12 +75,17 @@ impl RunningJobs {
     /// Interrupts all jobs and waits until the end of each is stored.
     pub async fn interrupt_all(&self) {
         self.interrupted.store(true, Ordering::Relaxed);
-        let all: Vec<RunningJob> = self.lock().drain().map(|(_, job)| job).collect();
-        for job in &all {
-            job.cancel.store(true, Ordering::Relaxed);
-        }
-        for job in all {
-            job.task.await.ok();
+        loop {
+            let all: Vec<RunningJob> = self.lock().drain().map(|(_, job)| job).collect();
+            if all.is_empty() {
+                return;
+            }
+            for job in &all {
+                job.cancel.store(true, Ordering::Relaxed);
+            }
+            for job in all {
+                job.task.await.ok();
+            }
         }
     }
 

@@ -213,7 +213,8 @@ impl RigContext {
             // No run receives them any more.
             now.orders = None;
         });
-        self.switch_lamp_off(scan_id).await;
+        // A failure is an alarm.
+        self.switch_lamp_off(Some(scan_id)).await.ok();
         if parks {
             self.park(rig).await;
         }

@@ -341,7 +341,7 @@ impl<'a> Runner<'a> {
                         && visit.rejected.is_none()
                         && !is_timed(&visit)
                     {
-                        if self.is_first_of_the_run() {
+                        if self.discards_frames() {
                             continue;
                         }
                         match self.confirm(shot, &looks).await? {
@@ -390,9 +390,7 @@ impl<'a> Runner<'a> {
                 }
                 Err(error) => error,
             };
-            if !matches!(error, VisitError::Stage(_)) {
-                self.checks.doubt_the_camera();
-            }
+            self.checks.doubt_the_camera();
             let next = self
                 .recover(error, &mut attempts, Some(shot), false)
                 .await?;

@@ -51,8 +51,9 @@ pub(super) struct Checks {
     to_confirm: u32,
     /// Poses that looked like the one before and were confirmed.
     alike: u32,
-    /// Whether this run has taken frames of the sample.
-    has_frames: bool,
+    /// Whether the next frames of a camera that does not state when it exposed them may be older than the run, or than its
+    /// last fault.
+    may_be_old: bool,
     /// Change of the light over all checks, and whether it was reported.
     drift: f64,
     drift_reported: bool,
@@ -65,15 +66,16 @@ impl Checks {
             last: None,
             to_confirm: CONFIRMED_POINTS,
             alike: 0,
-            has_frames: false,
+            may_be_old: true,
             drift: 0.0,
             drift_reported: false,
         }
     }
 
-    /// The camera had a fault: its next frames may be older ones.
+    /// A visit failed, or its frames were rejected: the next frames may be those, or older ones.
     pub(super) fn doubt_the_camera(&mut self) {
         self.to_confirm = CONFIRMED_POINTS;
+        self.may_be_old = true;
     }
 }
 
@@ -106,10 +108,10 @@ fn comparable(looks: &[Look]) -> Option<&Look> {
 }
 
 impl Runner<'_> {
-    /// Returns whether the frames of a visit have to be discarded: the first ones of a run, of a camera that does not state
-    /// when they were exposed, may come from before the run.
-    pub(super) fn is_first_of_the_run(&mut self) -> bool {
-        !std::mem::replace(&mut self.checks.has_frames, true)
+    /// Returns whether the frames of this visit, of a camera that does not state when it exposed them, have to be discarded:
+    /// its buffer may have held them since before the run, or since a fault.
+    pub(super) fn discards_frames(&mut self) -> bool {
+        std::mem::take(&mut self.checks.may_be_old)
     }
 
     /// Confirms frames that may be those of an earlier pose by further frames at the same pose.

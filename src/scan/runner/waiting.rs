@@ -221,7 +221,7 @@ impl Runner<'_> {
     /// Obeys an order to a paused scan; returns whether it resumed the scan.
     async fn is_resumed_by(&mut self, request: CommandRequest) -> Result<bool, Ending> {
         match request.command {
-            ScanCommand::Resume | ScanCommand::Continue => {
+            ScanCommand::Resume => {
                 self.rig.access().allow_unasked_motion();
                 self.enter(ScanState::Running, None).await?;
                 request.reply.send(Ok(self.state)).ok();
@@ -236,8 +236,8 @@ impl Runner<'_> {
                 request.reply.send(Ok(self.state)).ok();
                 Ok(false)
             }
-            // An operator step does not resume a pause.
-            ScanCommand::Done(_) => {
+            // An operator step does not resume a pause: it may have been asked before a stop.
+            ScanCommand::Continue | ScanCommand::Done(_) => {
                 request.reply.send(Err(self.state)).ok();
                 Ok(false)
             }
@@ -262,7 +262,11 @@ impl Runner<'_> {
                 ScanCommand::Done(other) if other != action => {
                     request.reply.send(Err(self.state)).ok();
                 }
-                ScanCommand::Continue | ScanCommand::Resume | ScanCommand::Done(_) => {
+                // Asked while the scan was paused. It does not say that the step is done.
+                ScanCommand::Resume => {
+                    request.reply.send(Err(self.state)).ok();
+                }
+                ScanCommand::Continue | ScanCommand::Done(_) => {
                     self.enter(ScanState::Running, None).await?;
                     request.reply.send(Ok(self.state)).ok();
                     return Ok(());
