@@ -344,8 +344,14 @@ impl Store {
 async fn asked<T: Send + 'static>(
     ask: impl FnOnce() -> Result<T, StoreError> + Send + 'static,
 ) -> Result<T, StoreError> {
-    let answered = tokio::task::spawn_blocking(ask).await;
-    answered.expect("asking the file system does not panic")
+    match tokio::task::spawn_blocking(ask).await {
+        Ok(answer) => answer,
+        Err(ended) => match ended.try_into_panic() {
+            Ok(panic) => std::panic::resume_unwind(panic),
+            // The process ends.
+            Err(_) => Err(sqlx::Error::PoolClosed.into()),
+        },
+    }
 }
 
 /// Options of a pool that opens its connections at once and keeps them: one opened later would open the file that is at
@@ -390,6 +396,8 @@ fn may_warn() -> bool {
 
 /// File of the database in a data folder.
 pub const DATABASE: &str = "ridged.sqlite";
+/// Its write-ahead log: rows that are not in the database's file yet.
+const LOG: &str = "ridged.sqlite-wal";
 /// Space that a start needs: the database's log, its index, and some rows.
 pub const ROOM_TO_OPEN_KB: u64 = 512;
 
@@ -415,7 +423,7 @@ fn writing(folder: &Path) -> SqliteConnectOptions {
 
 /// Options for a complete database file that no process writes.
 fn immutable(folder: &Path) -> Result<SqliteConnectOptions, StoreError> {
-    let log = folder.join(format!("{DATABASE}-wal"));
+    let log = folder.join(LOG);
     if fs::metadata(log).is_ok_and(|log| log.len() > 0) {
         return Err(StoreError::UnreadLog {
             folder: folder.into(),

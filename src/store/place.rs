@@ -1,8 +1,9 @@
 //! Whether the data folder is still the one that was opened.
 //!
 //! A folder that is deleted, unmounted or replaced takes files and rows without an error: SQLite writes to the file it
-//! holds open, and a path leads to whatever is there now. So device and inode of the folder, of its frames and of the
-//! database are compared with those at the opening, before anything is written and before each commit.
+//! holds open, and a path leads to whatever is there now. So device and inode of the folder, of its frames, of the
+//! database and of its log are compared with those at the opening, before anything is written and before each commit. A disk
+//! that the system has made read-only after a fault is found there, too.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -11,15 +12,16 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use rustix::fs::StatVfsMountFlags;
 use sqlx::sqlite::SqliteConnection;
 use sqlx::{Sqlite, Transaction};
 
-use super::{DATABASE, StoreError};
+use super::{DATABASE, LOG, StoreError};
 
 /// Device and inode of the parts of a data folder.
 #[derive(Debug)]
 pub(super) struct Place {
-    parts: [(&'static str, PathBuf, FileId); 3],
+    parts: [(&'static str, PathBuf, FileId); 4],
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,6 +55,7 @@ impl Place {
                 part("the data folder", folder.into())?,
                 part("the frame folder", folder.join("frames"))?,
                 part("the database", folder.join(DATABASE))?,
+                part("the log of the database", folder.join(LOG))?,
             ],
         })
     }
@@ -74,13 +77,24 @@ impl Place {
                 }
                 Err(error) => format!("cannot be reached ({error})"),
             };
-            return Err(StoreError::FolderGone {
-                what,
-                path: path.clone(),
-                problem,
-            });
+            return Err(gone(what, path, problem));
         }
-        Ok(())
+        let (what, folder, _) = &self.parts[0];
+        match rustix::fs::statvfs(folder) {
+            Ok(disk) if disk.f_flag.contains(StatVfsMountFlags::RDONLY) => {
+                Err(gone(what, folder, "became read-only".into()))
+            }
+            // The next write reports what is wrong.
+            _ => Ok(()),
+        }
+    }
+}
+
+fn gone(what: &'static str, path: &Path, problem: String) -> StoreError {
+    StoreError::FolderGone {
+        what,
+        path: path.into(),
+        problem,
     }
 }
 
