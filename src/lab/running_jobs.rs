@@ -93,3 +93,21 @@ impl RunningJobs {
         self.all.lock().expect("no holder of this lock panics")
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::JobKind;
+
+    #[tokio::test]
+    async fn a_job_that_starts_while_the_daemon_ends_is_interrupted() {
+        let jobs = RunningJobs::default();
+        jobs.interrupt_all().await;
+        let (send, flag) = tokio::sync::oneshot::channel();
+        jobs.start(JobId::new(JobKind::Fit, 1), |cancel, _| async move {
+            send.send(cancel.load(Ordering::Relaxed)).ok();
+        });
+        assert_eq!(flag.await, Ok(true));
+        assert_eq!(jobs.end_of_cancelled(), JobEnd::Interrupted);
+    }
+}

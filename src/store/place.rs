@@ -199,6 +199,17 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn a_log_that_is_moved_away_is_noticed() {
+        let parent = tempfile::tempdir().unwrap();
+        let (store, _) = open(parent.path()).await.unwrap();
+        let (log, away) = (parent.path().join(LOG), parent.path().join("away"));
+        fs::rename(&log, &away).unwrap();
+        refuses_everything(&store, "the log of the database").await;
+        fs::rename(&away, &log).unwrap();
+        store.record(alarm()).await.unwrap();
+    }
+
+    #[tokio::test]
     async fn a_folder_that_goes_within_a_transaction_keeps_nothing_of_it() {
         let parent = tempfile::tempdir().unwrap();
         let folder = parent.path().join("data");

@@ -246,6 +246,31 @@ async fn a_scan_that_was_stopped_while_it_waited_says_so() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn an_order_that_comes_twice_neither_does_a_step_nor_undoes_a_stop() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let lab = &bench.lab;
+    let scan = bench.start(small(&[0.0], &[0.0])).await;
+    let order = |order| lab.order(scan.id, order);
+    for _ in 0..5 {
+        bench.until(scan.id, ScanState::WaitingForOperator).await;
+        order(ScanCommand::Pause).await.unwrap();
+        let (one, other) = tokio::join!(order(ScanCommand::Resume), order(ScanCommand::Resume));
+        assert!(one.is_ok() != other.is_ok(), "{one:?} {other:?}");
+    }
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    bench.rig.world.cap_lens(true);
+    let (one, stopped, other) = tokio::join!(
+        order(ScanCommand::Continue),
+        order(ScanCommand::Stop),
+        order(ScanCommand::Continue),
+    );
+    assert!(stopped.is_ok(), "{stopped:?}");
+    assert!(!(one.is_ok() && other.is_ok()), "{one:?} {other:?}");
+    bench.until(scan.id, ScanState::Paused).await;
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_simulated_operator_who_comes_late_does_the_step_that_a_scan_waits_for() {
     let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
     let scan = bench.start(small(&[0.0], &[0.0, 90.0])).await;

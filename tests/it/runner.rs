@@ -163,7 +163,7 @@ impl Camera for CuedCamera {
             self.shown
                 .lock()
                 .unwrap()
-                .push((captured.frame.clone(), request.pose));
+                .push((captured.frame.clone(), self.world.pose_now()));
             let fresh = captured.clone();
             if self.lags
                 && let Some(behind) = self.buffered.replace(fresh)
@@ -647,6 +647,21 @@ async fn a_camera_that_is_one_frame_behind_gives_no_frame_of_another_pose() {
             "timed: {timed}"
         );
         assert!(!reported.recoveries.is_empty());
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_camera_that_lags_gives_no_frame_of_where_something_else_moved_an_axis() {
+    let none = |settings: &mut RunnerSettings| settings.reference.every = 0;
+    let moved = AxisFault::ForeignMove(Angle::from_deg(0.7));
+    for exposure in 4..12 {
+        let cues = [
+            (3, Cue::LagUntimed),
+            (exposure, Cue::Cause(AxisName::ThetaC, moved)),
+        ];
+        let (end, reported) = run_with(grid(), &[], cues, |_| u64::MAX, none).await;
+        assert_eq!(end.state, ScanState::Completed, "{exposure}");
+        assert_eq!(reported.of_another_pose, Vec::<u32>::new(), "{exposure}");
     }
 }
 

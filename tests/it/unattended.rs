@@ -20,6 +20,7 @@ use serde_json::Value;
 
 use crate::bench_in_a_box::{BenchInABox, small};
 use crate::commands::Daemon;
+use crate::cut_short::by_hand;
 use crate::stop::idle;
 
 const PLACE: (f64, f64) = (20.0, 90.0);
@@ -195,6 +196,30 @@ async fn a_lamp_that_cannot_be_switched_on_pauses_the_scan_with_its_words() {
     let log = std::fs::read_to_string(at("log")).unwrap();
     assert_eq!(log, "on\noff\n");
     bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_daemon_that_was_killed_switches_the_lamp_of_its_scan_off_when_it_starts_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("log");
+    let off = format!("echo off >> {}", log.display());
+    let lamp = |parts: &mut RigParts| parts.settings.lamp_off = Some(shell(&off));
+    let first = bench(folder.path(), false, lamp).await;
+    let scan = first.start(small(&[0.0], &[0.0])).await;
+    first.until(scan.id, ScanState::WaitingForOperator).await;
+    first.end().await;
+    std::fs::remove_file(&log).unwrap();
+    // A kill leaves the scan in the state that it had.
+    by_hand(
+        folder.path(),
+        "INSERT INTO scan_states (scan_id, state, at) SELECT scan_id, 'running', at FROM scan_states ORDER BY id DESC LIMIT 1",
+    )
+    .await;
+    let again = bench(folder.path(), false, lamp).await;
+    // The owner of the rig answers once the lamp is off.
+    again.lab.have_rig().await.unwrap();
+    assert_eq!(std::fs::read_to_string(&log).unwrap(), "off\n");
+    again.end().await;
 }
 
 /// Every JSON object that a hook wrote to a file.

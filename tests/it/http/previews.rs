@@ -12,7 +12,7 @@ use ridged::bench::{Camera, CameraError, CaptureRequest, Captured};
 use ridged::frame::Frame;
 use ridged::lab::RigParts;
 use ridged::program::Program;
-use ridged::scan::ScanState;
+use ridged::scan::{Event, ScanState};
 use ridged::store::disk::RealDisk;
 use serde_json::{Value, json};
 use tower::ServiceExt;
@@ -204,12 +204,14 @@ async fn a_preview_ends_for_another_order() {
     let folder = tempfile::tempdir().unwrap();
     let endless = |mut parts: RigParts| {
         parts.rig.camera = Box::new(Endless);
+        let run = |word: &str| Program::of(&[word.to_owned()], 5.0);
+        (parts.settings.runner.lamp_on, parts.settings.lamp_off) = (run("true"), run("false"));
         parts
     };
     let disk = Arc::new(RealDisk);
     let bench = BenchInABox::open_as(folder.path(), disk, false, Duration::ZERO, endless).await;
     let router = router_of(&bench.lab);
-    let ask = json!({});
+    let ask = json!({ "lamp": true });
     let order = async {
         tokio::time::sleep(Duration::from_millis(300)).await;
         post(&router, "/api/v1/rig/home", "").await
@@ -221,6 +223,19 @@ async fn a_preview_ends_for_another_order() {
     for refused in [looking, waiting] {
         is_problem(&refused, 409, "busy");
     }
+    // Nobody waits for the answer that would have said so.
+    let is_lit =
+        |event: &Event| matches!(event, Event::Alarm { code, .. } if code == "lamp-failed");
+    let reported = async {
+        loop {
+            let events = bench.lab.store().events_after(0, 1000).await.unwrap();
+            if events.iter().any(|recorded| is_lit(&recorded.event)) {
+                break;
+            }
+            tokio::task::yield_now().await;
+        }
+    };
+    in_time(reported).await;
     bench.end().await;
 }
 
