@@ -19,11 +19,20 @@ pub(super) struct Denial {
     pub deviations: f64,
     /// Share of the prior in the fitted value.
     pub leverage: f64,
+    /// Change of the prior's residual with the free parameter, in the units of the solver.
+    pub slope: f64,
     /// What dropping the statement changes in each free parameter, in the units of the solver, to first order.
     pub shift: Vec<f64>,
 }
 
 impl Denial {
+    /// The same deviations if the data's value also has a standard uncertainty `shared`, in the units of the solver, from
+    /// errors that all observations share. The prior reduced it by its leverage.
+    pub(super) fn deviations_with(&self, shared: f64) -> f64 {
+        let by_scatter = (1.0 - self.leverage).sqrt();
+        self.deviations * by_scatter / by_scatter.hypot(self.slope * shared)
+    }
+
     /// Whether a certificate of the material is contradicted.
     pub(super) fn is_of_material(&self) -> bool {
         !self.by_user && matches!(self.quantity, Quantity::Eta | Quantity::K)
@@ -37,7 +46,7 @@ pub(super) fn determines_the_material(e: &Estimate<'_>) -> bool {
 }
 
 /// Standard deviations between stated value and data above which a contradiction is reported.
-const DENIED: f64 = 4.0;
+pub(super) const DENIED: f64 = 4.0;
 /// Largest leverage of a prior; a larger one would amplify rounding.
 const LEVERAGE_MAX: f64 = 0.9996;
 
@@ -70,6 +79,7 @@ pub(super) fn denials(e: &Estimate<'_>) -> Vec<Denial> {
                     .any(|(stated, _)| stated == quantity),
                 deviations,
                 leverage,
+                slope,
             })
         })
         .collect()

@@ -327,6 +327,8 @@ fn only_a_prior_that_the_data_contradict_is_reported() {
         assert!(!warned(truth + std, std), "{std}");
         assert!(warned(truth + 20.0 * std + 0.5, std), "{std}");
     }
+    // Far beyond the scatter, but within the zeros of the stages.
+    assert!(!warned(truth + 0.03, 0.001));
 }
 
 #[test]

@@ -134,7 +134,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
     let dark = e.no_lobe.as_ref().map(|dark| darkness(e, dark));
     warnings.extend(ambiguous(e));
     warnings.extend(drift.as_ref().map(Drift::message));
-    warnings.extend(denied(e));
+    warnings.extend(denied(e, u));
     warnings.extend(rig_slips(e, u));
     warnings.extend(
         across

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::least_squares::sum_of_squares;
 use super::minimum::{Ending, Minimum, Settings};
-use super::misfit::{ROUNDS, discrepancy_of, discrepancy_of_few, lightened};
+use super::misfit::{LOUD, ROUNDS, discrepancy_of, discrepancy_of_few, lightened};
 use super::problem::Problem;
 use super::search::{AMBIGUOUS_RISE, Search, determined};
 use super::start::distance;
@@ -20,6 +20,7 @@ use super::thin::minimise;
 use super::tier::Tier;
 use super::{FitOptions, Loss};
 use crate::material::Material;
+use crate::model::Variant;
 
 /// Discrepancy above which the fit with the tier is doubted. Fits of traced ideal ridges up to 30° stay below it.
 pub(super) const DOUBTFUL: f64 = 0.015;
@@ -133,7 +134,8 @@ impl Settled<'_> {
 
     /// Whether a surface with a much smaller model error is worth looking for.
     pub(super) fn doubted(&self) -> bool {
-        self.discrepancy != 0.0 && (self.open() || self.narrow())
+        let is_loud = self.discrepancy > LOUD && self.problem.variant() == Variant::Sawtooth;
+        is_loud || self.discrepancy != 0.0 && (self.open() || self.narrow())
     }
 
     /// Number of observations where the facets' lobe exceeds a twentieth of its top.

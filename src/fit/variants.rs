@@ -10,6 +10,7 @@ use super::budget::{Uncertainty, judged, uncertainty};
 use super::drift::{drift, without};
 use super::estimate::Estimate;
 use super::intervals;
+use super::misfit::LOUD;
 use super::one_variant::estimate_until;
 use super::opening::free_quantities;
 use super::quantity::Quantity;
@@ -314,13 +315,15 @@ fn fit_each(
     report
 }
 
-/// Whether the printed lobe describes the sample: its residual is not much larger than that of the sawtooth, and its ρd
-/// is that of a surface. QAIC alone may prefer it where the errors are shares of the signals, so that dim poses count most.
+/// Whether the printed lobe describes the sample: its model error is small, its residual is not much larger than that of the
+/// sawtooth, and its ρd is that of a surface. QAIC alone may prefer it where the errors are shares of the signals, so that dim
+/// poses count most, or where neither describes the sample.
 fn describes(paper: &Option<Estimate<'_>>, sawtooth: &Option<Estimate<'_>>) -> bool {
     let (Some(paper), Some(sawtooth)) = (paper, sawtooth) else {
         return true;
     };
     (0.0..=1.0).contains(&paper.values.rho_d)
+        && paper.discrepancy <= LOUD
         && paper.rms_residual < MUCH_LARGER * sawtooth.rms_residual
 }
 
@@ -500,14 +503,16 @@ mod tests {
         let never = AtomicBool::new(false);
         let fitted = |variant| estimate(&set, variant, &FitOptions::default(), None, &never);
         let (paper, sawtooth) = (fitted(Variant::Paper), fitted(Variant::Sawtooth));
-        let as_if = |rho_d: f64, ratio: f64| {
+        let as_if = |rho_d: f64, ratio: f64, discrepancy: f64| {
             let (mut paper, sawtooth) = (paper.clone().unwrap(), sawtooth.clone().unwrap());
             paper.values.rho_d = rho_d;
+            paper.discrepancy = discrepancy;
             paper.rms_residual = ratio * sawtooth.rms_residual;
             describes(&Some(paper), &Some(sawtooth))
         };
-        assert!(as_if(0.3, 1.1));
-        assert!(!as_if(0.3, 12.0));
-        assert!(!as_if(-0.15, 1.0) && !as_if(291.0, 1.0));
+        assert!(as_if(0.3, 1.1, 0.01));
+        assert!(!as_if(0.3, 12.0, 0.01));
+        assert!(!as_if(0.3, 1.0, 0.1));
+        assert!(!as_if(-0.15, 1.0, 0.01) && !as_if(291.0, 1.0, 0.01));
     }
 }

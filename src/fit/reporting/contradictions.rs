@@ -1,7 +1,8 @@
 //! Messages about stated values that the data contradict.
 
 use super::spoken;
-use crate::fit::denials::{Denial, denials, determines_the_material};
+use crate::fit::budget::{Budget, Uncertainty};
+use crate::fit::denials::{DENIED, Denial, denials, determines_the_material};
 use crate::fit::estimate::Estimate;
 use crate::fit::findings::{Code, Finding};
 use crate::fit::misfit::peak;
@@ -11,8 +12,9 @@ use crate::wording::{percent, significant};
 /// Stray light, as a share of the brightest signal, that changes no result and is not worth a look at the rig.
 const FAINT: f64 = 1e-5;
 
-/// Lists stated values that the data contradict, as messages.
-pub(super) fn denied(e: &Estimate<'_>) -> Vec<String> {
+/// Lists stated values that the data contradict, as messages. A value that a person stated is compared with that of the data
+/// and all its errors, also those that all observations share.
+pub(super) fn denied(e: &Estimate<'_>, u: &Uncertainty) -> Vec<String> {
     let top = peak(e.problem.set());
     let faint = |d: &Denial| {
         !d.by_user && d.quantity == Quantity::Background && e.values.background.abs() < FAINT * top
@@ -20,6 +22,22 @@ pub(super) fn denied(e: &Estimate<'_>) -> Vec<String> {
     let denials = denials(e).into_iter();
     let material = determines_the_material(e);
     let denials = denials.filter(|d| (material || !d.is_of_material()) && !faint(d));
+    let shared = |quantity: Quantity| {
+        let j = e.problem.free().iter().position(|free| *free == quantity);
+        let without_scatter = j.map(|j| Budget {
+            counting: 0.0,
+            model: 0.0,
+            prior: 0.0,
+            ..u.budgets[j]
+        });
+        without_scatter.map_or(0.0, |budget| budget.combined())
+    };
+    let denials = denials.filter_map(|mut denial| {
+        if denial.by_user {
+            denial.deviations = denial.deviations_with(shared(denial.quantity));
+        }
+        (denial.deviations > DENIED).then_some(denial)
+    });
     let messages = denials.map(|denial| {
         let Denial {
             quantity,
