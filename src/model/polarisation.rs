@@ -228,10 +228,12 @@ impl Boundary {
     }
 
     /// As [`Self::new`], for media either of which may be an absorbing layer: from `here`, the medium of the light, to
-    /// `beyond`, in which light continues if it `enters`; otherwise an absorbing `beyond` is a metal.
+    /// `beyond`. Light continues in a transparent `beyond`; in an absorbing one only if it `enters`, otherwise `beyond`
+    /// is a metal.
     #[must_use]
     pub fn between(here: Complex<f64>, beyond: Complex<f64>, enters: bool) -> Self {
         let plain = Boundary::new(here.re, beyond.re, beyond.im);
+        let enters = enters || beyond.im == 0.0;
         if here.im == 0.0 && (beyond.im == 0.0 || !enters) {
             return plain;
         }

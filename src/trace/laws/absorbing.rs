@@ -5,7 +5,9 @@ use nalgebra::Complex;
 
 use super::references::{all_reflected, deviation};
 use super::{interface, scene, traced};
+use crate::model::polarisation::Boundary;
 use crate::trace::run::{Shard, trace};
+use crate::trace::tally::MonteCarloEstimate;
 
 type C = Complex<f64>;
 
@@ -149,5 +151,126 @@ fn light_in_rough_absorbing_layers_is_conserved_by_both_methods() {
     for e in [a, b] {
         let sum = e.reflected_all.value + e.absorbed.value + e.truncated.value;
         assert!((sum - 1.0).abs() < 1e-13 && e.truncated.value < 1e-3);
+    }
+}
+
+/// Settings of the run for both methods, with and without polarisation.
+fn runs(photons: u32) -> impl Iterator<Item = (bool, String)> {
+    ["analog", "split"].into_iter().flat_map(move |method| {
+        [true, false].map(|polarised| {
+            let run = format!(
+                "photons = {photons}\nmethod = \"{method}\"\npolarised = {polarised}\ntheta_bins = 9\nphi_bins = 12"
+            );
+            (polarised, run)
+        })
+    })
+}
+
+/// The thickness in µm at which a layer of k has the optical depth `depth` at the wavelength of the scenes.
+fn thickness_um(k: f64, depth: f64) -> f64 {
+    depth * 0.55 / (4.0 * std::f64::consts::PI * k)
+}
+
+fn agrees(found: &MonteCarloEstimate, expected: f64, tolerance: f64, what: &str) {
+    let off = (found.value - expected).abs();
+    assert!(
+        off < 5.0 * found.std + tolerance && found.std < 0.01,
+        "{what}: {found:?}, not {expected}"
+    );
+}
+
+#[test]
+fn an_absorbing_slab_transmits_by_beer_s_law_and_fresnel_s_equations() {
+    let theta_deg = 30.0_f64;
+    let sin = theta_deg.to_radians().sin() / 1.5;
+    let slant = 1.0 / (1.0 - sin * sin).sqrt();
+    let entry = Boundary::new(1.0, 1.5, 0.0);
+    let reflected = entry.at(theta_deg.to_radians().cos()).reflected;
+    // Without k, in the limit of k, and with optical depths up to 2.3 as of 1 mm of k = 1e-4.
+    for (k, depth) in [
+        (0.0, 0.0),
+        (1e-12, 2e-8),
+        (1e-6, 0.02),
+        (1e-5, 0.7),
+        (1e-4, 2.3),
+    ] {
+        let thick = if k > 0.0 { thickness_um(k, depth) } else { 9.0 };
+        let slab = interface(
+            &format!("shape = \"flat\"\nthickness_um = {thick:?}"),
+            &format!("{{ n = 1.5, k = {k:?} }}"),
+        ) + &interface("shape = \"flat\"", "{ n = 1.0 }");
+        let kept = (-depth * slant).exp();
+        // Both faces reflect the same share; light crosses the slab any number of times.
+        let passes = |r: f64| (1.0 - r).powi(2) * kept / (1.0 - (r * kept).powi(2));
+        let returns = |r: f64| r + passes(r) * r * kept;
+        for (polarised, run) in runs(20_000) {
+            let shares = match polarised {
+                true => [reflected.s, reflected.p],
+                false => [reflected.unpolarised(); 2],
+            };
+            let mean = |of: &dyn Fn(f64) -> f64| shares.map(of).iter().sum::<f64>() / 2.0;
+            let e = traced(&scene(theta_deg, &slab, &run)).energies();
+            let what = format!("k = {k}, {run}");
+            agrees(&e.transmitted_all, mean(&passes), 1e-6, &what);
+            agrees(&e.reflected_all, mean(&returns), 1e-6, &what);
+        }
+    }
+}
+
+#[test]
+fn light_totally_reflected_below_a_layer_of_vanishing_absorption_returns() {
+    let layer = interface(
+        "shape = \"flat\"\nthickness_um = 10.0",
+        "{ n = 1.5, k = 1e-12 }",
+    ) + &interface("shape = \"flat\"", "{ n = 1.0 }");
+    for (_, run) in runs(2000) {
+        let text = format!("n_top = 1.5\n{}", scene(60.0, &layer, &run));
+        let e = traced(&text).energies();
+        agrees(&e.reflected_all, 1.0, 1e-6, &run);
+        agrees(&e.transmitted_all, 0.0, 1e-12, &run);
+    }
+}
+
+#[test]
+fn a_diffuse_body_below_an_absorbing_layer_returns_what_the_layer_lets_pass() {
+    // No boundary reflects: the layer's light goes down at one angle and up at all angles.
+    for (k, depth) in [(1e-12, 2e-8), (1e-5, 0.3), (1e-4, 1.5)] {
+        let thick = thickness_um(k, depth);
+        let interfaces = interface(
+            &format!("shape = \"flat\"\nthickness_um = {thick:?}"),
+            &format!("{{ n = 1.0, k = {k:?} }}"),
+        ) + &interface("shape = \"flat\"", "{ n = 1.0, rho_d = 0.8 }");
+        let steps = 10_000;
+        let upwards: f64 = (0..steps)
+            .map(|j| (f64::from(j) + 0.5) / f64::from(steps))
+            .map(|mu| 2.0 * mu * (-depth / mu).exp() / f64::from(steps))
+            .sum();
+        let down = (-depth / 40f64.to_radians().cos()).exp();
+        for (_, run) in runs(20_000) {
+            let e = traced(&scene(40.0, &interfaces, &run)).energies();
+            let what = format!("k = {k}, {run}");
+            agrees(&e.reflected_all, 0.8 * down * upwards, 1e-6, &what);
+        }
+    }
+    // Below glass, in the limit of k: as without absorption.
+    let over = |k: &str, run: &str| {
+        let interfaces = interface(
+            "shape = \"flat\"\nthickness_um = 10.0",
+            &format!("{{ n = 1.5, k = {k} }}"),
+        ) + &interface(
+            "shape = \"smith\"\nalpha_u = 0.2\nalpha_v = 0.2",
+            "{ n = 1.6, rho_d = 0.8 }",
+        );
+        traced(&scene(30.0, &interfaces, run))
+            .energies()
+            .reflected_all
+    };
+    for (_, run) in runs(20_000) {
+        let (clear, limit) = (over("0.0", &run), over("1e-9", &run));
+        let sigma = clear.std.hypot(limit.std);
+        assert!(
+            (clear.value - limit.value).abs() < 5.0 * sigma && limit.value > 0.5,
+            "{run}: {clear:?} {limit:?}"
+        );
     }
 }
