@@ -234,8 +234,8 @@ impl HeightField {
     }
 
     /// Effective ridge angle, rad: the area-weighted median inclination, towards +y about the x
-    /// axis, of the triangles whose normal leans to +y; `None` if none does. Accurate to a
-    /// thousandth of a degree.
+    /// axis, of the triangles whose normal leans to +y, to a thousandth of a degree; `None` if none
+    /// leans, or if the median is below that resolution.
     #[must_use]
     pub fn effective_ridge_angle(&self) -> Option<f64> {
         const PER_DEGREE: f64 = 1000.0;
@@ -266,7 +266,7 @@ impl HeightField {
         for (n, area) in areas.iter().enumerate() {
             if *area > 0.0 && below + area >= half {
                 let within = n as f64 + (half - below) / area;
-                return Some((within / PER_DEGREE).to_radians());
+                return (n > 0).then(|| (within / PER_DEGREE).to_radians());
             }
             below += area;
         }

@@ -124,3 +124,14 @@ fn no_ray_passes_through_edges_and_corners() {
         }
     }
 }
+
+#[test]
+fn a_ridge_angle_below_the_resolution_is_not_stated() {
+    assert_eq!(rough(16, 16, 1e-9, 5).effective_ridge_angle(), None);
+    let angle = |height: f64| {
+        let stated = rough(16, 16, height, 5).effective_ridge_angle();
+        stated.unwrap_or_default().to_degrees()
+    };
+    // Small inclinations are proportional to the height.
+    assert!(angle(1e-2) > 0.1 && (angle(2e-2) / angle(1e-2) - 2.0).abs() < 0.05);
+}

@@ -105,7 +105,7 @@ impl Relief {
     }
 
     /// Effective ridge angle, rad: the area-weighted median inclination of the parts whose normal
-    /// leans to +v; `None` if no part does.
+    /// leans to +v; `None` if no part does, or, on a height field, by less than 0.001°.
     #[must_use]
     pub fn ridge_angle(&self) -> Option<f64> {
         match self {

@@ -40,7 +40,8 @@ pub struct PreparedScene {
 pub struct RidgeAngle {
     /// 1 for the topmost.
     pub interface: usize,
-    /// Area-weighted median inclination of the parts whose normal leans to +v, degrees.
+    /// Area-weighted median inclination of the parts whose normal leans to +v, degrees. On a height field it has a resolution
+    /// of 0.001°, and an interface with less is omitted.
     pub theta_r_deg: f64,
 }
 
