@@ -15,7 +15,7 @@ use serde::Serialize;
 use compare::{ReportedComparison, TableComparison};
 
 use super::limits::{PredictionLimits, Stopwatch};
-use super::prediction::{Model, Scene};
+use super::prediction::{Model, Scene, costly_omissions};
 use super::{CliError, interrupt, output, output_collision, output_path, runtime};
 use crate::contrast::{ContrastReport, ReportedContrast, ReportedTable, measure, rounded_deg};
 use crate::forecast::Expected;
@@ -170,7 +170,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
     output::write(args.json, &answer, || {
         let mut text = match &answer.contrasts {
             Contrasts::Measured(report) => measured_text(&table, report),
-            Contrasts::Predicted(_) => predicted_text(&table),
+            Contrasts::Predicted(found) => {
+                predicted_text(&table) + &costly_omissions(&found.left_out)
+            }
         };
         if let Some(comparison) = &compared {
             let _ = writeln!(text, "{comparison}");
@@ -393,6 +395,30 @@ mod tests {
         assert_eq!(report["mean"]["by_theta_c"][2]["theta_c_deg"], 0.0);
         assert_eq!(report["mean"]["by_phi_s"][0]["phi_s_deg"], "0-90");
         assert!(predicted_text(&table).lines().count() > 20);
+    }
+
+    #[test]
+    fn a_costly_omission_is_stated_in_the_text() {
+        let stated = |variant: &str| {
+            let args = [
+                "--variant",
+                variant,
+                "--theta-r-deg",
+                "20",
+                "--alpha",
+                "0.1",
+            ];
+            let (_, prediction) = predicted(&parsed(&args)).unwrap();
+            costly_omissions(&prediction.left_out)
+        };
+        let printed = stated("paper");
+        assert!(
+            printed.starts_with(
+                "left out: risers, diffuse walls and light that bounces twice (effect ≤ "
+            ) && printed.lines().count() == 1,
+            "{printed}"
+        );
+        assert_eq!(stated("quadrature"), "");
     }
 
     #[test]

@@ -62,7 +62,10 @@ impl Kind {
             Kind::Brdf => {
                 "risers, diffuse walls and light that bounces twice (the lobe as printed), averages over cones"
             }
-            Kind::Sawtooth => "more than two reflections, and averages over cones",
+            Kind::Sawtooth => {
+                "the quadrature of light that bounces twice (a closed approximation takes its place), a third specular \
+                reflection, and averages over cones"
+            }
             Kind::Visibility => "nothing: the geometry of an ideal sawtooth is exact",
             Kind::Mueller => {
                 "masking, shadowing and all bounces after the first (by definition of this form)"

@@ -1,10 +1,11 @@
 //! `ridged optimize`: the micro-structure of greatest contrast on a rig, and the width of the optimum.
 
 use anyhow::anyhow;
+use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::limits::{PredictionLimits, Stopwatch};
-use super::prediction::{Model, Scene};
+use super::prediction::{Model, Scene, costly_omissions};
 use super::{CliError, output};
 use crate::forecast::Expected;
 use crate::model::LeftOut;
@@ -82,7 +83,7 @@ fn text(report: &Value) -> String {
     };
     format!(
         "greatest mean contrast {:.5} sr⁻¹ (Michelson {:.3}) at θr = {:.3}°, α = {:.4}\n\
-             above 99 % of it from {}, above 90 % from {}{}{}{stopped}\n",
+             above 99 % of it from {}, above 90 % from {}{}{}{stopped}\n{}",
         number("contrast"),
         number("michelson"),
         number("theta_r_deg"),
@@ -91,6 +92,7 @@ fn text(report: &Value) -> String {
         range("within_10_percent_deg"),
         bound("at_theta_r_bound", "the ridge angle"),
         bound("at_alpha_bound", "the roughness"),
+        costly_omissions(&Vec::<LeftOut>::deserialize(&report["left_out"]).unwrap_or_default()),
     )
 }
 
@@ -202,6 +204,15 @@ mod tests {
         let best = report["theta_r_deg"].as_f64().unwrap();
         assert!((best - 5.0).abs() < 0.5, "{report}");
         assert_eq!(report["at_theta_r_bound"], false);
+    }
+
+    #[test]
+    fn a_costly_omission_is_stated_in_the_text() {
+        let args = ["--variant", "paper", "--theta-r-min-deg", "15"];
+        let mut report = report(&parsed(&args)).unwrap();
+        assert!(text(&report).contains("\nleft out: risers, "), "{report}");
+        report["left_out"] = json!([LeftOut::new("a thing", "a reason", Some(1e-3))]);
+        assert!(!text(&report).contains("left out"));
     }
 
     #[test]

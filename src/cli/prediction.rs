@@ -11,6 +11,7 @@ use crate::material::tables;
 use crate::model::contrast::{PAPER_TILTS_DEG, Tier};
 use crate::model::{LeftOut, Optics, Surface, Variant, domain, left_out};
 use crate::units::Angle;
+use crate::wording::percent;
 
 /// A rig and a surface given by options; the defaults are the paper's rig with narrow lobes.
 #[derive(Debug, Clone, clap::Args)]
@@ -226,6 +227,24 @@ impl Scene {
         }
         Ok((rig, optics, surface))
     }
+}
+
+/// Least share of the brightest radiance that text mentions as the cost of an omission.
+const MUCH_LEFT_OUT: f64 = 0.01;
+
+/// Returns a line for each omission whose stated cost is above 1 % of the brightest radiance.
+#[must_use]
+pub fn costly_omissions(left_out: &[LeftOut]) -> String {
+    let line = |left: &LeftOut| {
+        let cost = left.cost.filter(|cost| *cost > MUCH_LEFT_OUT)?;
+        Some(format!(
+            "left out: {} (effect ≤ {} of the brightest radiance): {}\n",
+            left.what,
+            percent(cost),
+            left.why
+        ))
+    };
+    left_out.iter().filter_map(line).collect()
 }
 
 /// Refuses a number outside the limit of its option.
