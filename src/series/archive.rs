@@ -125,7 +125,19 @@ pub fn unpack(
         })?;
         // The stated size may be wrong.
         let written = io::copy(&mut (&mut member).take(left.saturating_add(1)), &mut out);
-        let written = written.map_err(io)?;
+        let written = written.map_err(|source| match source.kind() {
+            // Errors of the member: its checksum, or bytes that cannot be unpacked.
+            io::ErrorKind::InvalidData
+            | io::ErrorKind::InvalidInput
+            | io::ErrorKind::UnexpectedEof => invalid(
+                format!(
+                    "{:?} in it is damaged: {source}",
+                    start_of(&place.to_string_lossy())
+                ),
+                "copy it again or pack it again",
+            ),
+            _ => io(source),
+        })?;
         if written > left {
             return Err(no_room(room.saturating_add(1)));
         }
@@ -233,6 +245,36 @@ mod tests {
         let twice = [("f/1.png", "a"), ("f\\1.png", "b")];
         refused(&twice, "\"f/1.png\" twice");
         refused(&[("manifest.toml", "link to /etc/passwd")], "without links");
+    }
+
+    #[test]
+    fn a_damaged_member_is_named_and_is_no_fault_of_the_disk() {
+        use zip::CompressionMethod::{Deflated, Stored};
+
+        let place = tempfile::tempdir().unwrap();
+        let archive = place.path().join("part.zip");
+        let frame: Vec<u8> = (0..5000_u32).map(|n| (n * n % 251) as u8).collect();
+        for method in [Stored, Deflated] {
+            let mut zip = zip::ZipWriter::new(io::Cursor::new(Vec::new()));
+            let options = SimpleFileOptions::default().compression_method(method);
+            for (name, content) in [("manifest.toml", &b"a"[..]), ("frames/1.png", &frame[..])] {
+                zip.start_file(name, options).unwrap();
+                zip.write_all(content).unwrap();
+            }
+            let mut bytes = zip.finish().unwrap().into_inner();
+            let middle = bytes.len() / 2;
+            bytes[middle] ^= 1;
+            std::fs::write(&archive, bytes).unwrap();
+            let into = tempfile::tempdir().unwrap();
+            let error = unpack(&archive, into.path(), 10_000, &AtomicBool::new(false)).unwrap_err();
+            assert!(matches!(error, ArchiveError::Invalid { .. }), "{error:?}");
+            let text = error.to_string();
+            assert!(
+                text.starts_with("part.zip: \"frames/1.png\" in it is damaged")
+                    && text.ends_with("copy it again or pack it again"),
+                "{text}"
+            );
+        }
     }
 
     #[test]
