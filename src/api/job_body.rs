@@ -17,7 +17,7 @@ use crate::fit::report::FitReport;
 use crate::forecast::Forecast;
 use crate::job::JobState;
 use crate::judge::VerdictReport;
-use crate::lab::{FitRequest, JobProgress};
+use crate::lab::{FitRequest, JobProgress, TraceResult};
 use crate::map::summary::Summary;
 use crate::trace::report::TraceReport;
 
@@ -142,8 +142,6 @@ pub(super) type MapBody = WithResult<Summary>;
 pub(super) type ContrastBody = WithResult<ContrastReport>;
 /// A verdict as it is sent.
 pub(super) type VerdictBody = WithResult<VerdictReport>;
-/// A trace as it is sent.
-pub(super) type TraceBody = WithResult<TraceReport>;
 
 impl<R: JobResult> WithResult<R> {
     fn object() -> Object {
@@ -155,6 +153,16 @@ impl<R: JobResult> WithResult<R> {
         add_fields(&mut job, &JobBody::schema(), &known);
         job.required = required(&JobBody::schema());
         add_fields(&mut job, &R::schema(), &known);
+        // Reports that state no time get that of the job.
+        job.properties
+            .entry("seconds".to_owned())
+            .or_insert_with(|| {
+                let seconds = ObjectBuilder::new()
+                    .schema_type(Type::Number)
+                    .format(Some(SchemaFormat::KnownFormat(KnownFormat::Double)))
+                    .description(Some("Run time, s"));
+                seconds.into()
+            });
         let request = Ref::from_schema_name(R::REQUEST);
         job.properties.insert("request".into(), request.into());
         job.description = Some(R::DESCRIPTION.into());
@@ -234,12 +242,6 @@ impl PartialSchema for FitBody {
                 "Number of its part",
             ),
             ("sample_name", Type::String, None, "Name of its part"),
-            (
-                "seconds",
-                Type::Number,
-                Some(KnownFormat::Double),
-                "Run time, s",
-            ),
         ] {
             let field = ObjectBuilder::new()
                 .schema_type(kind)
@@ -267,6 +269,28 @@ impl ToSchema for FitBody {
         ] {
             all.push((name.into(), schema));
         }
+    }
+}
+
+/// A trace as it is sent, for the description: its report, and what the daemon adds to it.
+pub(super) struct TraceBody;
+
+impl PartialSchema for TraceBody {
+    fn schema() -> RefOr<Schema> {
+        let mut trace = WithResult::<TraceReport>::object();
+        add_fields(&mut trace, &TraceResult::schema(), &[]);
+        RefOr::T(Schema::Object(trace))
+    }
+}
+
+impl ToSchema for TraceBody {
+    fn name() -> Cow<'static, str> {
+        TraceReport::NAME.into()
+    }
+
+    fn schemas(all: &mut Vec<(String, RefOr<Schema>)>) {
+        WithResult::<TraceReport>::schemas(all);
+        TraceResult::schemas(all);
     }
 }
 

@@ -132,6 +132,7 @@ pub use reports::{report, report_on_series};
 pub use rig::{AxisView, RigView};
 use running_jobs::RunningJobs;
 pub use series::StoredSeries;
+pub use trace_result::TraceResult;
 pub use traces::TraceRequest;
 pub use verdicts::VerdictRequest;
 

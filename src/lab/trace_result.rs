@@ -13,48 +13,73 @@ use crate::trace::report::TraceReport;
 use crate::trace::scene::Scene;
 use crate::trace::tally::Totals;
 
-/// The result of a trace.
-#[derive(Debug, Serialize)]
-pub(super) struct TraceResult {
+/// The result of a trace. Its description has what the daemon adds to the report.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct TraceResult {
     #[serde(flatten)]
-    pub report: TraceReport,
-    pub light: Light,
-    pub bins: Bins,
+    #[schema(ignore)]
+    pub(super) report: TraceReport,
+    /// The lamp.
+    pub(super) light: Light,
+    /// Layout of `bins.f32`.
+    pub(super) bins: Bins,
+    /// Differences between polarised and scalar light, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub comparison: Option<Comparison>,
-    pub files: Vec<String>,
-    pub warnings: Vec<String>,
+    pub(super) comparison: Option<Comparison>,
+    /// Names of the files of the result.
+    pub(super) files: Vec<String>,
+    /// Warnings for the user.
+    pub(super) warnings: Vec<String>,
 }
 
-/// The lamp.
-#[derive(Debug, Serialize)]
+/// The lamp of a trace.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = TraceLight)]
 pub(super) struct Light {
+    /// Polar angle of the incident light, degrees.
     theta_i_deg: f64,
+    /// Azimuth of the incident light, degrees.
     phi_i_deg: f64,
+    /// Wavelength, nm.
     wavelength_nm: f64,
-    /// Normalised to intensity 1.
+    /// Stokes vector I, Q, U, V, normalised to intensity 1.
     stokes: [f64; 4],
 }
 
 /// The layout of `bins.f32`.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = TraceBins)]
 pub(super) struct Bins {
+    /// Bins over the polar angle.
     n_theta: usize,
+    /// Bins over the azimuth.
     n_phi: usize,
+    /// Sides of the surface: `reflected`, and `transmitted` where light leaves below.
+    #[schema(value_type = Vec<String>)]
     sides: Vec<&'static str>,
+    /// Names of the numbers of each bin.
     numbers: Vec<String>,
 }
 
 /// Differences between polarised and scalar light.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = TraceComparison)]
 pub(super) struct Comparison {
+    /// Wavelengths of the average, nm.
     wavelengths_nm: Vec<f64>,
+    /// The directions that count.
     mask: DirectionMask,
+    /// Statistics of the mean of |d| over the wavelengths; null without a direction that counts.
     adm: Option<DifferenceSummary>,
+    /// Statistics of the largest |d|; null without a direction that counts.
     mdm: Option<DifferenceSummary>,
+    /// The direction with the largest difference; null without a direction that counts.
     worst: Option<DirectionDifference>,
+    /// Number of directions that count.
     directions: usize,
+    /// Number of lit directions left out as too dark.
     too_dark: usize,
+    /// Number of directions left out as unresolved.
     not_settled: usize,
 }
 

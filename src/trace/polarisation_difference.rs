@@ -32,7 +32,8 @@ pub fn seed_at(run_seed: u64, wavelength: usize) -> u64 {
 }
 
 /// The directions that count.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = TraceMask)]
 pub struct DirectionMask {
     /// Directions darker than the mean of the lit ones divided by this are left out.
     pub divisor: f64,
@@ -55,7 +56,8 @@ impl Default for DirectionMask {
 }
 
 /// The relative difference in one direction.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = TraceDirection)]
 pub struct DirectionDifference {
     /// Bin of the upper side.
     #[serde(skip)]
@@ -89,8 +91,9 @@ pub struct PolarisationDifference {
     pub not_settled: usize,
 }
 
-/// Statistics of a map.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+/// Statistics of a difference over the directions.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = TraceDifference)]
 pub struct DifferenceSummary {
     /// Largest value.
     pub greatest: f64,

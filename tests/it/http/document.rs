@@ -115,6 +115,28 @@ pub(crate) fn described(name: &str) -> Vec<String> {
 }
 
 #[test]
+fn the_results_of_jobs_have_no_other_fields_than_the_described_ones() {
+    let document: Value = serde_json::from_str(api::openapi()).unwrap();
+    for (path, name) in [
+        ("/fits/{id}", "Fit"),
+        ("/maps/{id}", "Map"),
+        ("/contrasts/{id}", "Contrast"),
+        ("/verdicts/{id}", "Verdict"),
+        ("/traces/{id}", "Trace"),
+    ] {
+        let content = &operation(&document, "get", path)["responses"]["200"]["content"];
+        let answer = content["application/json"]["example"].as_object().unwrap();
+        assert!(answer.contains_key("seconds"), "{path}");
+        let known = described(name);
+        for field in answer.keys() {
+            assert!(known.contains(field), "{path}: {field}");
+        }
+    }
+    // Only with `compare`.
+    assert!(described("Trace").contains(&"comparison".to_owned()));
+}
+
+#[test]
 fn requests_have_no_other_fields_than_the_described_ones() {
     let document: Value = serde_json::from_str(api::openapi()).unwrap();
     let schema = |name: &str| &document["components"]["schemas"][name];
