@@ -229,6 +229,8 @@ def test_a_queue_measures_its_parts_and_their_results_are_a_table(own_daemon: Ca
         assert seen.count("cap-lens") == 1, "references are taken once"
         done = lab.queue.orders("done")
         assert [order["external_id"] for order in done] == ["A-2", "A-0", "A-1"]
+        # The wait includes the fit and the verdict of the last part.
+        assert [order["verdict"] for order in done] == ["pass"] * 3
         for order in done:
             assert order["scan_id"] is not None
             lab.scan(order["scan_id"]).fit.wait(progress=False)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 #: Time between two looks at running work, s: the first, and the longest.
 LOOK_S, LOOK_S_MAX = 0.1, 1.0
+#: Time after the end of a scan, or of its fit, within which the daemon starts what follows, s.
+FOLLOWS_S = 3.0
 
 
 class Pace:

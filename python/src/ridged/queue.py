@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping
 from typing import Any, cast
 
@@ -10,7 +11,7 @@ from ._api import OrderBody, OrderState, QueueBody
 from ._connection import Connection
 from ._progress import Bar, Progress, ShowProgress
 from .errors import QueueStopped
-from .jobs import Pace
+from .jobs import FOLLOWS_S, Pace
 from .steps import OnStep, OperatorStep
 
 
@@ -99,7 +100,9 @@ class Queue:
     def wait(
         self, *, timeout_s: float | None = None, progress: ShowProgress = True, on_step: OnStep | None = None
     ) -> QueueBody:
-        """Waits until no order runs or waits, and shows how far the queue is.
+        """Waits until no order runs or waits and the fits and verdicts of its orders are over; shows how far the queue is.
+
+        Its orders are those that ran or waited since the call. A fit or verdict that fails is no error.
 
         `on_step` is called at each operator step, as in `Scan.wait`. A paused queue can be resumed by another program, so
         the wait continues. Raises QueueStopped if the queue stops while orders wait, TimedOut after `timeout_s`.
@@ -107,17 +110,23 @@ class Queue:
         on_step = on_step or steps.default()
         pace = Pace("the queue", timeout_s)
         announced: object = None
+        own = {order["id"] for order in self.orders()}
         with Bar(progress) as bar:
             while True:
                 now = self.status()
                 counts = now["counts"]
                 left = counts["running"] + counts["waiting"]
                 if left == 0:
+                    for number in sorted(own):
+                        self._until_judged(number, pace, bar)
                     return now
                 if now["state"] == "stopped" and counts["running"] == 0:
                     raise QueueStopped(f"the queue is stopped while {left} orders wait: {now['message']}", now)
                 bar.update(progress_of(now))
                 current = now.get("current")
+                begins = now.get("next")
+                own |= {current["order"]["id"]} if current else set()
+                own |= {begins["id"]} if begins else set()
                 operator = current.get("operator") if current else None
                 at = (now["state"], current and current["order"]["id"], operator and operator["action"])
                 if at != announced:
@@ -132,6 +141,28 @@ class Queue:
                     elif now["state"] == "paused":
                         bar.note(now["message"])
                 pace.wait()
+
+    def _until_judged(self, number: int, pace: Pace, bar: Bar) -> None:
+        """Waits until what follows a done order is over. A fit or a verdict that the daemon does not start is no error."""
+        order = self.order(number)
+        scan_id = order.get("scan_id")
+        if order["state"] != "done" or scan_id is None:
+            return
+        of_scan = {"scan_id": scan_id}
+        until = time.monotonic() + FOLLOWS_S
+        while True:
+            fits = [row["state"] for row in self._connection.pages("/fits", {**of_scan, "fields": "state"}, None)]
+            verdicts = [row["state"] for row in self._connection.pages("/verdicts", of_scan, None)]
+            if "running" in fits or "running" in verdicts:
+                # The verdict begins a moment after the fit.
+                until = time.monotonic() + FOLLOWS_S
+            else:
+                expected = fits.count("completed") if order.get("specification") else 0
+                over = [state for state in fits if state != "interrupted"]
+                if (over and len(verdicts) >= expected) or time.monotonic() >= until:
+                    return
+            bar.update(Progress("queue", 1.0, None, f"fit and verdict of {order['part']}"))
+            pace.wait()
 
     def _confirmed(self, step: OperatorStep) -> None:
         from .scans import Scan

@@ -12,7 +12,7 @@ from ._connection import Connection
 from ._progress import Bar, Progress, ShowProgress
 from .errors import Conflict, ScanStopped, WorkFailed
 from .fits import Fit
-from .jobs import Map, Pace, Work
+from .jobs import FOLLOWS_S, Map, Pace, Work
 from .steps import OnStep, OperatorStep
 
 if TYPE_CHECKING:
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 #: States that a scan does not leave.
 ENDED: frozenset[ScanState] = frozenset({"completed", "aborted", "failed"})
-#: Time after the end of a scan, or of its fit, within which the daemon starts what follows, s.
-FOLLOWS_S = 3.0
 #: Facts about the observations that a DataFrame has as `attrs`.
 ATTRIBUTES = ("scan_id", "absolute", "complete", "region", "warnings")
 
