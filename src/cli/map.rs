@@ -117,7 +117,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
         )?),
     };
     if let Some(shard) = args.shard {
-        let target = Target::new(shard, Some(out), args.json)?;
+        let run = shards::run_of(source.as_ref(), &args);
+        let target = Target::new(run, shard, Some(out), args.json)?;
         return shards::fit(source.as_ref(), &args, &target);
     }
     output_path::check_folder(out)?;

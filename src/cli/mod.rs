@@ -23,6 +23,7 @@ mod groups;
 pub mod import;
 pub mod interrupt;
 pub mod judge;
+mod kept_part;
 mod limits;
 pub mod man;
 pub mod map;

@@ -87,7 +87,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
         return shards::merge(merge);
     }
     if let Some(shard) = args.shard {
-        let target = Target::new(shard, args.out.as_deref(), args.json)?;
+        let target = Target::new(shards::run_of(&args), shard, args.out.as_deref(), args.json)?;
         return shards::trace(&args, &target, &watch, &*interrupt::flag()?);
     }
     args.out

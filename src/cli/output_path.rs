@@ -7,13 +7,23 @@ use std::path::Path;
 
 use anyhow::{Context, anyhow};
 
-use super::CliError;
+use super::{CliError, kept_part};
 
-/// Checks that a file can be created or overwritten, without changing it.
+/// Checks that a file can be created or overwritten, without changing it. One that holds a stopped run or a shard is not
+/// overwritten.
+///
+/// # Errors
+/// Bad input, with the system's reason or the ways out.
+pub fn check_file(path: &Path) -> Result<(), CliError> {
+    kept_part::none_in(path)?;
+    check_writable(path)
+}
+
+/// Checks that a file can be created or overwritten, whatever it holds, without changing it.
 ///
 /// # Errors
 /// Bad input, with the system's reason.
-pub fn check_file(path: &Path) -> Result<(), CliError> {
+pub fn check_writable(path: &Path) -> Result<(), CliError> {
     let new = !path.exists();
     let opened = OpenOptions::new().create(true).append(true).open(path);
     opened

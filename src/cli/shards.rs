@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::{CliError, output, output_path};
+use super::{CliError, kept_part, output, output_path};
 use crate::shard::Shard;
 use crate::version::BUILD;
 use crate::wording::{counted, hex};
@@ -95,8 +95,10 @@ pub struct MergeArgs {
 }
 
 /// The file that a shard is written to, and how that is reported.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Target<'a> {
+    /// The run that it belongs to.
+    pub run: Run,
     /// The shard.
     pub shard: Shard,
     /// Its file.
@@ -106,11 +108,16 @@ pub struct Target<'a> {
 }
 
 impl<'a> Target<'a> {
-    /// Checks that the file can be written, before the work that makes it.
+    /// Checks that the file can be written, before the work that makes it. A file with the same shard is replaced.
     ///
     /// # Errors
-    /// Bad input without a file, or for one that cannot be written.
-    pub fn new(shard: Shard, file: Option<&'a Path>, json: bool) -> Result<Self, CliError> {
+    /// Bad input without a file, or for one that cannot be written or holds another part of a run.
+    pub fn new(
+        run: Run,
+        shard: Shard,
+        file: Option<&'a Path>,
+        json: bool,
+    ) -> Result<Self, CliError> {
         let file = file.ok_or_else(|| {
             CliError::bad_input(anyhow!(
                 "--shard {shard}: a shard is a file for the merge; name it with --out FILE"
@@ -121,8 +128,21 @@ impl<'a> Target<'a> {
                 .with_context(|| format!("cannot create {}", folder.display()))
                 .map_err(CliError::bad_input)?;
         }
-        output_path::check_file(file)?;
-        Ok(Target { shard, file, json })
+        let head =
+            kept_part::first_line(file).and_then(|line| serde_json::from_slice::<Head>(&line).ok());
+        let is_same = head.is_some_and(|head| {
+            head.run == run && (head.shard, head.of) == (shard.number, shard.of)
+        });
+        match is_same {
+            true => output_path::check_writable(file)?,
+            false => output_path::check_file(file)?,
+        }
+        Ok(Target {
+            run,
+            shard,
+            file,
+            json,
+        })
     }
 }
 
@@ -139,17 +159,17 @@ struct Written<'a> {
 ///
 /// # Errors
 /// No result where the file cannot be written.
-pub fn write<T: Serialize>(
-    target: &Target<'_>,
-    run: Run,
-    seconds: f64,
-    part: &T,
-) -> Result<(), CliError> {
-    let Target { shard, file, json } = *target;
+pub fn write<T: Serialize>(target: &Target<'_>, seconds: f64, part: &T) -> Result<(), CliError> {
+    let Target {
+        ref run,
+        shard,
+        file,
+        json,
+    } = *target;
     let part = postcard::to_allocvec(part).map_err(CliError::no_result)?;
     let head = Head {
         ridged_shard: FORM,
-        run,
+        run: run.clone(),
         shard: shard.number,
         of: shard.of,
         seconds,
@@ -354,8 +374,8 @@ mod tests {
 
     fn written(file: &Path, number: u64, of: u64, seed: u64, part: &[f64]) {
         let shard = Shard { number, of };
-        let target = Target::new(shard, Some(file), true).unwrap();
-        write(&target, run(seed), 0.5, &part).unwrap();
+        let target = Target::new(run(seed), shard, Some(file), true).unwrap();
+        write(&target, 0.5, &part).unwrap();
     }
 
     fn refusal(command: &str, files: &[PathBuf]) -> String {
@@ -430,9 +450,34 @@ mod tests {
     }
 
     #[test]
+    fn a_shard_replaces_itself_and_no_other_part_of_a_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a");
+        let shard = Shard { number: 1, of: 3 };
+        written(&file, 1, 3, 1, &[1.0]);
+        written(&file, 1, 3, 1, &[1.0]);
+        let before = std::fs::read(&file).unwrap();
+        let others = [
+            (run(2), shard),
+            (run(1), Shard { number: 2, of: 3 }),
+            (run(1), Shard { number: 1, of: 4 }),
+        ];
+        for (run, shard) in others {
+            let Err(CliError::BadInput(error)) = Target::new(run, shard, Some(&file), true) else {
+                panic!("{shard} replaces another one");
+            };
+            assert!(
+                error.to_string().contains("holds shard 1/3 of ridged wear"),
+                "{error}"
+            );
+        }
+        assert_eq!(std::fs::read(&file).unwrap(), before);
+    }
+
+    #[test]
     fn a_shard_without_a_file_is_refused() {
         let shard = Shard { number: 1, of: 2 };
-        let Err(CliError::BadInput(error)) = Target::new(shard, None, false) else {
+        let Err(CliError::BadInput(error)) = Target::new(run(1), shard, None, false) else {
             panic!("it has no file");
         };
         assert!(error.to_string().contains("--out FILE"), "{error}");

@@ -20,7 +20,7 @@ use task::TraceTask;
 
 use super::limits::{Stopwatch, TraceLimits};
 use super::values::whole;
-use super::{CliError, interrupt, nearby, output};
+use super::{CliError, interrupt, nearby, output, output_path};
 use crate::forecast::Forecast;
 use crate::heights;
 use crate::shard::Shard;
@@ -250,6 +250,7 @@ fn print(
 }
 
 fn merge(files: &[PathBuf], out: &Path, json: bool) -> Result<(), CliError> {
+    output_path::check_file(out)?;
     let merged = table::merge(files)?;
     let totals = &merged.totals;
     table::write(out, totals, &merged.stokes, None)?;

@@ -18,7 +18,7 @@ use crate::wording::hex;
 const COMMAND: &str = "map";
 
 /// What all shards of a map have in common. The frames themselves are compared by what the pixels share.
-fn run_of(source: &dyn FrameSource, args: &Args) -> Run {
+pub(super) fn run_of(source: &dyn FrameSource, args: &Args) -> Run {
     let series = format!("{:?} {:?}", source.manifest(), source.rows());
     let tolerance = args.limits.target_error;
     let tolerance = tolerance.map_or("not given".to_owned(), |e| e.to_string());
@@ -54,7 +54,7 @@ pub(super) fn fit(
         }
         error => failure(error),
     })?;
-    shards::write(target, run_of(source, args), stopwatch.seconds(), &fitted)
+    shards::write(target, stopwatch.seconds(), &fitted)
 }
 
 /// Merges all shards of a map into its files.

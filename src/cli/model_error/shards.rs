@@ -22,7 +22,7 @@ struct ErrorsPart {
 const COMMAND: &str = "model-error";
 
 /// What all shards of a comparison have in common.
-fn run_of(args: &Args) -> Run {
+pub(super) fn run_of(args: &Args) -> Run {
     Run::new(
         COMMAND,
         [
@@ -50,7 +50,7 @@ pub(super) fn trace(
         count: all.len(),
         cells: own.into_iter().zip(found).collect(),
     };
-    shards::write(target, run_of(args), watch.seconds(), &part)
+    shards::write(target, watch.seconds(), &part)
 }
 
 /// Merges all shards of a comparison into its result.

@@ -12,9 +12,10 @@ use sha2::Digest;
 use super::runs::LONG;
 use super::{Args, pictures, prepare, ready, surface_build, table, unreached};
 use crate::accuracy::trace_forecast::{Patience, TraceExtent, of_run};
+use crate::cli::kept_part::KeptPart;
 use crate::cli::limits::Stopwatch;
 use crate::cli::progress::Bar;
-use crate::cli::{CliError, interrupt, output_path, shards};
+use crate::cli::{CliError, interrupt, output_collision, output_path, shards};
 use crate::clock::elapsed_s;
 use crate::plan::scene::TracePlanRequest;
 use crate::plan::{self, ComputationPlan};
@@ -63,12 +64,13 @@ impl<'a> TraceTask<'a> {
         let (scene, mut prepared, mut fingerprint) =
             surface_build::build(&watch, &cancel, move || prepare(&asked_for))?;
         let surface_seconds = watch.seconds();
-        out_of(args).map_or(Ok(()), output_path::check_file)?;
         args.pictures
             .as_deref()
             .map_or(Ok(()), output_path::check_folder)?;
         // The bits of the result depend on what is left out, so all parts of one run leave out the same.
         fingerprint.update(format!("{:?}", args.limits.tolerance));
+        let run_id = hex(&fingerprint.finalize());
+        check_out(args, &run_id)?;
         let wish = TracePlanRequest {
             mueller: out_of(args).is_some() || args.pictures.is_some(),
             tolerance: args.limits.tolerance.unwrap_or(plan::TOLERANCE),
@@ -95,7 +97,7 @@ impl<'a> TraceTask<'a> {
             prepared,
             plan,
             shard,
-            run_id: hex(&fingerprint.finalize()),
+            run_id,
             surface_seconds,
         })
     }
@@ -247,6 +249,28 @@ fn out_of(args: &Args) -> Option<&Path> {
     args.out.as_deref().or(args.resume.as_deref())
 }
 
+/// Checks that the file of the direction bins can be written. Of parts of runs, it replaces the one that it continues, and a
+/// finished shard that it computes again.
+fn check_out(args: &Args, run_id: &str) -> Result<(), CliError> {
+    let Some(out) = out_of(args) else {
+        return Ok(());
+    };
+    let resumes = |resumed: &Path| resumed == out || output_collision::same_file(resumed, out);
+    let is_same = || {
+        let part = KeptPart::read(out);
+        args.shard.is_some()
+            && part.is_some_and(|part| {
+                part.is_complete
+                    && part.shard == args.shard
+                    && part.run_id.as_deref() == Some(run_id)
+            })
+    };
+    match args.resume.as_deref().is_some_and(resumes) || is_same() {
+        true => output_path::check_writable(out),
+        false => output_path::check_file(out),
+    }
+}
+
 fn how_to_go_on(scene: &Path, out: Option<&Path>, shard: Option<Shard>) -> String {
     let shard = shard.map_or(String::new(), |shard| format!(" --shard {shard}"));
     match out {
@@ -306,4 +330,42 @@ fn watched(
     looking.clear();
     bar.clear();
     so_far
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::parsed;
+
+    #[test]
+    fn the_state_of_a_stopped_run_is_replaced_only_by_the_run_that_continues_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("bins.csv");
+        let name = file.to_str().unwrap();
+        let keep = |of: u64, complete: bool| {
+            let part =
+                format!(r#"{{""run"":""r"",""shard"":1,""of"":{of},""complete"":{complete}}}"#);
+            let text = format!("side,exact,plane,run\nup,,,\"{part}\"\n");
+            std::fs::write(&file, text).unwrap();
+        };
+        let is_allowed = |run: &str, options: &[&str]| {
+            let all = [&["scene.toml"][..], options].concat();
+            check_out(&parsed(&all), run).is_ok()
+        };
+        keep(1, false);
+        assert!(!is_allowed("r", &["--out", name]));
+        assert!(!is_allowed("r", &["--resume", "other.csv", "--out", name]));
+        assert!(is_allowed("r", &["--resume", name]));
+        assert!(is_allowed("r", &["--resume", name, "--out", name]));
+        keep(2, true);
+        assert!(is_allowed("r", &["--shard", "1/2", "--out", name]));
+        assert!(!is_allowed("other", &["--shard", "1/2", "--out", name]));
+        assert!(!is_allowed("r", &["--shard", "2/2", "--out", name]));
+        assert!(!is_allowed("r", &["--out", name]));
+        keep(2, false);
+        assert!(!is_allowed("r", &["--shard", "1/2", "--out", name]));
+        // A finished run is a table as any other.
+        std::fs::write(&file, "side,hits\n").unwrap();
+        assert!(is_allowed("r", &["--out", name]));
+    }
 }

@@ -22,7 +22,7 @@ struct WearPart {
 const COMMAND: &str = "wear";
 
 /// What all shards of a sweep have in common.
-fn run_of(args: &Args) -> Run {
+pub(super) fn run_of(args: &Args) -> Run {
     let number = |name: &str, x: f64| Fact::new(name, x.to_string());
     Run::new(
         COMMAND,
@@ -54,7 +54,7 @@ pub(super) fn trace(
         paths: args.paths,
         points: own.into_iter().zip(points).collect(),
     };
-    shards::write(target, run_of(args), watch.seconds(), &part)
+    shards::write(target, watch.seconds(), &part)
 }
 
 /// Merges all shards of a sweep into its result.
