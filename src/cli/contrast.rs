@@ -316,7 +316,7 @@ fn measured_text(table: &Table, report: &ContrastReport) -> String {
         let of = &all.contrast;
         let _ = writeln!(
             text,
-            "mean of all: {:.4} ± {} ({} ± {}; k = 2), as `judge` uses it",
+            "mean of all: {:.4} ± {} ({} ± {}; k = 2); `judge` uses this value, and takes the effect of stage errors on U from the fit",
             of.absolute,
             expanded(of.absolute_std),
             michelson(of.michelson),
@@ -382,6 +382,9 @@ fn findings_text(text: &mut String, table: &Table) {
 mod tests {
     use super::*;
     use crate::cli::parsed;
+    use crate::geometry::{Pose, RigGeometry};
+    use crate::material::Material;
+    use crate::observation::{Observation, Prior};
 
     #[test]
     fn the_defaults_are_the_papers_experiment_and_show_its_findings() {
@@ -419,6 +422,33 @@ mod tests {
             "{printed}"
         );
         assert_eq!(stated("quadrature"), "");
+    }
+
+    #[test]
+    fn the_mean_of_all_states_whose_value_and_uncertainty_judge_uses() {
+        let poses = [(0.0, 0.3), (90.0, 0.1), (180.0, 0.2)];
+        let observations = poses.map(|(phi_s_deg, signal)| {
+            Observation::new(Pose::from_deg(0.0, phi_s_deg), signal, 0.001)
+        });
+        let set = ObservationSet::bare(
+            RigGeometry::IN_PLANE,
+            Material::exactly(1.54, 0.0),
+            observations.to_vec(),
+            Prior {
+                mean: 0.0,
+                std: 0.002,
+            },
+        );
+        let (table, report) = measure(&set).unwrap();
+        let text = measured_text(&table, &report);
+        let line = text
+            .lines()
+            .find(|line| line.starts_with("mean of all: 0.15"));
+        let line = line.unwrap();
+        assert!(
+            line.contains("`judge` uses this value") && line.contains("from the fit"),
+            "{line}"
+        );
     }
 
     #[test]
