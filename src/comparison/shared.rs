@@ -37,6 +37,8 @@ pub struct WhiteReferenceOf {
     pub certificate: Option<String>,
     /// Numbers of the calibrations with its frames.
     pub calibration_ids: Vec<i64>,
+    /// SHA-256 of its frames, ascending.
+    pub frames_sha256: Vec<String>,
 }
 
 /// A line of the budget, and whether it has the same error in all scans.
@@ -200,6 +202,15 @@ fn reference(all: &[&Circumstances]) -> (bool, String) {
     let equal = rest.iter().all(|other| {
         (other.reflectance, other.reflectance_std) == (first.reflectance, first.reflectance_std)
     });
+    // Copies of a series, imported apart, have no calibration in common.
+    let has_frames = !first.frames_sha256.is_empty();
+    let same_frames = |other: &&WhiteReferenceOf| other.frames_sha256 == first.frames_sha256;
+    if equal && has_frames && rest.iter().all(same_frames) {
+        return (
+            true,
+            "all scans used the same white-reference frames".to_owned(),
+        );
+    }
     let Some(certificate) = first.certificate.as_deref() else {
         return (
             false,
@@ -236,6 +247,7 @@ pub(crate) mod tests {
                 reflectance_std: Some(0.005),
                 certificate: None,
                 calibration_ids: vec![4],
+                frames_sha256: vec!["a4".to_owned()],
             }),
         }
     }
@@ -278,6 +290,7 @@ pub(crate) mod tests {
             let reference = b.white_reference.as_mut().unwrap();
             reference.certificate = certificate.map(str::to_owned);
             reference.calibration_ids = vec![calibration];
+            reference.frames_sha256 = vec![format!("a{calibration}")];
             b
         };
         assert!(!shared(&a, &with(None, 5)).contains(&"reference"));
@@ -285,6 +298,27 @@ pub(crate) mod tests {
         let (b, c) = (with(Some("7-2025"), 5), with(Some("7-2025"), 6));
         assert!(shared(&b, &c).contains(&"reference"));
         assert!(!shared(&b, &with(Some("8-2026"), 6)).contains(&"reference"));
+        // Copies of the frames are the same frames, unless the reflectances differ.
+        let copied = |reflectance: f64, frames: &[&str]| {
+            let mut b = circumstances();
+            let reference = b.white_reference.as_mut().unwrap();
+            reference.calibration_ids = Vec::new();
+            reference.reflectance = Some(reflectance);
+            reference.frames_sha256 = frames.iter().map(|hash| (*hash).to_owned()).collect();
+            b
+        };
+        let c = copied(0.99, &["a4"]);
+        assert!(shared(&a, &c).contains(&"reference"));
+        assert!(shared(&c, &c).contains(&"reference"));
+        for other in [
+            copied(0.98, &["a4"]),
+            copied(0.99, &["a4", "a5"]),
+            copied(0.99, &[]),
+        ] {
+            assert!(!shared(&c, &other).contains(&"reference"), "{other:?}");
+        }
+        let unknown = copied(0.99, &[]);
+        assert!(!shared(&unknown, &unknown).contains(&"reference"));
         let mut none = circumstances();
         none.white_reference = None;
         assert!(!shared(&a, &none).contains(&"reference"));

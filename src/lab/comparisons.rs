@@ -172,5 +172,6 @@ async fn white_reference(store: &Store, scan: &Scan) -> Result<Option<WhiteRefer
         reflectance: flat.reflectance,
         reflectance_std: flat.reflectance_std,
         calibration_ids,
+        frames_sha256: store.flats_of_scan(scan.id).await?,
     }))
 }

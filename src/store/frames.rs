@@ -452,6 +452,23 @@ impl Store {
         .await?)
     }
 
+    /// Returns the SHA-256 of the accepted white-reference frames of a scan and of the calibrations that it uses, ascending.
+    ///
+    /// # Errors
+    /// A database error.
+    pub async fn flats_of_scan(&self, scan_id: i64) -> Result<Vec<String>, StoreError> {
+        Ok(sqlx::query_scalar(
+            "SELECT DISTINCT sha256 FROM frames f WHERE accepted = 1 AND kind = ?2 AND (scan_id = ?1 OR EXISTS (
+               SELECT 1 FROM scan_calibrations u JOIN calibrations c ON c.id = u.calibration_id
+               WHERE u.scan_id = ?1 AND c.scan_id = f.scan_id AND c.kind = f.kind))
+             ORDER BY sha256",
+        )
+        .bind(scan_id)
+        .bind(FrameKind::Flat.as_str())
+        .fetch_all(self.readers())
+        .await?)
+    }
+
     /// Returns the imported scans that have a frame, newest first.
     ///
     /// # Errors

@@ -74,7 +74,7 @@ async fn scans_are_compared_and_their_scatter_is_put_beside_the_stated_uncertain
     let angle = &fit["parameters"]["theta_r_deg"];
     let std = angle["std"].as_f64().unwrap();
 
-    // By the records, two imports of one sample share its material and the model error.
+    // By the records, two imports of one series share its white-reference frames, its material and the model error.
     let path = "/api/v1/comparisons?scan_id=1&scan_id=2";
     let compared = get(&router, path).await;
     assert_eq!(compared.status, 200, "{}", compared.body);
@@ -86,14 +86,14 @@ async fn scans_are_compared_and_their_scatter_is_put_beside_the_stated_uncertain
         .filter(|line| line["shared"] == json!(true))
         .filter_map(|line| line["line"].as_str())
         .collect();
-    assert_eq!(shared, ["material", "model"], "{body}");
+    assert_eq!(shared, ["reference", "material", "model"], "{body}");
     let row = &body["parameters"][0];
     assert_eq!(row["name"], "theta_r_deg");
     assert_eq!(row["first"]["value"], angle["value"]);
     let budget = angle["budget"].as_object().unwrap();
     let rest: f64 = budget
         .iter()
-        .filter(|(line, _)| !["material", "model"].contains(&line.as_str()))
+        .filter(|(line, _)| !["reference", "material", "model"].contains(&line.as_str()))
         .map(|(_, part)| 2.0 * part.as_f64().unwrap().powi(2))
         .sum();
     close(&row["difference"]["value"], 0.05);
