@@ -21,6 +21,10 @@ use super::via::Client;
 const DRAINED_BYTES_MAX: usize = 1 << 30;
 /// How long a client may take to send the next part of a body.
 pub(super) const CHUNK_WAIT: Duration = Duration::from_secs(30);
+/// Waits for a part that a whole body has in addition to its bytes at the least rate.
+const GRACE_WAITS: u32 = 2;
+/// Least rate of a body, bytes per second: a body of 8 MB may take half an hour.
+const RATE_MIN: u32 = 4096;
 /// Most bytes of a body without a valid token: a login fits into it.
 const OPEN_BODY_BYTES_MAX: usize = 4096;
 /// How long the body of a login may take.
@@ -109,7 +113,7 @@ pub(super) async fn check_body(State(app): State<App>, request: Request, next: N
     }
 }
 
-/// Reads a whole body. Each part must arrive within `wait`, and `room` must have space for it.
+/// Reads a whole body. It must arrive in time (see [`Arrival`]), and `room` must have space for it.
 async fn whole(
     body: Body,
     room: &mut BodyRoom,
@@ -118,17 +122,17 @@ async fn whole(
     is_packed: bool,
 ) -> Result<Vec<u8>, ApiError> {
     let mut bytes = Vec::new();
-    let mut stream = body.into_data_stream();
+    let mut arrival = Arrival::new(body, wait);
     let unreadable = match is_packed {
         true => "the body is not valid gzip, or the connection broke before it was complete",
         false => BROKEN_OFF,
     };
-    while let Some(chunk) = part_or(&mut stream, wait, unreadable).await? {
+    while let Some(chunk) = arrival.next_or(unreadable).await? {
         if bytes.len() + chunk.len() > bytes_max {
             drop(bytes);
             // What a small packed body becomes is not unpacked to its end.
             if !is_packed {
-                drain(stream).await;
+                arrival.drain().await;
             }
             return Err(ApiError::too_large(bytes_max));
         }
@@ -140,27 +144,58 @@ async fn whole(
     Ok(bytes)
 }
 
-/// Reads the next part of a body, which must arrive within `wait`; `None` at its end.
-pub(super) async fn next_part(
-    stream: &mut BodyDataStream,
-    wait: Duration,
-) -> Result<Option<Bytes>, ApiError> {
-    part_or(stream, wait, BROKEN_OFF).await
-}
-
 /// What a body that ends early is refused with.
 const BROKEN_OFF: &str = "the connection broke before the body was complete";
 
-async fn part_or(
-    stream: &mut BodyDataStream,
+/// Reads a body part by part. Each part must arrive in time, and all of them at the least rate, so that a few bytes now and
+/// then do not hold a request open without end.
+pub(super) struct Arrival {
+    stream: BodyDataStream,
+    begun: tokio::time::Instant,
     wait: Duration,
-    unreadable: &str,
-) -> Result<Option<Bytes>, ApiError> {
-    match timeout(wait, stream.next()).await {
-        Ok(part) => part
-            .transpose()
-            .map_err(|_| ApiError::bad_request(unreadable)),
-        Err(_) => Err(ApiError::too_slow(wait)),
+    bytes: usize,
+}
+
+impl Arrival {
+    /// Begins to read a body, each part of which must arrive within `wait`.
+    pub(super) fn new(body: Body, wait: Duration) -> Self {
+        Arrival {
+            stream: body.into_data_stream(),
+            begun: tokio::time::Instant::now(),
+            wait,
+            bytes: 0,
+        }
+    }
+
+    /// Reads the next part; `None` at the end.
+    pub(super) async fn next(&mut self) -> Result<Option<Bytes>, ApiError> {
+        self.next_or(BROKEN_OFF).await
+    }
+
+    async fn next_or(&mut self, unreadable: &str) -> Result<Option<Bytes>, ApiError> {
+        let earned = Duration::from_secs_f64(self.bytes as f64 / f64::from(RATE_MIN));
+        let allowed = GRACE_WAITS * self.wait + earned;
+        let left = allowed.saturating_sub(self.begun.elapsed());
+        match timeout(left.min(self.wait), self.stream.next()).await {
+            Ok(part) => {
+                let part = part.transpose();
+                let part = part.map_err(|_| ApiError::bad_request(unreadable))?;
+                self.bytes += part.as_ref().map_or(0, Bytes::len);
+                Ok(part)
+            }
+            Err(_) if left < self.wait => Err(ApiError::too_slow_in_all(RATE_MIN)),
+            Err(_) => Err(ApiError::too_slow(self.wait)),
+        }
+    }
+
+    /// Reads and drops the rest, so that a client that is still sending receives the refusal.
+    async fn drain(mut self) {
+        let drained = self.bytes;
+        while let Ok(Some(_)) = self.next().await {
+            if self.bytes - drained > DRAINED_BYTES_MAX {
+                return;
+            }
+        }
     }
 }
 
@@ -168,19 +203,9 @@ async fn part_or(
 pub(super) async fn refuse(request: Request, problem: ApiError) -> Response {
     // A client that waits for a 100-continue gets its answer at once.
     if !request.headers().contains_key(header::EXPECT) {
-        drain(request.into_body().into_data_stream()).await;
+        Arrival::new(request.into_body(), CHUNK_WAIT).drain().await;
     }
     problem.into_response()
-}
-
-async fn drain(mut stream: BodyDataStream) {
-    let mut drained = 0;
-    while let Ok(Some(Ok(chunk))) = timeout(CHUNK_WAIT, stream.next()).await {
-        drained += chunk.len();
-        if drained > DRAINED_BYTES_MAX {
-            return;
-        }
-    }
 }
 
 /// Returns the label of a method in the metrics. Unknown methods share one label.
@@ -245,5 +270,26 @@ mod tests {
         assert_eq!(read.unwrap(), b"{}");
         let long = whole(Body::from("{ }"), &mut room, 2, CHUNK_WAIT, false).await;
         assert_eq!(long.unwrap_err().into_response().status(), 413);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_body_of_a_few_bytes_now_and_then_is_refused_and_that_of_a_slow_line_is_not() {
+        // Parts of this size, one every 10 s.
+        let read = async |bytes: usize, parts: usize| {
+            let peers = Peers::new(1);
+            let mut room = peers.room_for_body([10, 0, 0, 1].into());
+            let part = move |n: usize| async move {
+                tokio::time::sleep(Duration::from_secs(10)).await;
+                (n < parts).then(|| (Ok::<_, std::io::Error>(vec![b'1'; bytes]), n + 1))
+            };
+            let body = Body::from_stream(futures::stream::unfold(0, part));
+            whole(body, &mut room, BODY_BYTES_MAX, CHUNK_WAIT, false).await
+        };
+        let begun = tokio::time::Instant::now();
+        let problem = read(10, usize::MAX).await.unwrap_err();
+        assert_eq!(problem.into_response().status(), 408);
+        assert!(begun.elapsed() < Duration::from_secs(70));
+        let slow = read(50_000, 160).await.unwrap();
+        assert_eq!(slow.len(), 8_000_000);
     }
 }

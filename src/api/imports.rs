@@ -184,8 +184,8 @@ fn file_name_of(name: Option<&str>) -> Result<String, ApiError> {
 
 /// Writes a body to a file.
 async fn receive(body: axum::body::Body, file: &mut ReceivedFile) -> Result<(), ApiError> {
-    let mut parts = body.into_data_stream();
-    while let Some(part) = guard::next_part(&mut parts, guard::CHUNK_WAIT).await? {
+    let mut arrival = guard::Arrival::new(body, guard::CHUNK_WAIT);
+    while let Some(part) = arrival.next().await? {
         file.add(&part).await?;
     }
     Ok(file.end().await?)

@@ -202,6 +202,18 @@ impl ApiError {
         )
     }
 
+    /// A body arrived below the least rate.
+    pub(super) fn too_slow_in_all(bytes_per_s: u32) -> Self {
+        ApiError::new(
+            StatusCode::REQUEST_TIMEOUT,
+            "body-too-slow",
+            "the body did not come",
+            format!(
+                "the body arrived at less than {bytes_per_s} bytes per second; nothing was done"
+            ),
+        )
+    }
+
     /// No seat for a connection.
     pub(super) fn too_many_connections() -> Self {
         ApiError::new(
