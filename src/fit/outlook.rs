@@ -12,7 +12,7 @@ use super::opening::Opening;
 use super::problem::{Problem, Values};
 use super::profile::{bootstrap, profile};
 use super::search::RIVALS;
-use super::settle::{DOUBTFUL, NARROW_TRIALS, Settled, TRIALS};
+use super::settle::{DOUBTFUL, NEAR_TRIALS, Settled, TRIALS};
 use super::thin;
 use super::tier::{Tier, dispensable};
 use super::variants::refused;
@@ -131,7 +131,7 @@ impl Look<'_> {
         let ((), settled_s) = self.timed(|| settled.settle(&weighing));
         let noise_alone = settled.discrepancy == 0.0;
         let misfit = goes_on && options.misfit;
-        let again = misfit && tier.is_some() && settled.narrow();
+        let again = misfit && tier.is_some() && settled.has_rivals();
         let mut seconds = opened_s + opened_search_s + settled_s;
         if goes_on {
             seconds += rounds(least) * round_s + images_s;
@@ -150,7 +150,7 @@ impl Look<'_> {
             let (_, tier_s) = self.timed(|| tier(&settled.problem, &values));
             let mut trials = 0;
             if again && !noise_alone {
-                trials += NARROW_TRIALS;
+                trials += NEAR_TRIALS;
             }
             if settled.discrepancy > DOUBTFUL {
                 trials += TRIALS;

@@ -55,9 +55,9 @@ pub(super) fn whole<'a>(
     let starts = search.report();
     let candidates = search.rivals(&settled.problem, &settled.minimum, RIVAL_RISE);
     let elsewhere = search.rivals(&settled.problem, &settled.minimum, f64::INFINITY);
-    let mut narrow: Vec<Minimum> = Vec::new();
-    if options.misfit && tier.is_some() && settled.narrow() && !search.over() {
-        narrow = search.look_again(&settled.problem, &settled.minimum);
+    let mut others: Vec<Minimum> = Vec::new();
+    if options.misfit && tier.is_some() && settled.has_rivals() && !search.over() {
+        others = search.look_again(&settled.problem, &settled.minimum);
     }
     // The weights of the starts may rank near minima wrongly; the final weights decide.
     let mut rivals: Vec<Minimum> = Vec::new();
@@ -107,7 +107,7 @@ pub(super) fn whole<'a>(
         dispensable(&settled.problem, &values, tier, options)
     });
     if let Some(tier) = tier.filter(|_| tier_left_out.is_none()) {
-        let found = with_tier(settled, tier, &search, &narrow, &weighing);
+        let found = with_tier(settled, tier, &search, &others, &weighing);
         settled = found.settled;
         (shift, undecided) = (found.shift, found.undecided);
         if found.elsewhere {

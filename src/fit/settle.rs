@@ -28,8 +28,8 @@ pub(super) const DOUBTFUL: f64 = 0.015;
 pub(super) const TRIALS: usize = 6;
 /// Observations in the lobe up to which only the final weights separate explanations of its shape.
 const FEW_IN_LOBE: usize = 12;
-/// Near ends of a narrow lobe that are always tried with the tier.
-pub(super) const NARROW_TRIALS: usize = 3;
+/// Near ends of a search with the final weights that are tried with the tier.
+pub(super) const NEAR_TRIALS: usize = 3;
 /// Model error of another end, relative to the best one's, up to which it is equally good if neither describes the
 /// data. A model error is not independent from pose to pose, so χ² does not separate them.
 const AS_GOOD: f64 = 1.25;
@@ -128,14 +128,23 @@ impl Settled<'_> {
     }
 
     /// Whether so few poses meet the lobe that its shape has more than one explanation.
-    pub(super) fn narrow(&self) -> bool {
+    fn narrow(&self) -> bool {
         self.in_lobe() <= FEW_IN_LOBE
+    }
+
+    /// Whether ridges of one angle never have such a model error.
+    fn is_loud(&self) -> bool {
+        self.discrepancy > LOUD && self.problem.variant() == Variant::Sawtooth
+    }
+
+    /// Whether other surfaces have to be compared with the tier.
+    pub(super) fn has_rivals(&self) -> bool {
+        self.narrow() || self.is_loud()
     }
 
     /// Whether a surface with a much smaller model error is worth looking for.
     pub(super) fn doubted(&self) -> bool {
-        let is_loud = self.discrepancy > LOUD && self.problem.variant() == Variant::Sawtooth;
-        is_loud || self.discrepancy != 0.0 && (self.open() || self.narrow())
+        self.discrepancy != 0.0 && (self.open() || self.has_rivals())
     }
 
     /// Number of observations where the facets' lobe exceeds a twentieth of its top.
@@ -369,13 +378,13 @@ fn as_light_is<'a>(
 }
 
 /// Returns the best end with the tier, or without it if the tier clearly makes it worse (a sample computed from the
-/// closed form itself). If noise hides the change by the tier, the tier stays, because the light exists. For a lobe
-/// that few poses meet, the other explanations in `narrow` are tried too.
+/// closed form itself). If noise hides the change by the tier, the tier stays, because the light exists. The ends `found`
+/// are tried, too: for a lobe that few poses meet, or a model error that ridges never have.
 pub(super) fn with_tier<'a>(
     closed: Settled<'a>,
     tier: Tier<'_>,
     search: &Search<'_>,
-    narrow: &[Minimum],
+    found: &[Minimum],
     weighing: &Weighing<'_>,
 ) -> Corrected<'a> {
     let step = |from: &Settled<'_>, to: &Settled<'_>| -> Vec<f64> {
@@ -403,7 +412,7 @@ pub(super) fn with_tier<'a>(
         }
     }
     let doubtful = best.settled.discrepancy > DOUBTFUL;
-    let mut trials: Vec<Minimum> = narrow.iter().take(NARROW_TRIALS).cloned().collect();
+    let mut trials: Vec<Minimum> = found.iter().take(NEAR_TRIALS).cloned().collect();
     if doubtful {
         trials.extend(search.distinct(&closed.problem, &closed.minimum.parameters, TRIALS));
     } else if best.settled.discrepancy == 0.0 {

@@ -43,6 +43,10 @@ fn surface(theta_r_deg: f64) -> Surface {
 
 /// BRDF with two bounces integrated, sr⁻¹.
 fn brdf(surface: &Surface, angles: &[Angles]) -> Vec<f64> {
+    brdf_of(&OPTICS, surface, angles)
+}
+
+fn brdf_of(optics: &Optics, surface: &Surface, angles: &[Angles]) -> Vec<f64> {
     let towards = |theta_deg: f64, phi_deg: f64| {
         let ((s, c), (sp, cp)) = (
             theta_deg.to_radians().sin_cos(),
@@ -58,7 +62,7 @@ fn brdf(surface: &Surface, angles: &[Angles]) -> Vec<f64> {
         })
         .collect();
     let radiances =
-        Quadrature::new(surface, &OpticsTable::new(&OPTICS)).radiances(&directions, 1e-6);
+        Quadrature::new(surface, &OpticsTable::new(optics)).radiances(&directions, 1e-6);
     let pairs = radiances.iter().zip(&directions);
     pairs.map(|(l, d)| l.value / d.incident.z).collect()
 }
@@ -86,6 +90,23 @@ fn across() -> Vec<Angles> {
         for step in -12..=12 {
             let theta_o = 5.0 * f64::from(step);
             angles.push([theta_i, phi_i, theta_o, 90.0]);
+        }
+    }
+    angles
+}
+
+/// A lamp 10° beside a camera, which tilts over nine azimuths.
+fn beside() -> Vec<Angles> {
+    let mut angles = Vec::new();
+    for azimuth in 0..9 {
+        for step in -4..=4 {
+            let theta_c = 5.0 * f64::from(step);
+            let at = |theta: f64| {
+                let side = if theta < 0.0 { 180.0 } else { 0.0 };
+                (theta.abs(), side + 90.0 - 30.0 * f64::from(azimuth))
+            };
+            let ((theta_i, phi_i), (theta_o, phi_o)) = (at(theta_c + 10.0), at(theta_c));
+            angles.push([theta_i, phi_i, theta_o, phi_o]);
         }
     }
     angles
@@ -277,6 +298,36 @@ fn a_table_across_the_ridges_identifies_their_angle() {
         0.5,
     );
     assert_eq!(p.rho_d.value, None);
+}
+
+#[test]
+fn steep_ridges_of_metal_are_found_where_another_surface_is_nearer_to_the_first_starts() {
+    let optics = Optics {
+        eta: 2.9,
+        k: 3.1,
+        ..OPTICS
+    };
+    let metal = MANIFEST.replace(
+        "kind = \"dielectric\"\nindex_of_refraction = 1.5\nindex_of_refraction_std = 0.005",
+        "kind = \"conductor\"\neta = 2.9\nk = 3.1\neta_std = 0.01\nk_std = 0.01",
+    );
+    let angles = beside();
+    let never = AtomicBool::new(false);
+    for theta_r_deg in [30.0, 35.0] {
+        let truth = Surface {
+            alpha_u: 0.1,
+            alpha_v: 0.1,
+            rho_d: 0.0,
+            ..surface(theta_r_deg)
+        };
+        let table = csv(&angles, &noisy(&brdf_of(&optics, &truth, &angles)));
+        let set = observed(&metal, &table);
+        let options = AnalysisOptions::default();
+        let done = analyse_observations(set, &options, &|_| {}, &never).unwrap();
+        let p = done.report.parameters;
+        let found = (p.theta_r_deg.value, p.theta_r_deg.expanded);
+        holds("θr", found, theta_r_deg, 1.0);
+    }
 }
 
 /// Signals, and directions in the sample frame, to rounding.
