@@ -223,7 +223,7 @@ async fn a_preview_ends_for_another_order() {
     for refused in [looking, waiting] {
         is_problem(&refused, 409, "busy");
     }
-    // Nobody waits for the answer that would have said so.
+    // No client is left to read it in the answer.
     let is_lit =
         |event: &Event| matches!(event, Event::Alarm { code, .. } if code == "lamp-failed");
     let reported = async {
