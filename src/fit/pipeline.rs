@@ -179,8 +179,8 @@ fn of_most_observations<'a>(
 /// Looks for a surface with no model error, or a much smaller one.
 ///
 /// The weights of the first search allow every end an error of a few per cent of the peak. If few poses meet the lobe,
-/// surfaces far from the true one pass, so this looks for ends that need less. Once noise alone explains the data, the
-/// search continues with its weights.
+/// surfaces far from the true one pass, and the first starts may all end at one whose model error ridges never have. So this
+/// looks for ends that need less. Once noise alone explains the data, the search continues with its weights.
 fn with_less_misfit<'a>(
     mut settled: Settled<'a>,
     search: &mut Search<'_>,

@@ -1,0 +1,395 @@
+//! Runs of the runner with cues for camera, axes and people, and what a recorder notes of them.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use futures::future::BoxFuture;
+use ridged::bench::{AxisName, Camera, CameraError, CaptureRequest, Captured};
+use ridged::clock::{Clock, SteppedClock};
+use ridged::frame::{Frame, FrameKind, FrameTag};
+use ridged::geometry::Pose;
+use ridged::lab::RigParts;
+use ridged::scan::recorder::{RecordError, Recorder, Recovery, Visit};
+use ridged::scan::runner::{self, CommandRequest, RunEnd, RunnerSettings, ScanCommand, ScanRun};
+use ridged::scan::{OperatorAction, Progress, Rig, ScanState, Shot, Step};
+use ridged::sim::rig::{SimulatedRig, Simulation};
+use ridged::sim::world::{AxisFault, World};
+use tokio::sync::{mpsc, oneshot};
+
+/// What the camera states differently.
+pub(super) type Statement = fn(&mut FrameTag);
+
+/// What happens when the camera is asked for its n-th frame, from 1.
+pub(super) enum Cue {
+    /// It fails.
+    Fail,
+    /// The lamp has gone out: from now on all frames are black.
+    Black,
+    /// The lamp is far too bright: from now on all frames are full.
+    Full,
+    /// The camera hangs: from now on it gives the frame before again.
+    Hang,
+    /// It gives new ones again.
+    Wake,
+    /// Somebody presses stop while it exposes.
+    Stop,
+    /// Somebody presses stop, and the frame comes all the same.
+    PressStop,
+    /// Its buffer is one frame behind from now on, and it states nothing about its frames.
+    LagUntimed,
+    /// Its buffer is one frame behind from now on; it states when each frame was exposed.
+    Lag,
+    /// This one frame shows the pose before with new noise; it states nothing about its frames.
+    Stale,
+    /// The lamp gives this share of its light from now on.
+    Fade(f64),
+    /// Its frames state this from now on.
+    State(Statement),
+    /// The computer is suspended while it exposes.
+    Suspend,
+    /// Something happens to an axis while it exposes.
+    Cause(AxisName, AxisFault),
+}
+
+/// The simulated camera, with faults by the number of the frame.
+struct CuedCamera {
+    camera: Box<dyn Camera>,
+    world: Arc<World>,
+    /// What all pixels have from now on.
+    uniform_dn: Option<u16>,
+    hangs: bool,
+    last: Option<Frame>,
+    cues: BTreeMap<u32, Cue>,
+    orders: mpsc::Sender<CommandRequest>,
+    asked: u32,
+    clock: Arc<SteppedClock>,
+    lags: bool,
+    buffered: Option<Captured>,
+    stale: bool,
+    /// Share of the light that the lamp gives.
+    light: f64,
+    state: Option<Statement>,
+    /// Frames with the poses that they show.
+    shown: Shown,
+}
+
+type Shown = Arc<Mutex<Vec<(Frame, Pose)>>>;
+
+impl Camera for CuedCamera {
+    fn describe(&self) -> String {
+        self.camera.describe()
+    }
+
+    fn capture<'a>(
+        &'a mut self,
+        request: &'a CaptureRequest,
+    ) -> BoxFuture<'a, Result<Captured, CameraError>> {
+        self.asked += 1;
+        match self.cues.get(&self.asked) {
+            None => {}
+            Some(Cue::Black) => self.uniform_dn = Some(200),
+            Some(Cue::Full) => self.uniform_dn = Some(u16::MAX),
+            Some(Cue::Hang) => self.hangs = true,
+            Some(Cue::Wake) => self.hangs = false,
+            Some(Cue::LagUntimed) => {
+                self.lags = true;
+                self.state = Some(|tag| *tag = FrameTag::default());
+            }
+            Some(Cue::Lag) => self.lags = true,
+            Some(Cue::Stale) => self.stale = true,
+            Some(Cue::Fade(share)) => self.light = *share,
+            Some(Cue::State(state)) => self.state = Some(*state),
+            Some(Cue::Suspend) => {
+                self.clock.suspend_machine(Duration::from_secs(600));
+                // The gap is found before the frame comes.
+                return Box::pin(async {
+                    tokio::time::sleep(Duration::from_secs(5)).await;
+                    Err(CameraError::Failed("the exposure went on".into()))
+                });
+            }
+            Some(Cue::Cause(axis, fault)) => self.world.cause(*axis, *fault),
+            Some(Cue::Fail) => {
+                let failed = CameraError::Failed("the cable came off".into());
+                return Box::pin(std::future::ready(Err(failed)));
+            }
+            Some(Cue::PressStop) => {
+                self.orders
+                    .try_send(command_request(ScanCommand::Stop))
+                    .ok()
+                    .unwrap();
+            }
+            Some(Cue::Stop) => {
+                self.orders
+                    .try_send(command_request(ScanCommand::Stop))
+                    .ok()
+                    .unwrap();
+                return Box::pin(std::future::pending());
+            }
+        }
+        Box::pin(async move {
+            let mut captured = self.camera.capture(request).await?;
+            if let Some(dn) = self.uniform_dn {
+                let (width, height) = (captured.frame.width_px(), captured.frame.height_px());
+                let uniform_dn = vec![dn; (width * height) as usize];
+                captured.frame = Frame::new(width, height, uniform_dn).unwrap();
+            }
+            if self.hangs
+                && let Some(last) = &self.last
+            {
+                captured.frame = last.clone();
+            }
+            if self.light != 1.0 {
+                let dn = captured.frame.pixels_dn().iter();
+                let dim = |dn: &u16| (200.0 + self.light * (f64::from(*dn) - 200.0)).round() as u16;
+                let (width, height) = (captured.frame.width_px(), captured.frame.height_px());
+                captured.frame = Frame::new(width, height, dn.map(dim).collect()).unwrap();
+            }
+            if std::mem::take(&mut self.stale)
+                && let Some(last) = &self.last
+            {
+                let (width, height) = (last.width_px(), last.height_px());
+                let noisy = last
+                    .pixels_dn()
+                    .iter()
+                    .zip(0_u16..)
+                    .map(|(dn, i)| dn.saturating_add(i % 3));
+                captured.frame = Frame::new(width, height, noisy.collect()).unwrap();
+            }
+            self.last = Some(captured.frame.clone());
+            self.shown
+                .lock()
+                .unwrap()
+                .push((captured.frame.clone(), self.world.pose_now()));
+            let fresh = captured.clone();
+            if self.lags
+                && let Some(behind) = self.buffered.replace(fresh)
+            {
+                captured = behind;
+            } else if !self.lags {
+                self.buffered = Some(captured.clone());
+            }
+            if let Some(state) = self.state {
+                state(&mut captured.tag);
+            }
+            Ok(captured)
+        })
+    }
+}
+
+fn command_request(command: ScanCommand) -> CommandRequest {
+    CommandRequest {
+        command,
+        reply: oneshot::channel().0,
+    }
+}
+
+/// Records the events, and simulates a person who comes after an hour and resumes a paused scan.
+pub(super) struct Notebook {
+    clock: Arc<dyn Clock>,
+    orders: mpsc::Sender<CommandRequest>,
+    free_bytes: u64,
+    pub(super) states: Vec<ScanState>,
+    pub(super) alarms: Vec<String>,
+    pub(super) recoveries: Vec<Recovery>,
+    pub(super) withdrawn: Vec<Vec<u32>>,
+    /// Accepted points with a frame that shows another pose.
+    pub(super) of_another_pose: Vec<u32>,
+    pub(super) pauses: u32,
+    shown: Shown,
+    pub(super) accepted: Vec<u32>,
+    /// Reported fraction minus the share of the points, at each relevant point.
+    pub(super) ahead: Vec<f64>,
+    pub(super) phases: Vec<FrameKind>,
+}
+
+impl Recorder for Notebook {
+    fn state<'a>(
+        &'a mut self,
+        next: ScanState,
+        reason: Option<&'a str>,
+        _: Option<OperatorAction>,
+        _: Progress,
+    ) -> BoxFuture<'a, Result<(), RecordError>> {
+        Box::pin(async move {
+            self.states.push(next);
+            // A suspended scan resumes by itself.
+            let suspended = reason.is_some_and(|reason| reason.starts_with("suspended"));
+            if next == ScanState::Paused && !suspended {
+                self.clock.sleep(Duration::from_secs(3600)).await;
+                self.free_bytes = u64::MAX;
+                // No person comes for ever.
+                self.pauses += 1;
+                let order = match self.pauses {
+                    ..20 => ScanCommand::Resume,
+                    _ => ScanCommand::Abort,
+                };
+                self.orders.try_send(command_request(order)).ok().unwrap();
+            }
+            Ok(())
+        })
+    }
+
+    fn visit(
+        &mut self,
+        visit: Visit,
+        progress: Progress,
+    ) -> BoxFuture<'_, Result<(), RecordError>> {
+        if visit.rejected.is_none() {
+            let shown = self.shown.lock().unwrap();
+            for taken in &visit.frames {
+                let frame = shown
+                    .iter()
+                    .find(|(frame, _)| *frame == taken.captured.frame);
+                let apart = frame.map(|(_, pose)| (pose.theta_c - visit.pose.theta_c).abs().deg());
+                if apart.is_some_and(|deg| deg > 0.1) {
+                    self.of_another_pose.push(visit.shot.index);
+                }
+            }
+            drop(shown);
+            self.accepted.push(visit.shot.index);
+            let share = f64::from(progress.shots_done) / f64::from(progress.shots_total);
+            self.ahead.push(progress.fraction - share);
+        }
+        Box::pin(std::future::ready(Ok(())))
+    }
+
+    fn phase_done(&mut self, kind: FrameKind) -> BoxFuture<'_, Result<(), RecordError>> {
+        self.phases.push(kind);
+        Box::pin(std::future::ready(Ok(())))
+    }
+
+    fn alarm<'a>(&'a mut self, code: &'a str, _: &'a str) -> BoxFuture<'a, ()> {
+        self.alarms.push(code.to_owned());
+        Box::pin(std::future::ready(()))
+    }
+
+    fn withdraw<'a>(
+        &'a mut self,
+        points: &'a [u32],
+        _: &'a str,
+    ) -> BoxFuture<'a, Result<(), RecordError>> {
+        self.accepted.retain(|index| !points.contains(index));
+        self.withdrawn.push(points.to_vec());
+        Box::pin(std::future::ready(Ok(())))
+    }
+
+    fn recovered(&mut self, recovery: Recovery) -> BoxFuture<'_, ()> {
+        self.recoveries.push(recovery);
+        Box::pin(std::future::ready(()))
+    }
+
+    fn free_bytes(&self) -> BoxFuture<'_, Result<u64, RecordError>> {
+        Box::pin(std::future::ready(Ok(self.free_bytes)))
+    }
+}
+
+pub(super) fn shot(index: u32, kind: FrameKind, theta_c_deg: f64) -> Step {
+    let pose = Pose::from_deg(theta_c_deg, 0.0);
+    Step::Shot(Shot {
+        index,
+        kind,
+        pose: Some(pose),
+        target: Some(pose),
+        exposures_s: vec![0.02],
+        repeats: 3,
+    })
+}
+
+pub(super) fn samples() -> Vec<Step> {
+    let sample = |(index, theta_c_deg)| shot(index, FrameKind::Sample, theta_c_deg);
+    [(0, 0.0), (1, 5.0), (2, 10.0)].map(sample).to_vec()
+}
+
+/// Six tilts with one frame each.
+pub(super) fn grid() -> Vec<Step> {
+    let pose = |index: u32| Pose::from_deg(4.0 * f64::from(index), 0.0);
+    let step = |index: u32| {
+        Step::Shot(Shot {
+            index,
+            kind: FrameKind::Sample,
+            pose: Some(pose(index)),
+            target: Some(pose(index)),
+            exposures_s: vec![0.02],
+            repeats: 1,
+        })
+    };
+    (0..6).map(step).collect()
+}
+
+/// Runs steps to their end.
+pub(super) async fn run(
+    steps: Vec<Step>,
+    done: &[u32],
+    cues: impl IntoIterator<Item = (u32, Cue)>,
+    free_bytes: impl FnOnce(&RunnerSettings) -> u64,
+) -> (RunEnd, Notebook) {
+    run_with(steps, done, cues, free_bytes, |_| {}).await
+}
+
+/// The same with other settings.
+pub(super) async fn run_with(
+    steps: Vec<Step>,
+    done: &[u32],
+    cues: impl IntoIterator<Item = (u32, Cue)>,
+    free_bytes: impl FnOnce(&RunnerSettings) -> u64,
+    change: impl FnOnce(&mut RunnerSettings),
+) -> (RunEnd, Notebook) {
+    let stepped = Arc::new(SteppedClock::new());
+    let clock: Arc<dyn Clock> = stepped.clone();
+    let shown = Shown::default();
+    let (rig, parts) = SimulatedRig::with_clock(Simulation::default(), Arc::clone(&clock)).unwrap();
+    let (orders, mut book) = mpsc::channel(16);
+    let RigParts {
+        rig: devices,
+        mut settings,
+    } = parts;
+    change(&mut settings.runner);
+    let link = devices.link().clone();
+    let camera = CuedCamera {
+        camera: devices.camera,
+        world: Arc::clone(&rig.world),
+        uniform_dn: None,
+        hangs: false,
+        last: None,
+        cues: cues.into_iter().collect(),
+        orders: orders.clone(),
+        asked: 0,
+        clock: Arc::clone(&stepped),
+        lags: false,
+        buffered: None,
+        stale: false,
+        light: 1.0,
+        state: None,
+        shown: Arc::clone(&shown),
+    };
+    let mut notebook = Notebook {
+        clock: Arc::clone(&clock),
+        orders,
+        free_bytes: free_bytes(&settings.runner),
+        states: Vec::new(),
+        alarms: Vec::new(),
+        recoveries: Vec::new(),
+        withdrawn: Vec::new(),
+        of_another_pose: Vec::new(),
+        pauses: 0,
+        shown: Arc::clone(&shown),
+        accepted: Vec::new(),
+        ahead: Vec::new(),
+        phases: Vec::new(),
+    };
+    let run = ScanRun {
+        steps,
+        done: done.iter().copied().collect::<BTreeSet<u32>>(),
+        full: BTreeSet::new(),
+        last_frames: Vec::new(),
+        unchecked: Vec::new(),
+        stated: FrameTag::default(),
+        elapsed_s: 0.0,
+        settings: settings.runner,
+        clock,
+    };
+    let mut devices = Rig::new(link, Box::new(camera));
+    let end = runner::run(run, &mut devices, &mut notebook, &mut book).await;
+    (end.unwrap(), notebook)
+}
