@@ -1,8 +1,7 @@
 //! Vectorised descents: the starts of a search are the lanes of one register and descend together.
 //!
-//! [`descend_together`] uses the lean form, to bring a few starts near the lobe quickly. [`descend_in_full`] uses the
-//! full form, if the costs of the ends are to be compared. True descents begin at the ends, so Marquardt's damping of
-//! the normal equations in doubles is accurate enough.
+//! Call [`descend_together`]. True descents begin at the ends, so Marquardt's damping of the normal equations in doubles is
+//! accurate enough.
 //!
 //! *Conditioning.* Normal equations of up to eight columns in doubles lose half of the digits. Seven remain, and a
 //! start only has to lie in the right basin. Marquardt's damping scales with the diagonal, so units do not matter. A
@@ -13,37 +12,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::full::Full;
-use super::lane_form::{Form, MOST};
-use super::lean::{self, COLUMNS, N, Optics, ROW, Row};
+use super::lane_form::{COLUMNS, LaneForm, N, ROW, SHAPE, columns, rows};
 use super::problem::{Problem, Values};
 use super::solver::Bounds;
-use crate::model::Variant;
 use crate::model::lanes::{Lane, Numbers, WIDEST};
 
 const PACKED: usize = N * (N + 1) / 2;
-/// Maximum evaluations of a lane that only has to come near a minimum.
-const EVALUATIONS: usize = 60;
 /// Gain, as a share of the cost, below which a lane is done.
 const SMALL_GAIN: f64 = 1e-7;
 /// Damping up to which a step is as good as a Gauss–Newton step.
 const HARDLY_DAMPED: f64 = 1e-3;
 /// Longest steps: rad, logarithms, ρd, a share of scale (see [`limit`]).
 const STEP_MAX: [f64; N] = [0.15, 0.7, 0.7, 0.5, 1.0, f64::INFINITY, 0.5, 0.1];
-
-impl Form for Optics {
-    const SHAPE: usize = lean::SHAPE;
-
-    fn shape(&self, x: &[f64; N], to: &mut [f64; MOST]) {
-        to[..lean::SHAPE].copy_from_slice(&Optics::shape(self, x));
-    }
-
-    #[inline(always)]
-    fn row<S: Simd>(&self, simd: S, pose: &[Lane<S>; ROW], shape: &[Lane<S>; MOST]) -> Row<S> {
-        let shape: &[Lane<S>; lean::SHAPE] = shape.first_chunk().expect("fewer than the most");
-        lean::row(simd, self, pose, shape)
-    }
-}
 
 /// The end of a lane.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,44 +36,20 @@ pub(super) struct End {
     pub settled: bool,
 }
 
-/// Descends from every start with the lean form. Returns `None` if lanes do not support the problem (another variant, a
-/// near rig, a robust loss, corrections, a free index).
+/// Whether lanes support a problem. They do not on a near rig, with a robust loss, corrections or a free index.
+pub(super) fn knows(problem: &Problem<'_>) -> bool {
+    problem.is_plain() && columns(problem).is_some()
+}
+
+/// Descends from every start, with up to `evaluations` each. Returns `None` if lanes do not support the problem.
 pub(super) fn descend_together(
     problem: &Problem<'_>,
     starts: &[Values],
-    cancel: &AtomicBool,
-) -> Option<Vec<End>> {
-    if problem.variant() != Variant::Sawtooth {
-        return None;
-    }
-    let form = Optics::new(problem);
-    descend(problem, form, starts, EVALUATIONS, cancel)
-}
-
-/// The same with the full form of either variant, with up to `evaluations` per start.
-pub(super) fn descend_in_full(
-    problem: &Problem<'_>,
-    starts: &[Values],
     evaluations: usize,
     cancel: &AtomicBool,
 ) -> Option<Vec<End>> {
-    descend(problem, Full::new(problem), starts, evaluations, cancel)
-}
-
-/// Whether lanes support the full form of a problem.
-pub(super) fn knows(problem: &Problem<'_>) -> bool {
-    problem.is_plain() && lean::columns(problem).is_some()
-}
-
-fn descend<F: Form>(
-    problem: &Problem<'_>,
-    form: F,
-    starts: &[Values],
-    evaluations: usize,
-    cancel: &AtomicBool,
-) -> Option<Vec<End>> {
-    let columns = lean::columns(problem).filter(|_| problem.is_plain())?;
-    let table = Table::new(problem, form, columns);
+    let columns = columns(problem).filter(|_| problem.is_plain())?;
+    let table = Table::new(problem, columns);
     let run = Run {
         table: &table,
         starts,
@@ -104,36 +60,36 @@ fn descend<F: Form>(
 }
 
 /// Values that all lanes share.
-struct Table<'p, 'a, F> {
+struct Table<'p, 'a> {
     problem: &'p Problem<'a>,
     /// Column of each free quantity.
     columns: Vec<usize>,
     rows: Vec<[f64; ROW]>,
     bounds: Bounds,
-    form: F,
+    form: LaneForm,
 }
 
-impl<'p, 'a, F> Table<'p, 'a, F> {
-    fn new(problem: &'p Problem<'a>, form: F, columns: Vec<usize>) -> Self {
+impl<'p, 'a> Table<'p, 'a> {
+    fn new(problem: &'p Problem<'a>, columns: Vec<usize>) -> Self {
         Table {
             problem,
             columns,
-            rows: lean::rows(problem).collect(),
+            rows: rows(problem).collect(),
             bounds: problem.bounds(),
-            form,
+            form: LaneForm::new(problem),
         }
     }
 }
 
-struct Run<'r, 'p, 'a, F> {
-    table: &'r Table<'p, 'a, F>,
+struct Run<'r, 'p, 'a> {
+    table: &'r Table<'p, 'a>,
     starts: &'r [Values],
     /// Maximum evaluations of a lane.
     evaluations: usize,
     cancel: &'r AtomicBool,
 }
 
-impl<F: Form> WithSimd for Run<'_, '_, '_, F> {
+impl WithSimd for Run<'_, '_, '_> {
     type Output = Vec<End>;
 
     #[inline(always)]
@@ -197,7 +153,7 @@ const fn packed(a: usize, b: usize) -> usize {
 }
 
 impl State {
-    fn new<F>(table: &Table<'_, '_, F>, values: &Values, start: Option<usize>) -> Self {
+    fn new(table: &Table<'_, '_>, values: &Values, start: Option<usize>) -> Self {
         let free = table.problem.free();
         let mut x = COLUMNS.map(|q| values.inner(q));
         for (k, _) in free.iter().enumerate() {
@@ -226,7 +182,7 @@ impl State {
         values
     }
 
-    fn end<F>(&self, table: &Table<'_, '_, F>) -> End {
+    fn end(&self, table: &Table<'_, '_>) -> End {
         End {
             parameters: table.columns.iter().map(|c| self.x[*c]).collect(),
             cost: self.cost,
@@ -236,7 +192,7 @@ impl State {
 
     /// Accepts or rejects the trial and proposes the next one; returns whether the lane is done. `sums` begins with
     /// this lane.
-    fn look<F>(&mut self, table: &Table<'_, '_, F>, sums: &[f64], width: usize) -> bool {
+    fn look(&mut self, table: &Table<'_, '_>, sums: &[f64], width: usize) -> bool {
         let mut gradient: [f64; N] = std::array::from_fn(|a| sums[(1 + a) * width]);
         let mut normal: [f64; PACKED] = std::array::from_fn(|k| sums[(1 + N + k) * width]);
         let extra = rest(table, &self.at(&self.trial), &mut gradient, &mut normal);
@@ -269,7 +225,7 @@ impl State {
     }
 
     /// −(H + λ diag H)⁻¹ g over the parameters that are free and not pushed against their bounds.
-    fn step<F>(&self, table: &Table<'_, '_, F>) -> [f64; N] {
+    fn step(&self, table: &Table<'_, '_>) -> [f64; N] {
         let mut moving = [0; N];
         let mut n = 0;
         for k in 0..table.columns.len() {
@@ -319,8 +275,8 @@ fn limit(step: &[f64; N], scale: f64) -> f64 {
 }
 
 /// Adds flats and priors to gradient and normal matrix; returns their cost.
-fn rest<F>(
-    table: &Table<'_, '_, F>,
+fn rest(
+    table: &Table<'_, '_>,
     values: &Values,
     gradient: &mut [f64; N],
     normal: &mut [f64; PACKED],
@@ -386,12 +342,7 @@ impl Block {
     clippy::needless_range_loop,
     reason = "matrix indices are the notation, and iterators with closures are not inlined here"
 )]
-fn evaluate<S: Simd, F: Form>(
-    simd: S,
-    table: &Table<'_, '_, F>,
-    lanes: &[State],
-    sums: &mut [f64],
-) {
+fn evaluate<S: Simd>(simd: S, table: &Table<'_, '_>, lanes: &[State], sums: &mut [f64]) {
     macro_rules! k {
         ($x:expr) => {
             Lane::splat(simd, $x)
@@ -399,18 +350,18 @@ fn evaluate<S: Simd, F: Form>(
     }
     let width = Lane::<S>::WIDTH;
     let mut block = Block::new();
-    let mut shape = [0.0; MOST * WIDEST];
-    let mut numbers = [0.0; MOST];
+    let mut shape = [0.0; SHAPE * WIDEST];
+    let mut numbers = [0.0; SHAPE];
     for (lane, state) in lanes.iter().enumerate() {
         table.form.shape(&state.trial, &mut numbers);
-        for n in 0..F::SHAPE {
+        for n in 0..SHAPE {
             shape[n * width + lane] = numbers[n];
         }
     }
     let zero = k!(0.0);
-    let mut at = [zero; MOST];
-    for n in 0..F::SHAPE {
-        at[n] = Lane::load(simd, &shape[..F::SHAPE * width], n);
+    let mut at = [zero; SHAPE];
+    for n in 0..SHAPE {
+        at[n] = Lane::load(simd, &shape[..SHAPE * width], n);
     }
     let mut cost = zero;
     let mut gradient = [zero; N];

@@ -1,4 +1,4 @@
-//! Compares the lanes with the scalar lean form, which also includes the light from the riser.
+//! Compares the lanes with the scalar problem.
 
 use pulp::Scalar;
 
@@ -58,10 +58,10 @@ fn set(metal: bool, beside: bool) -> ObservationSet {
 
 fn problem(set: &ObservationSet) -> Problem<'_> {
     let (free, fixed) = free_quantities(set, Variant::Sawtooth);
-    Problem::new(set, Variant::Sawtooth, free, fixed).with_lean(true)
+    Problem::new(set, Variant::Sawtooth, free, fixed)
 }
 
-/// Points on both sides of θr = 0 whose risers return no light at these poses.
+/// Points on both sides of θr = 0.
 fn points(problem: &Problem<'_>) -> Vec<Values> {
     let mut points = Vec::new();
     for (n, theta_r_deg) in [9.0f64, -14.0, 22.0, 3.0].into_iter().enumerate() {
@@ -85,14 +85,16 @@ fn points(problem: &Problem<'_>) -> Vec<Values> {
 
 /// Radiance below which no pose sees a lobe.
 const UNSEEN: f64 = 1e-6;
+/// Evaluations of a lane.
+const EVALUATIONS: usize = 60;
 /// Possible contribution of e⁻⁶⁰ of a lobe to a sum.
 const DARK: f64 = 1e-8;
 
 /// Compares cost, gradient and normal matrix of a lane with those of the scalar problem.
-fn assert_same<F: Form>(problem: &Problem<'_>, form: F, v: &Values, tolerance: f64) {
+fn assert_same(problem: &Problem<'_>, v: &Values, tolerance: f64) {
     let (n, m) = (problem.free().len(), problem.residual_count());
-    let columns = lean::columns(problem).expect("no index is free");
-    let table = Table::new(problem, form, columns.clone());
+    let columns = columns(problem).expect("no index is free");
+    let table = Table::new(problem, columns.clone());
     let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * n]);
     LeastSquares::evaluate(&problem, &problem.pack(v), &mut r, &mut j);
     let state = State::new(&table, v, None);
@@ -128,18 +130,7 @@ fn assert_same<F: Form>(problem: &Problem<'_>, form: F, v: &Values, tolerance: f
 }
 
 #[test]
-fn a_lane_has_the_cost_gradient_and_normal_matrix_of_the_lean_problem() {
-    for (metal, beside) in [(false, false), (true, true), (false, true)] {
-        let set = set(metal, beside);
-        let problem = problem(&set);
-        for v in points(&problem) {
-            assert_same(&problem, Optics::new(&problem), &v, 1e-9);
-        }
-    }
-}
-
-#[test]
-fn a_lane_has_the_cost_gradient_and_normal_matrix_of_the_full_problem() {
+fn a_lane_has_the_cost_gradient_and_normal_matrix_of_the_scalar_problem() {
     for (metal, beside) in [(false, false), (true, true), (false, true), (true, false)] {
         let set = set(metal, beside);
         for variant in [Variant::Sawtooth, Variant::Paper] {
@@ -169,10 +160,10 @@ fn a_lane_has_the_cost_gradient_and_normal_matrix_of_the_full_problem() {
                 lit += 1;
                 match variant {
                     Variant::Sawtooth => {
-                        assert_same(&problem, Full::new(&problem), &v, 2e-6);
+                        assert_same(&problem, &v, 2e-6);
                     }
                     Variant::Paper => {
-                        assert_same(&problem, Full::new(&problem), &v, 1e-8);
+                        assert_same(&problem, &v, 1e-8);
                     }
                 }
             }
@@ -203,7 +194,8 @@ fn lanes_end_where_the_scalar_descent_ends() {
                 v
             })
             .collect();
-        let ends = descend_together(&problem, &starts, &never).expect("a plain problem");
+        let ends =
+            descend_together(&problem, &starts, EVALUATIONS, &never).expect("a plain problem");
         let settings = Settings::default();
         let x = problem.pack(&truth);
         let scalar = minimise(&problem, &x, &problem.bounds(), &settings, &never);
@@ -223,13 +215,13 @@ fn lanes_end_where_the_scalar_descent_ends() {
 fn the_end_of_a_lane_does_not_depend_on_its_neighbours_and_settled_means_a_minimum() {
     let never = AtomicBool::new(false);
     let mut set = set(false, false);
-    let blank = problem(&set).with_lean(false);
+    let blank = problem(&set);
     let painted = blank.predicted(&points(&blank)[0]);
     drop(blank);
     for (k, (o, clean)) in set.observations.iter_mut().zip(&painted).enumerate() {
         o.signal = clean + 0.005 * ((k % 5) as f64 - 2.0);
     }
-    let problem = problem(&set).with_lean(false);
+    let problem = problem(&set);
     // More starts than lanes, and not a multiple of them.
     let starts: Vec<Values> = (0..21)
         .map(|k| {
@@ -240,7 +232,7 @@ fn the_end_of_a_lane_does_not_depend_on_its_neighbours_and_settled_means_a_minim
         })
         .collect();
     let down = |starts: &[Values], evaluations| {
-        descend_in_full(&problem, starts, evaluations, &never).expect("a plain problem")
+        descend_together(&problem, starts, evaluations, &never).expect("a plain problem")
     };
     let together = down(&starts, 400);
     for (start, end) in starts.iter().zip(&together) {
@@ -273,80 +265,17 @@ fn problems_that_lanes_do_not_support_are_left_to_the_scalar_solver() {
     let plain = problem(&set);
     let start = points(&plain);
     let corrected = plain.clone().with_correction(vec![1e-3; 60]);
-    assert_eq!(descend_together(&corrected, &start, &never), None);
+    assert_eq!(
+        descend_together(&corrected, &start, EVALUATIONS, &never),
+        None
+    );
     let mut free = plain.free().to_vec();
     free.push(Quantity::Eta);
     assert_eq!(
-        descend_together(&plain.clone().with_free(free), &start, &never),
+        descend_together(&plain.clone().with_free(free), &start, EVALUATIONS, &never),
         None
     );
     let (free, fixed) = free_quantities(&set, Variant::Paper);
     let paper = Problem::new(&set, Variant::Paper, free, fixed);
-    assert_eq!(descend_together(&paper, &start, &never), None);
-    assert!(descend_in_full(&paper, &start, EVALUATIONS, &never).is_some());
-    assert_eq!(
-        descend_in_full(&corrected, &start, EVALUATIONS, &never),
-        None
-    );
-}
-
-/// Residuals and derivatives of the samples by the scalar lean form, which also includes the light from the riser.
-fn scalar(problem: &Problem<'_>, v: &Values) -> (Vec<f64>, Vec<f64>) {
-    let m = problem.residual_count();
-    let (mut r, mut j) = (vec![0.0; m], vec![0.0; m * problem.free().len()]);
-    let ready = problem.ready(v);
-    for (i, o) in problem.set().observations.iter().enumerate() {
-        let g = problem.corrected(i, &ready);
-        let weight = 1.0 / problem.sigma()[i];
-        r[i] = weight * (v.scale * g.value + v.background - o.signal);
-        for (k, q) in problem.free().iter().enumerate() {
-            j[i + k * m] = weight
-                * match q {
-                    Quantity::ThetaR => v.scale * g.theta_r,
-                    Quantity::AlphaU => v.scale * g.alpha_u * v.alpha_u,
-                    Quantity::AlphaV => v.scale * g.alpha_v * v.alpha_v,
-                    Quantity::RhoD => v.scale * g.rho_d,
-                    Quantity::Scale => g.value,
-                    Quantity::Background => 1.0,
-                    Quantity::AzimuthOffset => v.scale * g.phi_s,
-                    Quantity::TiltOffset => v.scale * g.theta_c,
-                    _ => 0.0,
-                };
-        }
-    }
-    (r, j)
-}
-
-#[test]
-fn observations_as_lanes_equal_the_scalar_lean_form_or_are_left_to_it() {
-    let mut left = 0;
-    for (metal, beside) in [(false, false), (true, true), (false, true)] {
-        let set = set(metal, beside);
-        let problem = problem(&set);
-        let (m, n) = (problem.residual_count(), set.observations.len());
-        let mut points = points(&problem);
-        // A rough sample far from its zero, whose risers are visible.
-        points.push(Values {
-            theta_r: 0.7,
-            alpha_v: 0.9,
-            ..points[0]
-        });
-        for v in points {
-            let (expected, slopes) = scalar(&problem, &v);
-            let (mut r, mut j) = (vec![0.0; m], vec![0.0; slopes.len()]);
-            left += usize::from(!lean::evaluate(&problem, &v, &mut r, &mut j, m));
-            (&problem).evaluate(&problem.pack(&v), &mut r, &mut j);
-            // Rounding of about fifty operations on numbers of this size.
-            let close = |a: &[f64], b: &[f64]| {
-                let size = b.iter().fold(1e-3_f64, |size, x| size.max(x.abs()));
-                a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-12 * size)
-            };
-            assert!(close(&r[..n], &expected[..n]), "{v:?}");
-            for (k, q) in problem.free().iter().enumerate() {
-                let column = k * m..k * m + n;
-                assert!(close(&j[column.clone()], &slopes[column]), "{q:?} {v:?}");
-            }
-        }
-    }
-    assert!(left > 0 && left < 15, "{left}");
+    assert!(descend_together(&paper, &start, EVALUATIONS, &never).is_some());
 }

@@ -60,7 +60,6 @@ pub struct Problem<'a> {
     /// Priors of the user, in addition to the certificates.
     stated: Vec<(Quantity, Prior)>,
     loss: Loss,
-    lean: bool,
     polarised: bool,
     /// Whether the facets reflect.
     lobe: bool,
@@ -101,7 +100,6 @@ impl<'a> Problem<'a> {
             priors: priors(set, &free, &[]),
             stated: Vec::new(),
             loss: Loss::Linear,
-            lean: false,
             polarised: true,
             lobe: true,
             walls: None,
@@ -234,10 +232,7 @@ impl<'a> Problem<'a> {
         if !self.lobe {
             surface.amplitude = 0.0;
         }
-        let mut prepared = Prepared::new(self.variant, &surface, &self.optics(values));
-        if self.lean {
-            prepared = prepared.lean();
-        }
+        let prepared = Prepared::new(self.variant, &surface, &self.optics(values));
         let (sl, cl) = self.set.rig.theta_l.sin_cos();
         let (sa, ca) = self.set.rig.light_azimuth.sin_cos();
         Ready {

@@ -1,7 +1,6 @@
 //! Searches for the deepest minimum: a multistart with a Bayesian stopping rule.
 //!
-//! [`Search::quick`] descends with the lean form from a few starts that the bright spot suggests, which finds the lobe if
-//! the poses see it. [`Search::multistart`] confirms it: starts of a Sobol sequence in the whole box descend as lanes of
+//! [`Search::quick`] descends from a few starts that the bright spot suggests, which finds the lobe if the poses see it. [`Search::multistart`] confirms it: starts of a Sobol sequence in the whole box descend as lanes of
 //! registers. Ends beside each other lead to the same minimum (single linkage; Rinnooy Kan and Timmer 1987), and the
 //! different ones are refined. Rounds follow until no further minimum is expected (Boender and Rinnooy Kan 1987).
 //! [`Search::images`] adds the mirror images of the best end, and [`Search::creep`] continues it along a valley.
@@ -16,7 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use super::covariance::{Scaling, covariance};
-use super::crew::{End, descend_together};
+use super::crew::End;
 use super::estimate::StartReport;
 use super::minimum::{Ending, Minimum, Settings};
 use super::problem::{Problem, Values};
@@ -27,7 +26,7 @@ use super::tuning::Tuning;
 
 /// Relative difference in cost below which two ends are the same minimum.
 const SAME: f64 = 1e-6;
-/// Number of different ends of the first starts that are refined.
+/// Number of different ends that are refined on another problem.
 const REFINED: usize = 4;
 /// Distance above which ends count as different surfaces (see [`distance`]).
 pub(super) const APART: f64 = 0.3;
@@ -63,7 +62,7 @@ pub fn from_starts(
     cancel: &AtomicBool,
 ) -> Option<(Minimum, StartReport)> {
     let mut search = Search::new(starts.first()?, 0, Tuning::DEFAULT, cancel);
-    search.descend(problem, &problem.clone().with_lean(true), starts);
+    search.descend_from(problem, problem, starts);
     let report = search.report();
     search.best().cloned().map(|best| (best, report))
 }
@@ -121,40 +120,11 @@ impl<'p> Search<'p> {
         seed
     }
 
-    /// Runs `count` starts with the lean form and refines the different ends on `problem`. Each start counts once at
-    /// its end.
+    /// Descends from `count` starts that the bright spot suggests and refines their different ends.
     pub(super) fn quick(&mut self, problem: &Problem<'_>, count: usize) {
-        let lean = problem.clone().with_lean(true);
-        let found = starts(&lean, self.fallback, count, self.next_seed());
-        self.descend(problem, &lean, &found);
-    }
-
-    /// Descends from given starts with the lean form and refines the different ends on `problem`.
-    fn descend(&mut self, problem: &Problem<'_>, lean: &Problem<'_>, starts: &[Values]) {
-        let rough = Settings {
-            polish_steps: 0,
-            cost_tolerance: 1e-6,
-            max_iterations: 60,
-            ..Settings::default()
-        };
-        let bounds = problem.bounds();
-        let cancel = self.cancel;
-        let mut ends: Vec<Minimum> = match descend_together(problem, starts, cancel) {
-            Some(ends) => {
-                // The minimum of the lean form is not a minimum of the full one.
-                let rough = |end| End {
-                    settled: false,
-                    ..end
-                };
-                ends.into_iter().map(rough).map(Minimum::from).collect()
-            }
-            None => starts
-                .par_iter()
-                .map(|v| minimise(lean, &lean.pack(v), &bounds, &rough, cancel))
-                .collect(),
-        };
-        ends.retain(usable);
-        self.refine(problem, ends, REFINED, 1e-3);
+        let nominal = problem.with_nominal_index();
+        let found = starts(&nominal, self.fallback, count, self.next_seed());
+        self.descend_from(problem, &nominal, &found);
     }
 
     /// Adds the ends of rough descents. The `most` different ones among those that could still win are refined; `near`

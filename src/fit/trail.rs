@@ -113,8 +113,7 @@ pub fn retrace(
 ) -> Vec<Iteration> {
     let mut fallback = e.values;
     (fallback.azimuth_offset, fallback.tilt_offset) = (0.0, 0.0);
-    let lean = e.problem.clone().with_lean(true);
-    let Some(start) = starts(&lean, &fallback, 1, seed).into_iter().next() else {
+    let Some(start) = starts(&e.problem, &fallback, 1, seed).into_iter().next() else {
         return Vec::new();
     };
     let noting = Noting {

@@ -3,10 +3,12 @@
 use nalgebra::{Const, Vector3};
 use num_dual::{Derivative, DualNum, DualSVec64};
 
-use super::dual::Scalar;
+use super::extended::{self, Parameters, Terms, Walls};
+use super::fresnel::{Reflectances, Slopes};
+use super::number::Number;
 use super::prepared::{OpticsTable, Partials, Prepared};
-use super::sawtooth::Parameters;
-use super::{Optics, Surface, Variant, paper, sawtooth};
+use super::real::{DEVIATIONS, Real};
+use super::{Optics, Surface, Variant, paper};
 use crate::cases::reference::{PRINTED_BRDF, ReferenceTable, directions_of, surface_of};
 use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::units::Angle;
@@ -14,40 +16,44 @@ use crate::units::Angle;
 /// θr, αu, αv, ρd, A, n, k, then the components of ω_i and of ω_o.
 type D = DualSVec64<13>;
 
-impl Scalar for D {
-    fn constant(value: f64) -> Self {
+impl Number for D {
+    type Choice = bool;
+
+    fn like(self, value: f64) -> Self {
         D::from_re(value)
     }
-    fn value(self) -> f64 {
-        self.re
+    fn below(self, other: Self) -> bool {
+        self.re < other.re
     }
-    fn map(self, value: f64, slope: f64) -> Self {
+    fn choose(choice: bool, yes: Self, no: Self) -> Self {
+        if choice { yes } else { no }
+    }
+    fn map(self, f: impl Fn(f64) -> (f64, f64)) -> Self {
+        let (value, slope) = f(self.re);
         (self - self.re) * slope + value
     }
-    fn map3(value: f64, parts: [(Self, f64); 3]) -> Self {
-        parts
-            .into_iter()
-            .fold(D::from_re(value), |sum, (x, slope)| {
-                sum + (x - x.re) * slope
-            })
+    fn map2(self, other: Self, f: impl Fn(f64, f64) -> (f64, f64, f64)) -> Self {
+        let (value, first, second) = f(self.re, other.re);
+        (self - self.re) * first + (other - other.re) * second + value
+    }
+    fn mirrored(self, eta: Self, k: Self) -> (Self, Self) {
+        let r = Reflectances::at(self.re, eta.re, k.re);
+        let lift = |x: Slopes| {
+            (self - self.re) * x.cos + (eta - eta.re) * x.eta + (k - k.re) * x.k + x.value
+        };
+        (lift(r.s), lift(r.p))
     }
     // num-dual's own rules, in place of the trait's.
-    fn sqrt(self) -> Self {
+    fn root(self) -> Self {
         DualNum::sqrt(&self)
     }
-    fn exp(self) -> Self {
+    fn exponential(self) -> Self {
         DualNum::exp(&self)
     }
-    fn sin(self) -> Self {
-        DualNum::sin(&self)
+    fn sine_cosine(self) -> (Self, Self) {
+        DualNum::sin_cos(&self)
     }
-    fn cos(self) -> Self {
-        DualNum::cos(&self)
-    }
-    fn tan(self) -> Self {
-        DualNum::tan(&self)
-    }
-    fn atan2(self, x: Self) -> Self {
+    fn angle(self, x: Self) -> Self {
         DualNum::atan2(&self, x)
     }
 }
@@ -74,17 +80,27 @@ fn by_num_dual(variant: Variant, c: &Case) -> [f64; 14] {
         alpha_u: variable(c.surface.alpha_u, 1),
         alpha_v: variable(c.surface.alpha_v, 2),
         rho_d: variable(c.surface.rho_d, 3),
+        real: Real::from_array([D::from_re(0.0); DEVIATIONS]),
         amplitude: variable(c.surface.amplitude, 4),
         eta: variable(c.optics.eta, 5),
         k: variable(c.optics.k, 6),
-        theta_l: c.optics.theta_l,
-        widening: c.optics.cones.widening(),
     };
+    let (widening, walls) = (
+        c.optics.cones.widening(),
+        Walls::smooth(&OpticsTable::new(&c.optics)),
+    );
+    let terms = Terms {
+        body: true,
+        ..Terms::of(&Real::NONE, &c.optics, false, false)
+    };
+    if c.incident[2] <= 0.0 || c.outgoing[2] <= 0.0 {
+        return [0.0; 14];
+    }
     let i = [0, 1, 2].map(|j| variable(c.incident[j], 7 + j));
     let o = [0, 1, 2].map(|j| variable(c.outgoing[j], 10 + j));
     let result = match variant {
-        Variant::Paper => paper::radiance_of(i, o, &q),
-        Variant::Sawtooth => sawtooth::radiance_of(i, o, &q),
+        Variant::Paper => paper::radiance_of(i, o, &q, widening),
+        Variant::Sawtooth => extended::radiance_of(i, o, &q, terms, &walls, widening),
     };
     let eps = result.eps.unwrap_generic(Const::<13>, Const::<1>);
     let mut all = [0.0; 14];

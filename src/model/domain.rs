@@ -85,7 +85,7 @@ pub fn check(surface: &Surface, optics: &Optics) -> Result<(), OutOfDomain> {
         });
     }
     // The exchange between facet and riser is a geometric series of ratio κ² φ_fr φ_rf.
-    let t_bar = diffuse_transmittance(optics.eta, optics.k);
+    let t_bar = diffuse_transmittance(optics.eta, optics.k).value;
     let albedo = surface.rho_d * t_bar * t_bar / (enters(1.0) * enters(optics.theta_l.cos()));
     let (sin, cos) = surface.theta_r.abs().sin_cos();
     let gap = sin + cos - 1.0;

@@ -14,7 +14,7 @@
 //! facet length p = cos θr; R per unit period in the form) shorten facet and riser by R and add an arc ([`crest`]);
 //! the retro lobe keeps the riser's straight part f = 1 − R/r, mirror hops the mean of 1 and f.
 //!
-//! With τ, ι and R 0 and smooth walls the form is that of [`super::sawtooth`]. It is written once over [`Number`]. Call
+//! With τ, ι and R 0 and smooth walls the form is the ideal sawtooth. It is written once over [`Number`]. Call
 //! [`radiance_of`]; fits call [`partials`].
 //!
 //! A new term: its formula is a file here, its parameter a field of [`Real`]. [`Terms`] states whether it is evaluated; a fit that
@@ -24,6 +24,7 @@
 
 pub(super) mod crest;
 pub mod slopes;
+pub(super) mod three_bounces;
 mod walls;
 
 use std::array;
@@ -62,6 +63,23 @@ pub struct Parameters<N> {
     pub eta: N,
     /// Imaginary part of the index.
     pub k: N,
+}
+
+impl Parameters<f64> {
+    /// Returns the numbers of a surface with θr ≥ 0.
+    #[must_use]
+    pub fn of(surface: &Surface, real: &Real, optics: &Optics) -> Self {
+        Parameters {
+            theta_r: surface.theta_r,
+            alpha_u: surface.alpha_u,
+            alpha_v: surface.alpha_v,
+            rho_d: surface.rho_d,
+            real: *real,
+            amplitude: surface.amplitude,
+            eta: optics.eta,
+            k: optics.k,
+        }
+    }
 }
 
 /// The terms that are evaluated, decided without the parameters' values.
@@ -122,6 +140,24 @@ struct Shape<N> {
     straight: N,
     one: N,
     zero: N,
+}
+
+impl<N: Number> Shape<N> {
+    fn of(q: &Parameters<N>) -> Self {
+        let (s, p) = q.theta_r.sine_cosine();
+        let (one, zero) = (s.like(1.0), s.like(0.0));
+        let round = q.real.crest * p;
+        let riser = zero.below(s);
+        let straight = N::choose(riser, one - round / N::choose(riser, s, one), zero).positive();
+        Shape {
+            s,
+            p,
+            round,
+            straight,
+            one,
+            zero,
+        }
+    }
 }
 
 fn ray<N: Number>(w: [N; 3], q: &Parameters<N>, shape: &Shape<N>, walls: &Walls) -> Ray<N> {
@@ -190,23 +226,11 @@ pub fn radiance_of<N: Number>(
     walls: &Walls,
     widening: f64,
 ) -> N {
-    let (s, p) = q.theta_r.sine_cosine();
-    let (one, zero) = (s.like(1.0), s.like(0.0));
-    let round = q.real.crest * p;
-    let riser = zero.below(s);
-    let straight = N::choose(riser, one - round / N::choose(riser, s, one), zero).positive();
-    let shape = Shape {
-        s,
-        p,
-        round,
-        straight,
-        one,
-        zero,
-    };
+    let shape = Shape::of(q);
     let (a, b) = (ray(i, q, &shape, walls), ray(o, q, &shape, walls));
     let slopes = Slopes {
-        u2: q.alpha_u * q.alpha_u + s.like(widening),
-        v2: q.alpha_v * q.alpha_v + s.like(widening),
+        u2: q.alpha_u * q.alpha_u + shape.one.like(widening),
+        v2: q.alpha_v * q.alpha_v + shape.one.like(widening),
         tail: q.real.tail,
         widening: if terms.tails { widening } else { 0.0 },
     };
@@ -278,8 +302,8 @@ fn diffuse<N: Number>(
         round,
         straight,
     } = *shape;
-    let of_index = |[at, slope]: [f64; 2]| q.eta.map(|eta| (at + slope * (eta - walls.eta), slope));
-    let c_d = q.rho_d * of_index(walls.diffuse);
+    let [per_rho_d, per_c_d] = walls.body(q.eta, q.k);
+    let c_d = q.rho_d * per_rho_d;
     let facet = |w: &Ray<N>| (one - w.facet_f) * w.m;
     let riser = |w: &Ray<N>| (one - w.riser_f) * w.rho;
     let (ti, to) = (facet(a), facet(b));
@@ -289,8 +313,12 @@ fn diffuse<N: Number>(
     if terms.crests {
         direct = direct + round * crest_diffuse(i, o, [a, b], q, shape, walls);
     }
-    // [x_a − σ_b]⁺.
-    let lit = |a: &Ray<N>, b: &Ray<N>| (b.open - (p - a.x)).positive();
+    // [x_a − σ_b]⁺ from the smaller of the visible and the hidden length, so that neither end loses the digits of a short
+    // one.
+    let lit = |a: &Ray<N>, b: &Ray<N>| {
+        let hidden = b.sigma.below(b.open);
+        N::choose(hidden, a.x - b.sigma, b.open - (p - a.x)).positive()
+    };
     let hops = a.riser_f * ti * lit(a, b) * to
         + b.riser_f * to * lit(b, a) * ti
         + a.riser_f * ti * b.riser_f * to * a.x.smaller(b.x)
@@ -299,7 +327,7 @@ fn diffuse<N: Number>(
         + a.facet_f * ui * b.facet_f * uo * a.y.smaller(b.y);
     let e_f = |w: &Ray<N>| facet(w) * (w.open + w.riser_f * w.x);
     let e_r = |w: &Ray<N>, hidden: N| riser(w) * (r - hidden + w.facet_f * w.y);
-    let kappa = c_d * of_index(walls.exchange);
+    let kappa = c_d * per_c_d;
     let reach = p + r + one;
     let (phi_fr, phi_rf) = (r / reach, p / reach);
     let loss = kappa * kappa * phi_fr * phi_rf;

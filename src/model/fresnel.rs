@@ -21,8 +21,6 @@
 
 use nalgebra::Complex;
 
-use super::dual::Scalar;
-
 /// Returns the amplitude reflection coefficients (r_s, r_p) at cos θ = `cos` for the relative index `eta + i k`.
 #[must_use]
 pub fn amplitudes(cos: f64, eta: f64, k: f64) -> (Complex<f64>, Complex<f64>) {
@@ -331,19 +329,6 @@ pub fn dielectric_slopes(cos: f64, eta: f64) -> Slopes {
         eta: per_q * cos * eta * (r_s * s2 + r_p * (2.0 * q2 - n2) * p2),
         k: 0.0,
     }
-}
-
-/// Returns (R_s, R_p) over any [`Scalar`].
-pub fn reflectances_of<S: Scalar>(cos: S, eta: S, k: S) -> (S, S) {
-    let r = Reflectances::at(cos.value(), eta.value(), k.value());
-    let lift = |x: Slopes| S::map3(x.value, [(cos, x.cos), (eta, x.eta), (k, x.k)]);
-    (lift(r.s), lift(r.p))
-}
-
-/// Returns the unpolarised reflectance over any [`Scalar`].
-pub fn reflectance_of<S: Scalar>(cos: S, eta: S, k: S) -> S {
-    let (s, p) = reflectances_of(cos, eta, k);
-    (s + p) * 0.5
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 //! on a surface that faces the lamp, so L = f cos θi.
 
 pub mod brdf;
+pub mod closed_form;
 pub mod cone;
 pub mod contrast;
 pub mod domain;
@@ -44,7 +45,6 @@ mod extreme_tests;
 #[cfg(test)]
 mod law_tests;
 
-use nalgebra::Vector3;
 
 #[cfg(test)]
 use crate::geometry::Pose;
@@ -187,7 +187,7 @@ impl Gradient {
 }
 
 /// Returns the radiance for irradiance 1 on a surface that faces the lamp; 0 if lamp or camera is not above the
-/// surface.
+/// surface. For many directions, build a [`closed_form::ClosedForm`] once.
 #[must_use]
 pub fn radiance(
     variant: Variant,
@@ -195,21 +195,7 @@ pub fn radiance(
     surface: &Surface,
     optics: &Optics,
 ) -> f64 {
-    let q = parameters(
-        &Surface {
-            theta_r: surface.theta_r.abs(),
-            ..*surface
-        },
-        optics,
-    );
-    // A negative θr equals the positive one at φs + 180°.
-    let sign = if surface.theta_r < 0.0 { -1.0 } else { 1.0 };
-    let turn = |w: &Vector3<f64>| [sign * w.x, sign * w.y, w.z];
-    let (i, o) = (turn(&directions.incident), turn(&directions.outgoing));
-    match variant {
-        Variant::Paper => paper::radiance_of(i, o, &q),
-        Variant::Sawtooth => sawtooth::radiance_of(i, o, &q),
-    }
+    closed_form::ClosedForm::new(variant, surface, None, optics).radiance(directions)
 }
 
 /// Returns the radiance and its exact derivatives at a true pose (mounting offsets already added).
@@ -225,18 +211,4 @@ pub fn radiance_gradient(
 ) -> Gradient {
     let table = prepared::OpticsTable::new(&Optics::new(rig, material));
     prepared::Prepared::new(variant, surface, &table).gradient(rig, pose)
-}
-
-fn parameters(surface: &Surface, optics: &Optics) -> sawtooth::Parameters<f64> {
-    sawtooth::Parameters {
-        theta_r: surface.theta_r,
-        alpha_u: surface.alpha_u,
-        alpha_v: surface.alpha_v,
-        rho_d: surface.rho_d,
-        amplitude: surface.amplitude,
-        eta: optics.eta,
-        k: optics.k,
-        theta_l: optics.theta_l,
-        widening: optics.cones.widening(),
-    }
 }

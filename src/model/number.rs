@@ -9,7 +9,6 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use pulp::Simd;
 
-use super::dual::Scalar;
 use super::fresnel;
 use super::lanes::{Lane, Mask, WIDEST};
 
@@ -87,16 +86,16 @@ pub trait Number:
     }
 }
 
-impl<T: Scalar> Number for T {
+impl Number for f64 {
     type Choice = bool;
 
     #[inline(always)]
     fn like(self, value: f64) -> Self {
-        T::constant(value)
+        value
     }
     #[inline(always)]
     fn below(self, other: Self) -> bool {
-        self.value() < other.value()
+        self < other
     }
     #[inline(always)]
     fn choose(choice: bool, yes: Self, no: Self) -> Self {
@@ -104,23 +103,14 @@ impl<T: Scalar> Number for T {
     }
     #[inline(always)]
     fn map(self, f: impl Fn(f64) -> (f64, f64)) -> Self {
-        let (value, slope) = f(self.value());
-        Scalar::map(self, value, slope)
+        f(self).0
     }
     #[inline(always)]
     fn map2(self, other: Self, f: impl Fn(f64, f64) -> (f64, f64, f64)) -> Self {
-        let (value, first, second) = f(self.value(), other.value());
-        T::map3(
-            value,
-            [(self, first), (other, second), (T::constant(0.0), 0.0)],
-        )
+        f(self, other).0
     }
     fn mirrored(self, eta: Self, k: Self) -> (Self, Self) {
-        fresnel::reflectances_of(self, eta, k)
-    }
-    #[inline(always)]
-    fn times(self, factor: f64) -> Self {
-        self * factor
+        fresnel::reflectances(self, eta, k)
     }
 }
 

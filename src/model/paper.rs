@@ -9,56 +9,51 @@
 //! there are those of the distance from the edge (its condition number, no more). The exponent is a square over h_m²;
 //! the only subtraction is inside h_e.
 
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_1_PI, PI};
 
-use super::dual::Scalar;
-use super::fresnel::reflectance_of;
-use super::sawtooth::Parameters;
+use super::extended::Parameters;
+use super::number::Number;
 
-/// Returns G1(ω) = χ+(ω_p·m) [1 − min(1, |tan θr tan θp|)] (Eq. 2) over any [`Scalar`], divided by ω·n if `over_cos`.
-/// On the side that the facets lean to, G1/(ω·n) = 1/(cos θr ω_m), without cancellation or a division by zero at
-/// grazing.
-fn masking<S: Scalar>(w: [S; 3], sin: S, cos: S, over_cos: bool) -> S {
+/// Returns G1(ω) = χ+(ω_p·m) [1 − min(1, |tan θr tan θp|)] (Eq. 2), divided by ω·n if `over_cos`. On the side that the
+/// facets lean to, G1/(ω·n) = 1/(cos θr ω_m), without cancellation or a division by zero at grazing.
+fn masking<N: Number>(w: [N; 3], sin: N, cos: N, over_cos: bool) -> N {
+    let (zero, one) = (sin.like(0.0), sin.like(1.0));
     let e = w[1] * cos - w[2] * sin;
     let m = w[1] * sin + w[2] * cos;
-    let zero = S::constant(0.0);
-    if m.value() <= 0.0 {
-        return zero;
-    }
-    if e.value() * sin.value() > 0.0 {
-        let per_cos = S::constant(1.0) / (cos * m);
-        return if over_cos { per_cos } else { per_cos * w[2] };
-    }
-    let open = (S::constant(1.0) + sin * e / (cos * m)).larger(zero);
-    if over_cos { open / w[2] } else { open }
+    let up = zero.below(m);
+    let along = cos * N::choose(up, m, one);
+    let open = (one + sin * e / along).positive();
+    let (leaning, facing) = if over_cos {
+        (one / along, open / w[2])
+    } else {
+        (w[2] / along, open)
+    };
+    let leans = zero.below(e * sin);
+    N::choose(up, N::choose(leans, leaning, facing), zero)
 }
 
 /// Returns L = f cos θi towards `o` for irradiance 1 on a surface that faces the light at `i`, times the amplitude; the
-/// roughness is widened by the cones of lamp and lens (α² + w).
-pub fn radiance_of<S: Scalar>(i: [S; 3], o: [S; 3], q: &Parameters<S>) -> S {
-    let zero = S::constant(0.0);
-    if i[2].value() <= 0.0 || o[2].value() <= 0.0 {
-        return zero;
-    }
-    let (sin, cos) = (q.theta_r.sin(), q.theta_r.cos());
+/// roughness is widened by the cones of lamp and lens (α² + `widening`). Both directions are above the surface.
+pub fn radiance_of<N: Number>(i: [N; 3], o: [N; 3], q: &Parameters<N>, widening: f64) -> N {
+    let (sin, cos) = q.theta_r.sine_cosine();
+    let (zero, one) = (sin.like(0.0), sin.like(1.0));
     let g = masking(i, sin, cos, false) * masking(o, sin, cos, true);
     let h = [i[0] + o[0], i[1] + o[1], i[2] + o[2]];
     let h_m = h[1] * sin + h[2] * cos;
-    if g.value() <= 0.0 || h_m.value() <= 0.0 {
-        return zero;
-    }
+    let facing = zero.below(h_m);
     let h_e = h[1] * cos - h[2] * sin;
     let h2 = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
-    let lamp = S::constant(q.widening);
-    let au2 = q.alpha_u * q.alpha_u + lamp;
-    let av2 = q.alpha_v * q.alpha_v + lamp;
-    let m2 = h_m * h_m;
+    let au2 = q.alpha_u * q.alpha_u + one.like(widening);
+    let av2 = q.alpha_v * q.alpha_v + one.like(widening);
+    let m2 = N::choose(facing, h_m * h_m, one);
     let cos2 = m2 / h2;
     let exponent = (h[0] * h[0] / au2 + h_e * h_e / av2) / m2;
-    let d = (-exponent).exp() / ((au2 * av2).sqrt() * cos2 * cos2 * PI);
-    let f = reflectance_of(h2.sqrt() * 0.5, q.eta, q.k);
-    let t = S::constant(1.0) - f;
-    q.amplitude * g * d * (f + q.rho_d * t * t * (1.0 / PI)) * 0.25
+    let d = (-exponent).exponential() / ((au2 * av2).root() * cos2 * cos2).times(PI);
+    let (r_s, r_p) = h2.root().times(0.5).mirrored(q.eta, q.k);
+    let f = (r_s + r_p).times(0.5);
+    let t = one - f;
+    let radiance = q.amplitude * g * d * (f + (q.rho_d * t * t).times(FRAC_1_PI)).times(0.25);
+    N::choose(zero.below(g), N::choose(facing, radiance, zero), zero)
 }
 
 /// The angle in the printed G.
@@ -106,7 +101,7 @@ pub fn shadowing_and_masking(reading: Reading, i: [f64; 3], o: [f64; 3], theta_r
 mod tests {
     use super::*;
     use crate::cases::reference::{PRINTED_BRDF, ReferenceTable, directions_of, surface_of};
-    use crate::model::parameters;
+    use crate::model::real::Real;
 
     fn direction(theta: f64, phi: f64) -> [f64; 3] {
         let (s, c) = theta.sin_cos();
@@ -145,8 +140,9 @@ mod tests {
             let case = row.case();
             let (surface, optics) = surface_of(&case);
             let d = directions_of(&case);
-            let q = parameters(&surface, &optics);
-            let l = radiance_of(d.incident.into(), d.outgoing.into(), &q);
+            let q = Parameters::of(&surface, &Real::NONE, &optics);
+            let widening = optics.cones.widening();
+            let l = radiance_of(d.incident.into(), d.outgoing.into(), &q, widening);
             let (f, cond, cos_i) = (row.number("f"), row.number("cond"), case.theta_i.cos());
             // Vectors in doubles lose the digits that the angles' own rounding loses, times a few operations. For
             // opposite grazing directions the sum cancels; only the exact form covers these.

@@ -9,15 +9,16 @@
 //! and grows as (x/α)² beside it, which is its true size. A retro lobe beyond e⁻¹⁰⁰ of its peak is omitted: below
 //! 1e-43 of the peak the inner loop returns 0, unlike the reference form.
 
-use std::f64::consts::{FRAC_1_PI, PI};
+use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
 use crate::geometry::{Directions, Pose, RigGeometry};
 
 use super::dual::Dual;
-use super::form::{self, Fixed, Half, NUMBERS, Shape, Terms};
+use super::form::{self, Fixed, Half, NUMBERS, Shape};
 use super::fresnel::Slopes;
+use super::number::Number as _;
 use super::real::Real;
 use super::register::Register;
 use super::sawtooth::{RETRO_TILT_MAX, RETRO_TILT_MIN, diffuse_transmittance};
@@ -105,8 +106,6 @@ impl OpticsTable {
     /// Computes the table, including the integral T̄ (a few microseconds).
     #[must_use]
     pub fn new(optics: &Optics) -> Self {
-        let eta = Dual::<2>::variable(optics.eta, 0);
-        let k = Dual::<2>::variable(optics.k, 1);
         let t = |cos: f64| {
             let f = super::fresnel::Reflectances::at(cos, optics.eta, optics.k).unpolarised();
             Dual {
@@ -121,15 +120,15 @@ impl OpticsTable {
         let enters = t(1.0) * t(optics.theta_l.cos());
         // If no light enters (total reflection, a perfect mirror), none leaves; `domain` refuses ρd > 0 there.
         let diffuse = if enters.value > f64::MIN_POSITIVE {
-            one / (enters * PI)
+            one / enters.times(PI)
         } else {
             Dual {
                 value: 0.0,
                 partials: [0.0; 2],
             }
         };
-        let t_bar = diffuse_transmittance(eta, k);
-        let exchange = t_bar * t_bar * PI;
+        let t_bar = diffuse_transmittance(optics.eta, optics.k);
+        let exchange = (t_bar * t_bar).times(PI);
         let parts = |x: Dual<2>| [x.value, x.partials[0], x.partials[1]];
         let (diffuse, exchange) = (parts(diffuse), parts(exchange));
         let kappa_index = [1, 2].map(|n| diffuse[n] * exchange[0] + diffuse[0] * exchange[n]);
@@ -188,7 +187,6 @@ pub struct Prepared {
     table: OpticsTable,
     surface: Surface,
     opaque: bool,
-    lean: bool,
     numbers: [f64; NUMBERS],
 }
 
@@ -207,7 +205,6 @@ impl Prepared {
             table: *table,
             surface: *surface,
             opaque: false,
-            lean: false,
             numbers: numbers(surface, table),
         }
     }
@@ -227,13 +224,6 @@ impl Prepared {
         }
     }
 
-    /// Reduces the sawtooth to single reflection, with a flat Lambertian surface for all diffuse light: within a few
-    /// percent of the peak in a fifth of the time, which is enough to search for the lobe.
-    #[must_use]
-    pub fn lean(self) -> Self {
-        Prepared { lean: true, ..self }
-    }
-
     /// Returns the optics of the table.
     #[must_use]
     pub fn optics(&self) -> &Optics {
@@ -251,8 +241,8 @@ impl Prepared {
         }
         let half = self.table.half(&i, &o);
         let shape = Shape::of(&self.numbers, self.surface.amplitude);
-        let (terms, fixed) = (self.terms(), &self.table.fixed);
-        let d = form::radiance(self.variant, terms, fixed, &shape, &half, &i, &o);
+        let (body, fixed) = (self.has_body(), &self.table.fixed);
+        let d = form::radiance(self.variant, body, fixed, &shape, &half, &i, &o);
         let mut out = Partials {
             value: d.value,
             theta_r: d.theta_r,
@@ -266,11 +256,6 @@ impl Prepared {
             incident: d.incident,
             outgoing: d.outgoing,
         };
-        if let Some([albedo, per_rho_d]) = self.flat_light() {
-            out.value += albedo * i[2];
-            out.rho_d = per_rho_d * i[2];
-            out.incident[2] += albedo;
-        }
         if self.turned {
             out.theta_r = -out.theta_r;
             for g in [&mut out.incident, &mut out.outgoing] {
@@ -281,20 +266,10 @@ impl Prepared {
         out
     }
 
-    /// The terms that are evaluated.
-    pub(super) fn terms(&self) -> Terms {
-        Terms {
-            diffuse: !(self.opaque || self.lean),
-            risers: !self.lean,
-        }
+    /// Whether the diffuse terms are evaluated.
+    pub(super) fn has_body(&self) -> bool {
+        !self.opaque
     }
-
-    /// Of the lean form: its diffuse light and ∂/∂ρd over i_n, which are those of a flat Lambertian surface.
-    pub(super) fn flat_light(&self) -> Option<[f64; 2]> {
-        let flat = self.variant == Variant::Sawtooth && self.lean && !self.opaque;
-        flat.then_some([self.surface.rho_d * FRAC_1_PI, FRAC_1_PI])
-    }
-
     pub(super) fn variant(&self) -> Variant {
         self.variant
     }
@@ -508,44 +483,6 @@ mod tests {
                 assert!((slope / (2.0 * h) - found).abs() < 1e-9, "{slope} {found}");
             }
         }
-    }
-
-    #[test]
-    fn the_lean_form_has_the_slopes_of_its_own_value() {
-        let mut s = Stream(13);
-        let mut lit = 0;
-        for _ in 0..500 {
-            let d = draw(&mut s);
-            let table = OpticsTable::new(&d.optics);
-            let at = |theta_r: f64, rho_d: f64, turn: f64| {
-                let surface = Surface {
-                    theta_r,
-                    rho_d,
-                    ..d.surface
-                };
-                let pose = Pose {
-                    theta_c: d.pose.theta_c + Angle::from_rad(turn),
-                    ..d.pose
-                };
-                let lean = Prepared::new(Variant::Sawtooth, &surface, &table).lean();
-                lean.gradient(&d.rig, pose)
-            };
-            let (t, rho) = (d.surface.theta_r, d.surface.rho_d);
-            let g = at(t, rho, 0.0);
-            let h = 1e-5;
-            let slopes = [
-                (at(t + h, rho, 0.0).value - at(t - h, rho, 0.0).value) / (2.0 * h),
-                (at(t, rho + h, 0.0).value - at(t, rho - h, 0.0).value) / (2.0 * h),
-                (at(t, rho, h).value - at(t, rho, -h).value) / (2.0 * h),
-            ];
-            lit += usize::from(g.value > 1e-6);
-            for (slope, found) in slopes.into_iter().zip([g.theta_r, g.rho_d, g.theta_c]) {
-                // h² times a third derivative of at most (1/α)³ of the lobe, plus rounding of 1e-16/h.
-                let size = g.value.max(1e-3) * 1e3 + found.abs();
-                assert!((slope - found).abs() < 1e-5 * size, "{slope} {found}");
-            }
-        }
-        assert!(lit > 300, "{lit}");
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //! Light with ω·n < 0 inside the profile cannot leave it. Light that crosses the line of crests outwards has ω·n > 0.
 //! So all exchange is within one valley: facet and riser, at a right angle, of lengths p and r. Both have Beckmann
 //! roughness with Smith masking (Walter et al. 2007, rational form) and a Lambert term under the rough Fresnel
-//! boundary ([`RoughBoundary`]).
+//! boundary ([`super::rough_boundary`]).
 //!
 //! *One bounce* is exact: visible length times the wall's reflectance, averaged over the cones of lamp and lens by
 //! cubature ([`cone`]). *Two bounces*, facet then riser, for lamp direction a and camera direction b (in the corner
@@ -43,10 +43,10 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::cone::{self, Node};
+use super::extended::three_bounces::three_bounces_and_more;
+use super::extended::{Parameters, Real, Walls};
 use super::fresnel::reflectances;
 use super::prepared::OpticsTable;
-use super::rough_boundary::RoughBoundary;
-use super::sawtooth::{Parameters, three_bounces_and_more};
 use super::{Optics, Surface, third_bounce};
 use crate::geometry::Directions;
 use path::Path;
@@ -68,10 +68,11 @@ pub struct Quadrature {
     sign: f64,
     sin: f64,
     cos: f64,
+    /// The cones' share of a lobe's squared roughness.
+    widening: f64,
     c_d: f64,
-    kappa: f64,
-    /// The transmittance of diffuse light besides Fresnel's.
-    boundary: RoughBoundary,
+    /// The transmittance of diffuse light.
+    walls: Walls,
     /// The cubature over the cones of lamp and lens.
     cones: Vec<Node>,
     /// Whether the first mirror polarises the light that reaches the second one.
@@ -145,20 +146,16 @@ impl Quadrature {
         };
         let (sin, cos) = surface.theta_r.sin_cos();
         let optics = &table.optics;
-        let boundary = if surface.rho_d > 0.0 {
-            RoughBoundary::new(surface.alpha_u, surface.alpha_v, 0.0, optics.eta)
-        } else {
-            RoughBoundary::smooth()
-        };
-        let c_d = surface.rho_d * table.diffuse[0] * boundary.per_entrance(optics);
+        let walls = Walls::new(surface, &Real::NONE, table);
+        let [per_rho_d, _] = walls.body(optics.eta, optics.k);
         Quadrature {
-            q: super::parameters(surface, optics),
+            q: Parameters::of(surface, &Real::NONE, optics),
+            widening: optics.cones.widening(),
             sign,
             sin,
             cos,
-            c_d,
-            kappa: c_d * table.exchange[0],
-            boundary,
+            c_d: surface.rho_d * per_rho_d,
+            walls,
             cones: cone::nodes(&optics.cones, surface.alpha_u.min(surface.alpha_v)),
             polarised: true,
         }
@@ -195,7 +192,7 @@ impl Quadrature {
         if self.q.k > 0.0 {
             sum += self.third_bounce(&a, &b);
         }
-        sum += three_bounces_and_more(i, o, &self.q, &self.boundary, self.c_d, self.kappa);
+        sum += three_bounces_and_more(i, o, &self.q, &self.walls);
         Estimate {
             value: sum / o[2],
             error: error / o[2],
@@ -265,7 +262,7 @@ impl Quadrature {
     /// Returns a wall's transmittance for a direction along the ridges, across them and along the wall's normal.
     fn transmittance(&self, u: f64, across: f64, normal: f64) -> f64 {
         let (s, p) = reflectances(normal, self.q.eta, self.q.k);
-        1.0 - 0.5 * (s + p) + self.boundary.excess(u, across, normal)
+        1.0 - 0.5 * (s + p) + self.walls.boundary.excess(u, across, normal)
     }
 
     fn reflectance(&self, cos: f64) -> f64 {
@@ -274,7 +271,7 @@ impl Quadrature {
     }
 
     fn lobe(&self, widened: bool) -> Lobe {
-        let cones = if widened { self.q.widening } else { 0.0 };
+        let cones = if widened { self.widening } else { 0.0 };
         Lobe {
             au2: self.q.alpha_u * self.q.alpha_u + cones,
             av2: self.q.alpha_v * self.q.alpha_v + cones,

@@ -1,8 +1,8 @@
 //! The closed form of one surface as a BRDF: prepared once, evaluated in many directions.
 
-use super::extended::{self, Parameters, Real, Terms, Walls};
-use super::prepared::OpticsTable;
-use super::{Optics, Surface, Variant, radiance};
+use super::closed_form::ClosedForm;
+use super::extended::Real;
+use super::{Optics, Surface, Variant};
 use crate::geometry::{Cones, Directions};
 
 /// A surface whose BRDF is a closed form, for points of lamp and lens.
@@ -10,63 +10,35 @@ use crate::geometry::{Cones, Directions};
 pub struct SurfaceBrdf {
     variant: Variant,
     surface: Surface,
-    optics: Optics,
-    real: Real,
-    terms: Terms,
-    walls: Walls,
+    tail: f64,
+    form: ClosedForm,
 }
 
 impl SurfaceBrdf {
-    /// Prepares a surface; `real` selects the form of real samples ([`extended`]), which is one of the sawtooth. The cones of
-    /// `optics` have no effect. The surface passes [`super::domain::check`], and θr is not negative.
+    /// Prepares a surface; `real` selects the form of real samples, as in [`ClosedForm::new`]. The cones of `optics` have no
+    /// effect. The surface passes [`super::domain::check`].
     #[must_use]
     pub fn new(variant: Variant, surface: Surface, real: Option<Real>, optics: &Optics) -> Self {
-        let optics = Optics {
+        let points = Optics {
             cones: Cones::NONE,
             ..*optics
         };
-        let table = OpticsTable::new(&optics);
-        // With smooth walls and no deviations the form is that of an ideal sawtooth.
-        let walls = match &real {
-            Some(real) => Walls::new(&surface, real, &table),
-            None => Walls::smooth(&table),
-        };
-        let real = real.unwrap_or(Real::NONE);
         SurfaceBrdf {
             variant,
             surface,
-            optics,
-            real,
-            terms: Terms::of(&real, &optics, false, false),
-            walls,
+            tail: real.map_or(0.0, |real| real.tail),
+            form: ClosedForm::new(variant, &surface, real.as_ref(), &points),
         }
     }
 
     /// Returns f in 1/sr; 0 if lamp or camera is not above the surface.
     #[must_use]
     pub fn value(&self, directions: &Directions) -> f64 {
-        let (i, o) = (directions.incident, directions.outgoing);
-        if i.z <= 0.0 || o.z <= 0.0 {
+        let cos_i = directions.incident.z;
+        if cos_i <= 0.0 {
             return 0.0;
         }
-        let radiance = match self.variant {
-            Variant::Paper => radiance(self.variant, directions, &self.surface, &self.optics),
-            Variant::Sawtooth => {
-                let (surface, real) = (&self.surface, &self.real);
-                let q = Parameters {
-                    theta_r: surface.theta_r,
-                    alpha_u: surface.alpha_u,
-                    alpha_v: surface.alpha_v,
-                    rho_d: surface.rho_d,
-                    real: *real,
-                    amplitude: surface.amplitude,
-                    eta: self.optics.eta,
-                    k: self.optics.k,
-                };
-                extended::radiance_of(i.into(), o.into(), &q, self.terms, &self.walls, 0.0)
-            }
-        };
-        radiance / i.z
+        self.form.radiance(directions) / cos_i
     }
 
     /// Which closed form it is.
@@ -84,13 +56,14 @@ impl SurfaceBrdf {
     /// Tail ι of its slopes; 0 is Beckmann.
     #[must_use]
     pub fn tail(&self) -> f64 {
-        self.real.tail
+        self.tail
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::radiance;
     use nalgebra::Vector3;
 
     const SURFACE: Surface = Surface {

@@ -125,8 +125,7 @@ impl WithSimd for OverViews<'_> {
             *to = k!(*x);
         }
         let shape = Shape::of(&numbers, k!(prepared.surface().amplitude));
-        let (fixed, terms) = (prepared.table().fixed(), prepared.terms());
-        let flat = prepared.flat_light();
+        let (fixed, body) = (prepared.table().fixed(), prepared.has_body());
         let Rotation { tilt, turn } = self.rotation;
         // θr < 0 is the surface rotated by 180°.
         let side = if prepared.is_turned() { -1.0 } else { 1.0 };
@@ -148,12 +147,7 @@ impl WithSimd for OverViews<'_> {
             }
             let ((xi, i), (xo, o)) = (rotated!(0), rotated!(3));
             let half = Half::of_directions(&i, &o, fixed);
-            let mut g = form::radiance(prepared.variant(), terms, fixed, &shape, &half, &i, &o);
-            if let Some([albedo, per_rho_d]) = flat {
-                g.value = k!(albedo).mul_add(i[2], g.value);
-                g.rho_d = k!(per_rho_d) * i[2];
-                g.incident[2] = g.incident[2] + k!(albedo);
-            }
+            let g = form::radiance(prepared.variant(), body, fixed, &shape, &half, &i, &o);
             // The tilt rotates a rig direction (x, y, z) at the rate (z, 0, −x); the rotation of the sample rotates (u, v)
             // at the rate (v, −u).
             macro_rules! slopes {
@@ -245,8 +239,7 @@ mod tests {
                     rho_d,
                     amplitude: 0.9,
                 };
-                let plain = Prepared::new(variant, &surface, &table);
-                let prepared = if n % 5 == 4 { plain.lean() } else { plain };
+                let prepared = Prepared::new(variant, &surface, &table);
                 let views = field(Angle::from_deg(f64::from(n % 8) * 14.0 - 50.0));
                 let rotation = Rotation {
                     tilt: 0.01_f64.sin_cos(),

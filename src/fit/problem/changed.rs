@@ -55,13 +55,6 @@ impl<'a> Problem<'a> {
         self
     }
 
-    /// Selects the cheaper form of the closed form for finding the lobe.
-    #[must_use]
-    pub fn with_lean(mut self, lean: bool) -> Self {
-        self.lean = lean;
-        self
-    }
-
     /// Omits the facets' reflection.
     #[must_use]
     pub fn without_lobe(mut self) -> Self {

@@ -3,11 +3,9 @@
 use std::f64::consts::PI;
 
 use super::{Problem, Ready};
-use crate::fit::lean;
 use crate::fit::least_squares::LeastSquares;
 use crate::fit::loss::Loss;
 use crate::fit::quantity::{Quantity, Values};
-use crate::model::Variant;
 use crate::units::Angle;
 
 impl LeastSquares for &Problem<'_> {
@@ -24,14 +22,9 @@ impl LeastSquares for &Problem<'_> {
         let values = self.unpack(x);
         let m = self.n_residuals();
         let samples = self.set.observations.len();
-        let known = self.lean
-            && self.variant == Variant::Sawtooth
-            && self.is_plain()
-            && self.optics(&values) == self.optics
-            && lean::evaluate(self, &values, residuals, jacobian, m);
         let ready = self.ready(&values);
         let mut row = vec![0.0; self.free.len()];
-        for i in if known { samples } else { 0 }..samples {
+        for i in 0..samples {
             residuals[i] = self.sample_row(i, &ready, &values, &mut row);
             for (j, d) in row.iter().enumerate() {
                 jacobian[i + j * m] = *d;

@@ -45,8 +45,19 @@ impl Search<'_> {
         let nominal = problem.with_nominal_index();
         let count = self.affordable(&nominal, count);
         let starts = drawn::starts(&nominal, self.fallback, count, self.next_seed());
+        self.descend_from(problem, &nominal, &starts);
+    }
+
+    /// Descends from starts on a problem without a free index and refines their different ends on `problem`. Each start
+    /// counts once at its end.
+    pub(super) fn descend_from(
+        &mut self,
+        problem: &Problem<'_>,
+        nominal: &Problem<'_>,
+        starts: &[Values],
+    ) {
         let (evaluations, late) = (self.tuning.evaluations as usize, || self.over());
-        let mut ends = descend(&nominal, &starts, evaluations, &late, self.cancel);
+        let mut ends = descend(nominal, starts, evaluations, &late, self.cancel);
         if nominal.free().len() < problem.free().len() {
             for end in &mut ends {
                 end.parameters = problem.pack(&nominal.unpack(&end.parameters));
@@ -146,7 +157,7 @@ fn descend(
     if crew::knows(problem) {
         let begun = starts.par_chunks(CHUNK).filter(|_| !late());
         return begun
-            .filter_map(|chunk| crew::descend_in_full(problem, chunk, evaluations, cancel))
+            .filter_map(|chunk| crew::descend_together(problem, chunk, evaluations, cancel))
             .flatten_iter()
             .map(Minimum::from)
             .filter(usable)

@@ -1,6 +1,7 @@
 //! What the deviations of real samples make of the walls.
 
 use crate::model::Surface;
+use crate::model::number::Number;
 use crate::model::prepared::OpticsTable;
 use crate::model::real::Real;
 use crate::model::rough_boundary::RoughBoundary;
@@ -8,13 +9,13 @@ use crate::model::rough_boundary::RoughBoundary;
 /// The walls' numbers that do not depend on the pose; computed once per roughness.
 #[derive(Debug, Clone)]
 pub struct Walls {
-    pub(super) boundary: RoughBoundary,
-    /// Real part of the index of the numbers below.
-    pub(super) eta: f64,
-    /// 1/(π T̃(1) T̃(cos θl)) with its slope with respect to the real index.
-    pub(super) diffuse: [f64; 2],
-    /// π T̄² with its slope with respect to the real index.
-    pub(super) exchange: [f64; 2],
+    pub(in crate::model) boundary: RoughBoundary,
+    /// Index η + ik of the numbers below.
+    index: [f64; 2],
+    /// 1/(π T̃(1) T̃(cos θl)) with ∂/∂η and ∂/∂k.
+    diffuse: [f64; 3],
+    /// π T̄² with ∂/∂η and ∂/∂k.
+    exchange: [f64; 3],
 }
 
 impl Walls {
@@ -29,7 +30,7 @@ impl Walls {
         };
         let more = boundary.per_entrance(optics);
         Walls {
-            diffuse: [more * table.diffuse[0], more * table.diffuse[1]],
+            diffuse: table.diffuse.map(|x| more * x),
             boundary,
             ..Walls::smooth(table)
         }
@@ -39,10 +40,30 @@ impl Walls {
     #[must_use]
     pub fn smooth(table: &OpticsTable) -> Self {
         Walls {
-            eta: table.optics.eta,
-            diffuse: [table.diffuse[0], table.diffuse[1]],
-            exchange: [table.exchange[0], table.exchange[1]],
+            index: [table.optics.eta, table.optics.k],
+            diffuse: table.diffuse,
+            exchange: table.exchange,
             boundary: RoughBoundary::smooth(),
         }
+    }
+
+    /// Walls of a body without diffuse light.
+    #[must_use]
+    pub fn dark() -> Self {
+        Walls {
+            index: [1.0, 0.0],
+            diffuse: [0.0; 3],
+            exchange: [0.0; 3],
+            boundary: RoughBoundary::smooth(),
+        }
+    }
+
+    /// Returns c_d/ρd and κ/c_d at an index near that of the walls, to the first order of their difference.
+    pub(in crate::model) fn body<N: Number>(&self, eta: N, k: N) -> [N; 2] {
+        [self.diffuse, self.exchange].map(|[at, by_eta, by_k]| {
+            let near =
+                |eta: f64, k: f64| at + by_eta * (eta - self.index[0]) + by_k * (k - self.index[1]);
+            eta.map2(k, |eta, k| (near(eta, k), by_eta, by_k))
+        })
     }
 }

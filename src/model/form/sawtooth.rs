@@ -5,12 +5,12 @@
 use super::diffuse::diffuse;
 use super::ray::{Back, Ray, Shared};
 use super::retro::retro;
-use super::shape::{Derivatives, Fixed, Half, Shape, Terms};
+use super::shape::{Derivatives, Fixed, Half, Shape};
 use crate::model::register::Register;
 
 #[inline(always)]
 pub(super) fn radiance<R: Register>(
-    terms: Terms,
+    body: bool,
     fixed: &Fixed,
     q: &Shape<R>,
     half: &Half<R>,
@@ -23,15 +23,15 @@ pub(super) fn radiance<R: Register>(
     let mut shared = Shared::zero(zero);
     let mut sum = single(q, half, [&ray_i, &ray_o], [&mut gi, &mut go], &mut shared);
     let (mut to_theta, mut to_rho_d) = (zero, zero);
-    let any_riser = terms.risers && (R::any(ray_i.on_riser) || R::any(ray_o.on_riser));
+    let any_riser = R::any(ray_i.on_riser) || R::any(ray_o.on_riser);
     // Without diffuse light only the retro lobe needs the walls, and only if a direction reaches a riser.
-    let walls = if terms.diffuse || any_riser {
+    let walls = if body || any_riser {
         Some((ray_i.walls(fixed), ray_o.walls(fixed)))
     } else {
         None
     };
     if let Some((wi, wo)) = &walls {
-        if terms.diffuse {
+        if body {
             let (rays, walls) = ([&ray_i, &ray_o], [wi, wo]);
             let light = diffuse(q, rays, walls, [&mut gi, &mut go], &mut shared);
             sum = q.c_d.fused(light.sum, sum);

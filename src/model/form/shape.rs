@@ -142,15 +142,6 @@ impl<R: Register> Half<R> {
     }
 }
 
-/// The terms that are evaluated.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Terms {
-    /// Diffuse light; without it ∂/∂ρd is 0.
-    pub(crate) diffuse: bool,
-    /// Light that two walls reflect.
-    pub(crate) risers: bool,
-}
-
 /// A radiance with its slopes.
 #[derive(Clone, Copy)]
 pub(crate) struct Derivatives<R> {
