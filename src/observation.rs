@@ -127,6 +127,9 @@ pub struct LampDrift {
     /// Fraction of the time column that the other parameters explain: above 0.95 the drift cannot
     /// be separated from them.
     pub alike: f64,
+    /// Reduced χ² by which the drift explains more than as many polynomials of the tilt or of the azimuth. Where the poses
+    /// are visited in an order, these imitate each other.
+    pub over_pose: f64,
     /// Largest ratio of a coefficient to its change when whole tilts and azimuths are left out, in
     /// standard deviations.
     pub steady_over_groups: f64,

@@ -9,8 +9,9 @@
 //!
 //! A drift is reported if chance gives so large an F, for one degree or for all, less than once in 10,000 series, and if
 //! it has one direction (|t| > 3.2). The model error also depends on time if the poses are visited in an order. Leaving
-//! out whole tilts and azimuths in turn must therefore not change the drift ([`jackknife::by_groups`]). A curve in time
-//! also explains a part of any large misfit: where the model error is [`LOUD`], a drift has to explain most of it.
+//! out whole tilts and azimuths in turn must therefore not change the drift ([`jackknife::by_groups`]), and as many polynomials
+//! of the tilt or of the azimuth must not explain the residuals as well: where they explain more, nothing is reported, and
+//! where the data do not decide, nothing is corrected. A curve in time also explains a part of any large misfit: where the model error is [`LOUD`], a drift has to explain most of it.
 //!
 //! A lamp that warms up does not follow polynomials. Half of the correction and the covariance of the coefficients are
 //! therefore in the budget line `drift`.
@@ -21,6 +22,7 @@ use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 use super::estimate::Estimate;
 use super::leftover::Leftover;
 use super::misfit::LOUD;
+use crate::geometry::Pose;
 use crate::jackknife;
 use crate::observation::{LampDrift, ObservationSet};
 
@@ -38,6 +40,8 @@ const DEGREES: usize = 2;
 const DEGREES_MAX: usize = 3;
 /// Standard deviations, by the jackknife over whole tilts and azimuths, that a reported drift differs from zero.
 const GROUPS: f64 = 1.5;
+/// Reduced χ² that decides between two explanations with as many coefficients: odds of e⁵.
+const DECIDES: f64 = 10.0;
 /// Smallest number of degrees of freedom for which a drift is reported.
 const FREEDOM_MIN: f64 = 5.0;
 /// Share of the time column that other parameters explain, above which time is hardly separable from them.
@@ -131,6 +135,25 @@ fn legendre(degree: usize, x: f64) -> f64 {
         2 => 0.5 * (3.0 * x * x - 1.0),
         _ => 0.5 * (5.0 * x * x - 3.0) * x,
     }
+}
+
+/// Returns χ² with the best curve of `degrees` in the tilt or the azimuth; infinite if no pose differs from the others.
+fn best_over_poses(set: &ObservationSet, left: &Leftover, degrees: usize) -> f64 {
+    let places = [
+        |pose: &Pose| pose.theta_c.deg(),
+        |pose: &Pose| pose.phi_s.deg(),
+    ];
+    let curves = places.into_iter().filter_map(|place| {
+        let at: Vec<f64> = set.observations.iter().map(|o| place(&o.pose)).collect();
+        let low = at.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = at.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let columns: Vec<DVector<f64>> = (1..=degrees)
+            .map(|k| left.column(|i| legendre(k, 2.0 * (at[i] - low) / (high - low) - 1.0)))
+            .map(|column| left.without(&column))
+            .collect();
+        Curve::of(left, &columns)
+    });
+    curves.map(|curve| curve.chi2).fold(f64::INFINITY, f64::min)
 }
 
 /// Fitted coefficients.
@@ -231,6 +254,9 @@ pub fn fitted(estimate: &Estimate<'_>) -> Option<LampDrift> {
         chance,
         explains: 1.0 - curve.chi2 / before,
         alike: 1.0 - open / square,
+        over_pose: ((best_over_poses(set, &left, degrees) - curve.chi2) * curve.freedom
+            / curve.chi2)
+            .min(f64::MAX),
         theta_r_before: estimate.values.folded().theta_r,
         steady_over_groups: (0..degrees)
             .map(|k| (curve.coefficients[k] / by_groups[k]).abs())
@@ -266,8 +292,10 @@ pub(super) fn drift(estimate: &Estimate<'_>) -> Option<Drift> {
                 .t
                 .abs()
                 .max((lamp.change_over_series / lamp.change_std).abs());
-            let stands_out =
-                lamp.chance < CHANCE && one_way > REPORTED_T && lamp.steady_over_groups > GROUPS;
+            let stands_out = lamp.chance < CHANCE
+                && one_way > REPORTED_T
+                && lamp.steady_over_groups > GROUPS
+                && lamp.over_pose > -DECIDES;
             ((plausible && counts && stands_out).then_some(lamp)?, 1.0)
         }
     };
@@ -296,6 +324,12 @@ pub(super) fn drift(estimate: &Estimate<'_>) -> Option<Drift> {
     })
 }
 
+/// Returns the drift by which the observations are to be corrected.
+pub(super) fn to_correct(estimate: &Estimate<'_>) -> Option<LampDrift> {
+    let lamp = drift(estimate)?.lamp;
+    (lamp.over_pose > DECIDES).then_some(lamp)
+}
+
 /// Returns the observations as under a steady lamp, marked as corrected; none if they have no times.
 pub(super) fn without(set: &ObservationSet, lamp: LampDrift) -> Option<ObservationSet> {
     let shares = Times::of(set)?.shares(&lamp.coefficients);
@@ -322,14 +356,9 @@ impl Drift {
         } else {
             "fell"
         };
-        let advice = match lamp.alike > ALIKE {
-            true => {
-                "These poses hardly separate time from the parameters: repeat the first pose at the end, and measure the \
-                 white reference before and after the series."
-            }
-            false => {
-                "Let the lamp warm up, or measure the white reference before and after the series."
-            }
+        let what = match self.is_decided() {
+            true => "The lamp drifts",
+            false => "The lamp drifts, or something follows the order of the poses",
         };
         let effect = match self.is_corrected {
             true => {
@@ -338,10 +367,33 @@ impl Drift {
             false => "The budget line `drift` contains the effect.",
         };
         format!(
-            "The lamp drifts: the signals {way} by {change:.decimals$} ± {expanded:.decimals$} % (k = 2) over the \
-             {minutes:.0} min of the series (F = {:.0}). {effect} {advice}",
-            lamp.f
+            "{what}: the signals {way} by {change:.decimals$} ± {expanded:.decimals$} % (k = 2) over the {minutes:.0} min of \
+             the series (F = {:.0}). {effect} {}",
+            lamp.f,
+            self.advice()
         )
+    }
+
+    /// What the user should do.
+    pub fn advice(&self) -> &'static str {
+        match (self.is_decided(), self.lamp.alike > ALIKE) {
+            (false, _) => {
+                "The poses were visited in an order, so that time imitates their angles: visit them in random order, or \
+                 repeat the first pose at the end."
+            }
+            (true, true) => {
+                "These poses hardly separate time from the parameters: repeat the first pose at the end, and measure the \
+                 white reference before and after the series."
+            }
+            (true, false) => {
+                "Let the lamp warm up, or measure the white reference before and after the series."
+            }
+        }
+    }
+
+    /// Whether the data decide between the lamp and a cause that follows the poses.
+    fn is_decided(&self) -> bool {
+        self.lamp.over_pose > DECIDES
     }
 }
 

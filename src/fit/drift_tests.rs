@@ -162,6 +162,30 @@ fn a_wrong_scale_is_not_taken_for_a_drift_and_a_large_drift_is_reported() {
     }
 }
 
+/// Poses tilt by tilt: the time imitates the tilt.
+#[test]
+fn what_follows_the_tilt_is_not_corrected_as_a_drift_of_the_lamp() {
+    let poses = || {
+        (0..84).map(|n| Pose::from_deg(5.0 * f64::from(n / 12) - 15.0, f64::from(30 * (n % 12))))
+    };
+    let timed = |share: &dyn Fn(usize) -> f64| {
+        let mut set = painted(poses(), &TRUTH, 2e-4, 3);
+        for (k, o) in set.observations.iter_mut().enumerate() {
+            o.taken_s = Some(30.0 * (k as f64 + 1.0));
+            o.signal *= 1.0 + share(k);
+        }
+        set
+    };
+    // A step per tilt: what a lamp cannot do.
+    let follows = timed(&|k| 0.01 * (k / 12) as f64 / 6.0);
+    let estimate = fitted_to(&follows, None);
+    assert_eq!(to_correct(&estimate), None, "{:?}", drift(&estimate));
+    let drifts = timed(&|k| 0.01 * k as f64 / 84.0);
+    let lamp = to_correct(&fitted_to(&drifts, None)).expect("1 % over the series");
+    let off = lamp.change_over_series - 0.01;
+    assert!(off.abs() < 4.0 * lamp.change_std, "{lamp:?}");
+}
+
 /// With 20 poses the residual of the ideal sawtooth has few degrees of freedom and may look like a trend.
 #[test]
 fn tails_that_few_poses_see_are_not_taken_for_a_drift() {

@@ -17,6 +17,8 @@ pub enum Code {
     WedgeAcross,
     /// The lamp stands at another azimuth about the camera's axis than stated.
     LampAzimuth,
+    /// The white reference depends on the tilt otherwise than a Lambertian surface at the stated angles.
+    WhiteReference,
     /// The counts of the detector are not proportional to the light.
     NonLinear,
     /// The lamp changed while the poses were measured.
@@ -31,12 +33,13 @@ pub enum Code {
 
 impl Code {
     /// All codes.
-    pub const ALL: [Code; 10] = [
+    pub const ALL: [Code; 11] = [
         Code::Tails,
         Code::RoundedCrests,
         Code::Translucent,
         Code::WedgeAcross,
         Code::LampAzimuth,
+        Code::WhiteReference,
         Code::NonLinear,
         Code::LampDrift,
         Code::Index,
@@ -53,6 +56,7 @@ impl Code {
             Code::Translucent => "translucent",
             Code::WedgeAcross => "wedge-across",
             Code::LampAzimuth => "lamp-azimuth",
+            Code::WhiteReference => "white-reference",
             Code::NonLinear => "non-linear",
             Code::LampDrift => "lamp-drift",
             Code::Index => "index",

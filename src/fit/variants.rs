@@ -7,7 +7,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::budget::{Uncertainty, judged, uncertainty};
-use super::drift::{drift, without};
+use super::drift::{to_correct, without};
 use super::estimate::Estimate;
 use super::intervals;
 use super::misfit::LOUD;
@@ -188,9 +188,9 @@ fn fit_each(
     }
     let [paper, ideal, sawtooth] = all;
     if set.lamp.is_none()
-        && let Some(drift) = sawtooth.as_ref().and_then(drift)
+        && let Some(lamp) = sawtooth.as_ref().and_then(to_correct)
         && !(enough || cancel.load(Ordering::Relaxed))
-        && let Some(steady) = without(set, drift.lamp)
+        && let Some(steady) = without(set, lamp)
     {
         // Fits everything again to the observations of a steady lamp.
         return fit_each(&steady, options, tier, tracer, cancel);

@@ -45,7 +45,6 @@ mod extreme_tests;
 #[cfg(test)]
 mod law_tests;
 
-
 #[cfg(test)]
 use crate::geometry::Pose;
 use crate::geometry::{Cones, Directions, RigGeometry};

@@ -585,7 +585,7 @@ fn warn_of_lost_poses(calls: &Calls<'_>, poses: &[PoseLevels], log: &mut Reducti
         let near = |p: &PoseLevels| {
             let limit = 2.0 * flats::SAME_ANGLE_DEG;
             (p.pose.theta_c - pose.theta_c).deg().abs() <= limit
-                && (p.pose.phi_s - pose.phi_s).deg().abs() <= limit
+                && (p.pose.phi_s - pose.phi_s).wrapped().deg().abs() <= limit
         };
         if !poses.iter().any(near) {
             let words = format!("(θc {:.1}, φs {:.1})", pose.theta_c, pose.phi_s);

@@ -35,15 +35,14 @@ pub(super) fn all(
             ),
         });
     }
-    if let Some(Drift { lamp, .. }) = drift {
+    if let Some(drift) = drift {
+        let lamp = &drift.lamp;
         let moved = e.values.folded().theta_r - lamp.theta_r_before;
         found.push(Finding {
             code: Code::LampDrift,
             explains: lamp.explains,
             change_of_theta_r_deg: set.lamp.map(|_| moved.to_degrees()),
-            advice:
-                "Let the lamp warm up, or measure the white reference before and after the series."
-                    .to_owned(),
+            advice: drift.advice().to_owned(),
         });
     }
     if let Some(poses) = bad_poses(e) {

@@ -8,14 +8,14 @@ use crate::fit::problem::Quantity;
 pub(super) struct Suspect {
     pub(super) code: Code,
     pub(super) quantity: Quantity,
-    /// Starting values.
+    /// Starting values; none where the descent begins at the minimum.
     pub(super) starts: &'static [f64],
     /// Below this magnitude the quantity counts as absent.
     pub(super) least: f64,
 }
 
 /// All of them.
-pub(super) const SUSPECTS: [Suspect; 6] = [
+pub(super) const SUSPECTS: [Suspect; 7] = [
     Suspect {
         code: Code::Translucent,
         quantity: Quantity::Translucency,
@@ -45,6 +45,13 @@ pub(super) const SUSPECTS: [Suspect; 6] = [
         quantity: Quantity::LampTurn,
         starts: &[0.0],
         least: 3e-3,
+    },
+    // The flats determine the stray light. Without their full weight the observations determine it.
+    Suspect {
+        code: Code::WhiteReference,
+        quantity: Quantity::Background,
+        starts: &[],
+        least: 0.0,
     },
     Suspect {
         code: Code::Index,

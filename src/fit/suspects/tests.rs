@@ -1,6 +1,7 @@
-//! A tilt of the sample across the ridges, a lamp beside its stated place, tails of the slopes at few poses, two causes at once
+//! A tilt of the sample across the ridges, a lamp beside its stated place, a white reference that is not Lambertian, tails of the slopes at few poses, two causes at once
 //! and another index, painted by the closed form.
 
+use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
 
 use crate::fit::findings::Code;
@@ -11,7 +12,7 @@ use crate::fit::{FitOptions, VariantChoice, fit};
 use crate::geometry::Pose;
 use crate::material::Material;
 use crate::model::Variant;
-use crate::observation::ObservationSet;
+use crate::observation::{FlatObservation, ObservationSet};
 use crate::units::Angle;
 
 fn tilted(wedge_deg: f64, azimuth_deg: f64, alpha_v: f64) -> ObservationSet {
@@ -83,6 +84,38 @@ fn a_lamp_beside_its_stated_place_is_fitted() {
     let away = theta_r.value.unwrap() - TRUTH.theta_r.to_degrees();
     let (u, own) = (theta_r.expanded.unwrap(), theta_r.budget.unwrap().model);
     assert!(away.abs() < 0.05 && u < 0.05, "{away} {u} {own}");
+}
+
+/// Flats at seven tilts of a white reference whose radiance falls by `falls` over 30° of its inclination to the lamp.
+fn with_flats(mut set: ObservationSet, falls: f64) -> ObservationSet {
+    let flats = (-3..=3).map(|n| {
+        let theta_c = Angle::from_deg(5.0 * f64::from(n));
+        let away = (theta_c + set.rig.theta_l).deg() / 30.0;
+        let lambertian = 0.99 / PI * set.rig.cos_incidence(theta_c);
+        FlatObservation {
+            theta_c,
+            signal: lambertian * (1.0 - falls * away * away),
+            sigma: 1e-4 * lambertian,
+        }
+    });
+    set.flats = flats.collect();
+    set
+}
+
+#[test]
+fn a_white_reference_that_is_not_lambertian_is_named_and_its_shape_does_not_count() {
+    let plain = painted(poses(7, 5.0, 12), &TRUTH, 2e-4, 5);
+    for falls in [0.015, -0.015] {
+        let set = with_flats(plain.clone(), falls);
+        let (away, _, codes) = found(&set, &TRUTH);
+        assert_eq!(codes.first(), Some(&Code::WhiteReference), "{codes:?}");
+        assert!(away.abs() < 2.5, "{away}");
+        let report = fit(&set, &FitOptions::default(), &AtomicBool::new(false));
+        let rho_d = &report.parameters.rho_d;
+        let off = rho_d.value.unwrap() - TRUTH.rho_d;
+        assert!(off.abs() < rho_d.expanded.unwrap(), "{off} {rho_d:?}");
+    }
+    assert_eq!(found(&with_flats(plain, 0.0), &TRUTH).2, []);
 }
 
 #[test]

@@ -3,11 +3,14 @@
 use rayon::prelude::*;
 
 use super::list::{SUSPECTS, Suspect};
-use super::{ALIKE, BESIDE, BRIEF, EXPLAINED, Inquiry, OTHERS, TURNED, Trial, has_body};
+use super::{
+    ALIKE, BESIDE, BRIEF, EXPLAINED, Inquiry, NOT_LAMBERTIAN, OTHERS, TURNED, Trial, has_body,
+};
 use crate::fit::findings::Code;
 use crate::fit::problem::{Quantity, Values};
 use crate::fit::search::ONE_SURFACE;
 use crate::fit::start::distance;
+use crate::observation::ObservationSet;
 
 /// A suspect, the fit with it free, and the suspects that cannot be distinguished from it.
 #[derive(Clone)]
@@ -54,10 +57,12 @@ impl<'a> Inquiry<'_, 'a> {
         let body = has_body(self.e);
         // On a goniometer the lamp has no place beside the camera.
         let turns = !self.e.problem.set().is_of_goniometer();
+        let flats = !self.e.problem.set().flats.is_empty();
         let may = |s: &&Suspect| {
             !joined.contains(&s.quantity)
                 && (body || s.quantity != Quantity::Translucency)
                 && (turns || s.quantity != Quantity::LampTurn)
+                && (flats || s.code != Code::WhiteReference)
                 && !self.e.held.contains(&s.quantity)
         };
         let suspects: Vec<Suspect> = SUSPECTS.iter().filter(may).copied().collect();
@@ -73,7 +78,7 @@ impl<'a> Inquiry<'_, 'a> {
             let values = step.trial.values();
             let much = values.inner(step.suspect.quantity).abs();
             match step.suspect.code {
-                Code::Index => true,
+                Code::Index | Code::WhiteReference => true,
                 // A plane that is tilted imitates gentle ridges that lean the other way.
                 Code::WedgeAcross if much > 0.5 * values.theta_r.abs() => false,
                 _ => much > step.suspect.least,
@@ -134,8 +139,11 @@ impl<'a> Inquiry<'_, 'a> {
             free.push(suspect.quantity);
         }
         let mut problem = on.problem.clone().with_fixed(here).with_free(free);
-        if suspect.code == Code::Index {
-            problem = problem.without_priors(&[Quantity::Eta]);
+        if suspect.starts.is_empty() {
+            problem = match suspect.code {
+                Code::WhiteReference => problem.with_flat_sigma(without_shape(on.problem.set())),
+                _ => problem.without_priors(&[Quantity::Eta]),
+            };
             return self.descended(problem.clone(), &problem.pack(&here));
         }
         let ends = suspect.starts.iter().filter_map(|start| {
@@ -201,6 +209,14 @@ impl<'a> Inquiry<'_, 'a> {
 /// Returns a list with one more quantity.
 fn with(joined: &[Quantity], q: Quantity) -> Vec<Quantity> {
     joined.iter().copied().chain([q]).collect()
+}
+
+/// Standard uncertainties of the flats of a white reference that is not Lambertian.
+fn without_shape(set: &ObservationSet) -> Vec<f64> {
+    let flats = set.flats.iter();
+    flats
+        .map(|f| f.sigma.hypot(NOT_LAMBERTIAN * f.signal))
+        .collect()
 }
 
 /// Sorts steps, lowest cost first.

@@ -84,6 +84,7 @@ const FINDINGS: &[&str] = &[
     "translucent",
     "wedge-across",
     "lamp-azimuth",
+    "white-reference",
     "non-linear",
     "lamp-drift",
     "index",

@@ -37,6 +37,7 @@ export const FINDINGS: Readonly<Record<string, string>> = {
   translucent: 'Translucent body',
   'wedge-across': 'Wedge across the ridges',
   'lamp-azimuth': 'Lamp beside its stated place',
+  'white-reference': 'White reference not Lambertian',
   'non-linear': 'Camera not linear',
   'lamp-drift': 'Lamp drift',
   index: 'Refractive index',
