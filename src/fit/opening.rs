@@ -88,6 +88,13 @@ impl<'a> Opening<'a> {
         }
     }
 
+    /// Returns the cost of the best end of the first starts, with weights that allow errors of a few per cent.
+    pub(super) fn first_cost(&self, options: &FitOptions, cancel: &AtomicBool) -> Option<f64> {
+        let mut search = Search::new(&self.fixed, options.seed, options.tuning, cancel);
+        search.quick(&self.first, options.starts);
+        search.best().map(|end| end.cost)
+    }
+
     /// Returns a search after its first starts, with a time limit.
     pub(super) fn search<'s>(
         &'s self,

@@ -5,6 +5,7 @@
 
 mod causes;
 mod contradictions;
+mod conventions;
 mod doubts;
 mod omissions;
 mod rig_slips;
@@ -27,6 +28,7 @@ use crate::model::extended::slopes::{gamma, half_width_over_alpha};
 use crate::observation::ObservationSet;
 use crate::wording::counted;
 use contradictions::denied;
+use conventions::other_convention;
 use doubts::{ambiguous, darkness, unexplained, unfinished};
 use rig_slips::{rig_slips, steeper_than_stated};
 pub(super) use status::status;
@@ -103,6 +105,7 @@ pub(super) fn report_with(e: &Estimate<'_>, u: &Uncertainty, variant: VariantNam
         warnings.push(unexplained(&findings, set.is_of_near_rig()));
     }
     if e.discrepancy > LOUD && variant != VariantName::Paper {
+        warnings.extend(other_convention(set));
         let way_out = match variant {
             VariantName::Traced => "a check of the residuals and of the traced shape",
             _ => "--variant traced or a check of the residuals",
