@@ -13,8 +13,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use pulp::{Arch, Simd, WithSimd};
 
 use super::lane_form::{COLUMNS, LaneForm, N, ROW, SHAPE, columns, rows};
+use super::minimum::{Bounds, Ending, Minimum};
 use super::problem::{Problem, Values};
-use super::solver::Bounds;
 use crate::model::lanes::{Lane, Numbers, WIDEST};
 
 const PACKED: usize = N * (N + 1) / 2;
@@ -25,29 +25,18 @@ const HARDLY_DAMPED: f64 = 1e-3;
 /// Longest steps: rad, logarithms, ρd, a share of scale (see [`limit`]).
 const STEP_MAX: [f64; N] = [0.15, 0.7, 0.7, 0.5, 1.0, f64::INFINITY, 0.5, 0.1];
 
-/// The end of a lane.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct End {
-    /// The vector of the problem.
-    pub parameters: Vec<f64>,
-    /// Cost of the form there.
-    pub cost: f64,
-    /// Whether it is a minimum: a nearly undamped step would gain almost nothing.
-    pub settled: bool,
-}
-
 /// Whether lanes support a problem. They do not on a near rig, with a robust loss, corrections or a free index.
 pub(super) fn knows(problem: &Problem<'_>) -> bool {
     problem.is_plain() && columns(problem).is_some()
 }
 
-/// Descends from every start, with up to `evaluations` each. Returns `None` if lanes do not support the problem.
+/// Descends from every start, with up to `evaluations` each; the ends have no residuals and derivatives. Returns `None` if lanes do not support the problem.
 pub(super) fn descend_together(
     problem: &Problem<'_>,
     starts: &[Values],
     evaluations: usize,
     cancel: &AtomicBool,
-) -> Option<Vec<End>> {
+) -> Option<Vec<Minimum>> {
     let columns = columns(problem).filter(|_| problem.is_plain())?;
     let table = Table::new(problem, columns);
     let run = Run {
@@ -90,13 +79,13 @@ struct Run<'r, 'p, 'a> {
 }
 
 impl WithSimd for Run<'_, '_, '_> {
-    type Output = Vec<End>;
+    type Output = Vec<Minimum>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Vec<End> {
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<Minimum> {
         let width = Lane::<S>::WIDTH.min(WIDEST);
         let table = self.table;
-        let mut ends: Vec<Option<End>> = vec![None; self.starts.len()];
+        let mut ends: Vec<Option<Minimum>> = vec![None; self.starts.len()];
         let mut waiting = self.starts.iter().enumerate();
         // An empty lane repeats the first start.
         let Some(first) = self.starts.first() else {
@@ -142,6 +131,7 @@ struct State {
     normal: [f64; PACKED],
     damping: f64,
     evaluations: usize,
+    /// Whether `x` is a minimum: a nearly undamped step would gain almost nothing.
     settled: bool,
     /// Index of its start; none if the lane is empty.
     start: Option<usize>,
@@ -182,11 +172,18 @@ impl State {
         values
     }
 
-    fn end(&self, table: &Table<'_, '_>) -> End {
-        End {
+    fn end(&self, table: &Table<'_, '_>) -> Minimum {
+        Minimum {
             parameters: table.columns.iter().map(|c| self.x[*c]).collect(),
+            residuals: Vec::new(),
+            jacobian: Vec::new(),
             cost: self.cost,
-            settled: self.settled,
+            ending: match self.settled {
+                true => Ending::ConvergedByGradient,
+                false => Ending::MaxIterations,
+            },
+            at_bound: Vec::new(),
+            evaluations: self.evaluations as u64,
         }
     }
 

@@ -238,8 +238,8 @@ fn the_end_of_a_lane_does_not_depend_on_its_neighbours_and_settled_means_a_minim
     for (start, end) in starts.iter().zip(&together) {
         assert_eq!(&down(std::slice::from_ref(start), 400)[0], end);
     }
-    assert!(together.iter().any(|end| end.settled));
-    for end in together.iter().filter(|end| end.settled) {
+    assert!(together.iter().any(|end| end.ending.is_success()));
+    for end in together.iter().filter(|end| end.ending.is_success()) {
         let bounds = problem.bounds();
         let settings = Settings::default();
         let fine = minimise(&problem, &end.parameters, &bounds, &settings, &never);
@@ -253,7 +253,7 @@ fn the_end_of_a_lane_does_not_depend_on_its_neighbours_and_settled_means_a_minim
     }
     // After a few steps nothing is settled, and the cost still falls.
     let soon = down(&starts, 3);
-    assert!(soon.iter().all(|end| !end.settled));
+    assert!(soon.iter().all(|end| !end.ending.is_success()));
     let falls = soon.iter().zip(&together).all(|(a, b)| b.cost <= a.cost);
     assert!(falls);
 }

@@ -15,7 +15,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use super::covariance::{Scaling, covariance};
-use super::crew::End;
 use super::estimate::StartReport;
 use super::minimum::{Ending, Minimum, Settings};
 use super::problem::{Problem, Values};
@@ -344,23 +343,6 @@ fn in_short(m: &Minimum) -> Minimum {
         parameters: m.parameters.clone(),
         at_bound: m.at_bound.clone(),
         ..*m
-    }
-}
-
-impl From<End> for Minimum {
-    fn from(end: End) -> Self {
-        Minimum {
-            parameters: end.parameters,
-            residuals: Vec::new(),
-            jacobian: Vec::new(),
-            cost: end.cost,
-            ending: match end.settled {
-                true => Ending::ConvergedByGradient,
-                false => Ending::MaxIterations,
-            },
-            at_bound: Vec::new(),
-            evaluations: 0,
-        }
     }
 }
 

@@ -159,7 +159,6 @@ fn descend(
         return begun
             .filter_map(|chunk| crew::descend_together(problem, chunk, evaluations, cancel))
             .flatten_iter()
-            .map(Minimum::from)
             .filter(usable)
             .collect();
     }
