@@ -257,6 +257,12 @@ pub struct ObservationSet {
 }
 
 impl ObservationSet {
+    /// Standard uncertainties of the observations, in the unit of the signals.
+    #[must_use]
+    pub fn sigma(&self) -> Vec<f64> {
+        self.observations.iter().map(|o| o.sigma).collect()
+    }
+
     /// Whether lamp and camera move freely, as on a goniometer: each observation has directions of its own.
     #[must_use]
     pub fn is_of_goniometer(&self) -> bool {

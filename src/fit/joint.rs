@@ -26,7 +26,7 @@ use super::one_variant::estimate_until;
 use super::problem::{Problem, Quantity, Values};
 use super::report::FitReport;
 use super::search::Late;
-use super::settle::NEAR;
+use super::settle::{NEAR, sigma_at};
 use super::solver::{Minimum, Settings, minimise};
 use super::suspects::agreed;
 use super::tier::Tier;
@@ -234,8 +234,7 @@ impl<'e, 'a> Joint<'e, 'a> {
             .iter()
             .enumerate()
             .map(|(scan, e)| {
-                let own = e.problem.set().observations.iter().map(|o| o.sigma);
-                let sigma = own.zip(&e.misfit).map(|(o, m)| o.hypot(*m)).collect();
+                let sigma = sigma_at(&e.problem.set().sigma(), &e.misfit, 1.0);
                 let problem = e.problem.clone().with_loss(options.loss).with_sigma(sigma);
                 // Priors on the common surface count once.
                 match scan {
@@ -309,7 +308,7 @@ impl<'e, 'a> Joint<'e, 'a> {
             let mut still = true;
             for scan in 0..self.alone.len() {
                 let set = self.problems[scan].set();
-                let own: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
+                let own = set.sigma();
                 let scale = misfit_scale(set);
                 let next = if self.options.misfit {
                     let residuals = self.residuals(scan);
@@ -325,8 +324,7 @@ impl<'e, 'a> Joint<'e, 'a> {
                 };
                 still &= (next - self.discrepancies[scan]).abs() <= 1e-3 * next;
                 self.discrepancies[scan] = next;
-                let both = own.iter().zip(&scale);
-                let sigma = both.map(|(o, s)| o.hypot(next * s)).collect();
+                let sigma = sigma_at(&own, &scale, next);
                 self.problems[scan] = self.problems[scan].clone().with_sigma(sigma);
             }
             self.refit(&NEAR);
@@ -345,11 +343,7 @@ impl<'e, 'a> Joint<'e, 'a> {
     }
 
     fn residuals(&self, scan: usize) -> Vec<f64> {
-        let predicted = self.problems[scan].predicted(&self.values(scan));
-        let pairs = predicted
-            .iter()
-            .zip(&self.problems[scan].set().observations);
-        pairs.map(|(p, o)| p - o.signal).collect()
+        self.problems[scan].signal_residuals(&self.values(scan))
     }
 
     /// Applies the corrections of the tier at the common surface. One surface has one model, so all scans use them if

@@ -61,9 +61,8 @@ pub(super) fn misfit_scale(set: &ObservationSet) -> Vec<f64> {
 
 /// Weights of the observations by a loss at `values`.
 pub(super) fn loss_weights(problem: &Problem<'_>, values: &Values, loss: Loss) -> Vec<f64> {
-    let predicted = problem.predicted(values);
-    let pairs = predicted.iter().zip(&problem.set().observations);
-    let residuals = pairs.map(|(p, o)| p - o.signal).zip(problem.sigma());
+    let residuals = problem.signal_residuals(values).into_iter();
+    let residuals = residuals.zip(problem.sigma());
     residuals.map(|(r, sigma)| loss.weight(r / sigma)).collect()
 }
 

@@ -97,7 +97,7 @@ fn estimate_thinned<'a>(
 ) -> Option<Estimate<'a>> {
     let few = subset(set, &kept);
     let found = whole(&few, variant, options, tier, late, cancel)?;
-    let own: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
+    let own = set.sigma();
     let scale = misfit_scale(set);
     let weighing = Weighing {
         own: &own,

@@ -35,7 +35,7 @@ impl<'a> Opening<'a> {
     pub(super) fn new(set: &'a ObservationSet, variant: Variant, options: &FitOptions) -> Self {
         let (free, fixed) = without_held(free_quantities(set, variant), &options.constraints);
         let scale = misfit_scale(set);
-        let own: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
+        let own = set.sigma();
         let fitted = free.len();
         // With their full weight the flats would slow the starts down for the last digit of gain and tilt.
         let loose = set

@@ -267,7 +267,7 @@ pub(super) fn conclude<'a>(
     let set = problem.set();
     minimum = edges::cleared(&problem, minimum);
     let values = problem.unpack(&minimum.parameters);
-    let predicted = problem.predicted(&values);
+    let residuals = problem.signal_residuals(&values);
     let loss_weights = loss_weights(&problem, &values, options.loss);
     if options.loss != Loss::Linear {
         // The same point as the minimum of least squares, which is the form that the budget uses.
@@ -278,9 +278,8 @@ pub(super) fn conclude<'a>(
         minimum = thin::minimise(&problem, &minimum.parameters, &bounds, &settings, cancel);
     }
     let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
-        let pairs = predicted.iter().zip(&set.observations).enumerate();
-        pairs
-            .map(|(i, (p, o))| loss_weights[i] * ((p - o.signal) * weight(i)).powi(2))
+        let each = residuals.iter().enumerate();
+        each.map(|(i, r)| loss_weights[i] * (r * weight(i)).powi(2))
             .sum()
     };
     let count = set.observations.len();

@@ -105,7 +105,7 @@ impl<'a> Problem<'a> {
             walls: None,
             free,
             fixed,
-            sigma: set.observations.iter().map(|o| o.sigma).collect(),
+            sigma: set.sigma(),
             flat_sigma: set.flats.iter().map(|f| f.sigma).collect(),
             factor: vec![1.0; set.observations.len()],
             correction: vec![0.0; set.observations.len()],
@@ -410,16 +410,12 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
-    /// Returns the same problem for a rig with the lamp at another place; `set` must differ in nothing else.
-    pub(super) fn seen_by<'s>(&self, set: &'s ObservationSet) -> Problem<'s>
-    where
-        'a: 's,
-    {
-        Problem {
-            set,
-            views: views(set),
-            ..self.clone()
-        }
+    /// Model minus observation, one per observation, in the unit of the signals.
+    #[must_use]
+    pub fn signal_residuals(&self, values: &Values) -> Vec<f64> {
+        let pairs = self.predicted(values).into_iter();
+        let pairs = pairs.zip(&self.set.observations);
+        pairs.map(|(p, o)| p - o.signal).collect()
     }
 
     /// Cosine of the incidence on the white reference at flat `index`, and its derivatives with respect to the tilt and the

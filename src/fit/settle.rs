@@ -234,9 +234,7 @@ impl Settled<'_> {
     /// Model minus observation.
     pub(super) fn residuals(&self) -> Vec<f64> {
         let values = self.problem.unpack(&self.minimum.parameters);
-        let predicted = self.problem.predicted(&values);
-        let pairs = predicted.iter().zip(&self.problem.set().observations);
-        pairs.map(|(p, o)| p - o.signal).collect()
+        self.problem.signal_residuals(&values)
     }
 
     /// χ² of flats and priors.
@@ -291,13 +289,12 @@ impl Settled<'_> {
     /// plus the free parameters. If one sum of that many smallest squares is far smaller, it decides (least trimmed
     /// squares, Rousseeuw 1984). Otherwise the loss itself decides, with the larger model error of the two.
     pub(super) fn of_more_observations(&self, other: &Self, weighing: &Weighing<'_>) -> bool {
-        let observations = &self.problem.set().observations;
-        let most = (observations.len() + self.problem.free().len()).div_ceil(2);
+        let count = self.problem.set().observations.len();
+        let most = (count + self.problem.free().len()).div_ceil(2);
         let residuals = |s: &Self, discrepancy: f64| -> Vec<f64> {
-            let values = s.problem.unpack(&s.minimum.parameters);
-            let rows = s.problem.predicted(&values).into_iter().zip(observations);
+            let rows = s.residuals().into_iter();
             let weighed = rows.zip(weighing.sigma(discrepancy));
-            weighed.map(|((p, o), s)| (p - o.signal) / s).collect()
+            weighed.map(|(r, s)| r / s).collect()
         };
         let trimmed = |s: &Self| -> f64 {
             let least = self.discrepancy.min(other.discrepancy);

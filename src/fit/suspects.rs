@@ -178,9 +178,8 @@ fn has_body(e: &Estimate<'_>) -> bool {
 fn is_unexplained(e: &Estimate<'_>) -> bool {
     let set = e.problem.set();
     let sigma = usual(e);
-    let predicted = e.problem.predicted(&e.values);
-    let each = set.observations.iter().zip(predicted).zip(&sigma);
-    let chi2 = each.map(|((o, p), s)| ((p - o.signal) / s).powi(2)).sum();
+    let residuals = e.problem.signal_residuals(&e.values).into_iter();
+    let chi2 = residuals.zip(&sigma).map(|(r, s)| (r / s).powi(2)).sum();
     is_large(chi2, freedom(set.observations.len(), e.fitted))
 }
 

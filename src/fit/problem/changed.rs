@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{Problem, Quantity, Values};
+use super::{Problem, Quantity, Values, views};
 use crate::fit::known::priors;
 use crate::fit::loss::Loss;
 use crate::model::extended::Walls;
@@ -80,6 +80,18 @@ impl<'a> Problem<'a> {
             prior.mean = values.natural(*quantity) + prior.std * normal();
         }
         problem
+    }
+
+    /// Returns the same problem for a rig with the lamp at another place; `set` must differ in nothing else.
+    pub(in crate::fit) fn seen_by<'s>(&self, set: &'s ObservationSet) -> Problem<'s>
+    where
+        'a: 's,
+    {
+        Problem {
+            set,
+            views: views(set),
+            ..self.clone()
+        }
     }
 
     /// Sets other standard uncertainties of the observations.

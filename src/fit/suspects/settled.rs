@@ -19,8 +19,7 @@ impl<'a> Inquiry<'_, 'a> {
         let e = self.e;
         let set = e.problem.set();
         let fitted = e.fitted + joined;
-        let sigma: Vec<f64> = set.observations.iter().map(|o| o.sigma).collect();
-        let own = lightened(&sigma, &e.loss_weights);
+        let own = lightened(&set.sigma(), &e.loss_weights);
         let scale = misfit_scale(set);
         let linear = FitOptions {
             loss: Loss::Linear,
@@ -65,9 +64,7 @@ impl<'a> Inquiry<'_, 'a> {
         } = settled;
         let set = problem.set();
         let values = problem.unpack(&minimum.parameters);
-        let predicted = problem.predicted(&values);
-        let residuals = predicted.iter().zip(&set.observations);
-        let residuals: Vec<f64> = residuals.map(|(p, o)| p - o.signal).collect();
+        let residuals = problem.signal_residuals(&values);
         let count = residuals.len();
         let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
             let each = residuals.iter().enumerate();
