@@ -2,6 +2,7 @@
 
 use super::findings::Finding;
 use super::minimum::Minimum;
+use super::misfit::{freedom, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
 use super::traced::Tracing;
 use crate::observation::ObservationSet;
@@ -61,6 +62,23 @@ impl Estimate<'_> {
     /// Whether the corrections of the costlier tier are in use.
     pub(super) fn takes_tier(&self) -> bool {
         self.tier_shift.iter().any(|s| *s != 0.0)
+    }
+
+    /// Computes χ² without the model error, the RMS residual and the model error from the other fields. `own` are the
+    /// independent standard uncertainties of the observations, in the unit of the signals.
+    pub(super) fn with_statistics(mut self, own: &[f64]) -> Self {
+        let set = self.problem.set();
+        let residuals = self.problem.signal_residuals(&self.values);
+        let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
+            let each = residuals.iter().zip(&self.loss_weights).enumerate();
+            each.map(|(i, (r, w))| w * (r * weight(i)).powi(2)).sum()
+        };
+        let (count, peak) = (residuals.len(), peak(set));
+        self.chi2_reduced_without_model = squares(&|i| 1.0 / own[i]) / freedom(count, self.fitted);
+        self.rms_residual = (squares(&|_| 1.0 / peak) / count.max(1) as f64).sqrt();
+        let scale = misfit_scale(set).into_iter();
+        self.misfit = scale.map(|s| self.discrepancy * s).collect();
+        self
     }
 
     /// The observations with views that sum a lobe as narrow as the fitted one right; `None` if they have them, or none finer.

@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 use super::estimate::Estimate;
 use super::misfit::{
-    ROUNDS, discrepancy_of, explained, lightened, loss_weights, misfit_scale, peak,
+    ROUNDS, discrepancy_of, explained, freedom, lightened, loss_weights, misfit_scale,
 };
 use super::one_variant::estimate_until;
 use super::problem::{Problem, Quantity, Values};
@@ -407,27 +407,16 @@ impl<'e, 'a> Joint<'e, 'a> {
                 ending: self.minimum.ending,
                 evaluations: self.minimum.evaluations,
             };
-            let missed = self.residuals(scan);
             let fitted = self.fitted(scan);
-            let count = missed.len();
-            let freedom = count.saturating_sub(fitted).max(1) as f64;
-            let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
-                let all = missed.iter().zip(&loss_weights).enumerate();
-                all.map(|(i, (r, w))| w * (r * weight(i)).powi(2)).sum()
-            };
             let discrepancy = self.discrepancies[scan];
-            let top = peak(set);
-            parts.push(Estimate {
+            let estimate = Estimate {
                 values: self.values(scan),
-                chi2_reduced_without_model: squares(&|i| 1.0 / set.observations[i].sigma) / freedom,
-                rms_residual: (squares(&|_| 1.0 / top) / count.max(1) as f64).sqrt(),
-                misfit: misfit_scale(set).iter().map(|s| discrepancy * s).collect(),
                 explained: explained(
                     problem.variant(),
                     self.options,
                     discrepancy,
                     minimum.cost,
-                    freedom,
+                    freedom(set.observations.len(), fitted),
                 ),
                 discrepancy,
                 fitted,
@@ -437,7 +426,8 @@ impl<'e, 'a> Joint<'e, 'a> {
                 rivals: Vec::new(),
                 no_lobe: None,
                 ..alone.clone()
-            });
+            };
+            parts.push(estimate.with_statistics(&set.sigma()));
             first += rows;
         }
         parts

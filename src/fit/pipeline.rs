@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::edges;
 use super::estimate::{Estimate, StartReport};
 use super::minimum::{Ending, Minimum, Settings};
-use super::misfit::{explained, freedom, lightened, loss_weights, peak};
+use super::misfit::{explained, freedom, lightened, loss_weights};
 use super::opening::Opening;
 use super::search::{AMBIGUOUS_RISE, Late, ONE_SURFACE, Search, same, usable};
 use super::settle::{Settled, Weighing, with_tier};
@@ -253,7 +253,6 @@ pub(super) fn conclude<'a>(
     let no_lobe = no_lobe(&settled.problem, &settled.minimum, weighing.cancel);
     let Weighing {
         own,
-        scale,
         fitted,
         options,
         cancel,
@@ -264,10 +263,8 @@ pub(super) fn conclude<'a>(
         mut minimum,
         discrepancy,
     } = settled;
-    let set = problem.set();
     minimum = edges::cleared(&problem, minimum);
     let values = problem.unpack(&minimum.parameters);
-    let residuals = problem.signal_residuals(&values);
     let loss_weights = loss_weights(&problem, &values, options.loss);
     if options.loss != Loss::Linear {
         // The same point as the minimum of least squares, which is the form that the budget uses.
@@ -277,19 +274,12 @@ pub(super) fn conclude<'a>(
         let settings = Settings::default();
         minimum = thin::minimise(&problem, &minimum.parameters, &bounds, &settings, cancel);
     }
-    let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
-        let each = residuals.iter().enumerate();
-        each.map(|(i, r)| loss_weights[i] * (r * weight(i)).powi(2))
-            .sum()
-    };
-    let count = set.observations.len();
-    let freedom = freedom(count, fitted);
+    let freedom = freedom(problem.set().observations.len(), fitted);
     let explained = explained(variant, options, discrepancy, minimum.cost, freedom);
-    let peak = peak(set);
-    Estimate {
-        chi2_reduced_without_model: squares(&|i| 1.0 / own[i]) / freedom,
-        rms_residual: (squares(&|_| 1.0 / peak) / count as f64).sqrt(),
-        misfit: scale.iter().map(|s| discrepancy * s).collect(),
+    let estimate = Estimate {
+        chi2_reduced_without_model: f64::NAN,
+        rms_residual: f64::NAN,
+        misfit: Vec::new(),
         discrepancy,
         fitted,
         starts,
@@ -315,5 +305,6 @@ pub(super) fn conclude<'a>(
         thinned: None,
         findings: Vec::new(),
         investigated: false,
-    }
+    };
+    estimate.with_statistics(own)
 }

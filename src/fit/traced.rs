@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::FitOptions;
 use super::budget::uncertainty;
 use super::estimate::Estimate;
-use super::misfit::{freedom, misfit_scale, peak};
+use super::misfit::misfit_scale;
 use super::problem::{Quantity, Values};
 use super::settle::{NEAR, Settled, Weighing};
 use super::solver::{Settings, minimise};
@@ -154,19 +154,7 @@ impl Scatter {
 
     /// Builds the estimate from a settled minimum and from that of the closed form.
     fn estimate<'a>(&self, settled: &Settled<'a>, sawtooth: &Estimate<'a>) -> Estimate<'a> {
-        let residuals = settled.residuals();
-        let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
-            let each = residuals.iter().enumerate();
-            each.map(|(i, r)| self.weights[i] * (r * weight(i)).powi(2))
-                .sum()
-        };
-        let count = residuals.len();
-        let freedom = freedom(count, sawtooth.fitted);
-        let peak = peak(settled.problem.set());
-        Estimate {
-            chi2_reduced_without_model: squares(&|i| 1.0 / self.own[i]) / freedom,
-            rms_residual: (squares(&|_| 1.0 / peak) / count.max(1) as f64).sqrt(),
-            misfit: self.scale.iter().map(|s| settled.discrepancy * s).collect(),
+        let estimate = Estimate {
             discrepancy: settled.discrepancy,
             values: settled.problem.unpack(&settled.minimum.parameters),
             tier_shift: vec![0.0; settled.minimum.parameters.len()],
@@ -174,7 +162,8 @@ impl Scatter {
             minimum: settled.minimum.clone(),
             problem: settled.problem.clone(),
             ..sawtooth.clone()
-        }
+        };
+        estimate.with_statistics(&self.own)
     }
 }
 

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::{ALIKE, BRIEF, Inquiry, OTHERS, PASSES, STILL, Trial};
 use crate::fit::estimate::Estimate;
-use crate::fit::misfit::{freedom, lightened, misfit_scale, peak};
+use crate::fit::misfit::{lightened, misfit_scale};
 use crate::fit::problem::{Problem, Values};
 use crate::fit::search::{AMBIGUOUS_RISE, ONE_SURFACE, usable};
 use crate::fit::settle::{Settled, Weighing};
@@ -64,13 +64,7 @@ impl<'a> Inquiry<'_, 'a> {
         } = settled;
         let set = problem.set();
         let values = problem.unpack(&minimum.parameters);
-        let residuals = problem.signal_residuals(&values);
-        let count = residuals.len();
-        let squares = |weight: &dyn Fn(usize) -> f64| -> f64 {
-            let each = residuals.iter().enumerate();
-            each.map(|(i, r)| e.loss_weights[i] * (r * weight(i)).powi(2))
-                .sum()
-        };
+        let count = set.observations.len();
         let descend = |problem: &Problem<'a>, start: &[f64]| {
             let bounds = problem.bounds();
             minimise(problem, start, &bounds, &Settings::default(), self.cancel)
@@ -106,13 +100,9 @@ impl<'a> Inquiry<'_, 'a> {
             let near = m.cost - minimum.cost < AMBIGUOUS_RISE;
             usable(m) && near && distance(&there, &here) > ONE_SURFACE
         });
-        Estimate {
+        let estimate = Estimate {
             rivals: rivals.collect(),
             no_lobe: no_lobe(&problem, &minimum, self.cancel),
-            chi2_reduced_without_model: squares(&|i| 1.0 / set.observations[i].sigma)
-                / freedom(count, weighing.fitted),
-            rms_residual: (squares(&|_| 1.0 / peak(set)) / count.max(1) as f64).sqrt(),
-            misfit: weighing.scale.iter().map(|s| discrepancy * s).collect(),
             discrepancy,
             fitted: weighing.fitted,
             values,
@@ -122,6 +112,7 @@ impl<'a> Inquiry<'_, 'a> {
             minimum,
             problem,
             ..e.clone()
-        }
+        };
+        estimate.with_statistics(&set.sigma())
     }
 }
