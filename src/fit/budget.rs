@@ -414,7 +414,7 @@ pub fn judged(estimate: &Estimate<'_>, traced: &Estimate<'_>) -> Uncertainty {
     let (mine, theirs) = (estimate.values.folded(), traced.values.folded());
     let paper = estimate.problem.variant() == Variant::Paper;
     for (j, q) in estimate.problem.free().iter().enumerate() {
-        let Some(other) = traced.problem.free().iter().position(|f| f == q) else {
+        let Some(other) = traced.problem.column(*q) else {
             continue;
         };
         if paper && *q == Quantity::RhoD {

@@ -64,7 +64,7 @@ pub(super) fn denials(e: &Estimate<'_>) -> Vec<Denial> {
     let priors = problem.priors().iter().zip(first..);
     priors
         .filter_map(|((quantity, prior), row)| {
-            let j = free.iter().position(|free| free == quantity)?;
+            let j = problem.column(*quantity)?;
             let slope = end.jacobian[row + j * rows];
             let leverage = (slope * slope * covariance[(j, j)]).clamp(0.0, LEVERAGE_MAX);
             let deviations = end.residuals[row].abs() / (1.0 - leverage).sqrt();

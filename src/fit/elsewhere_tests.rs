@@ -86,8 +86,7 @@ fn the_expanded_uncertainty_covers_another_surface_and_its_uncertainty() {
     let cancel = AtomicBool::new(false);
     let options = FitOptions::default();
     let mut e = estimate(&set, Variant::Sawtooth, &options, None, &cancel).unwrap();
-    let lean = e.problem.free().iter().position(|q| *q == Quantity::ThetaR);
-    let lean = lean.unwrap();
+    let lean = e.problem.column(Quantity::ThetaR).unwrap();
     assert!(e.rivals.is_empty());
     let mut rougher = e.clone();
     let surface = e.values.folded();
@@ -97,7 +96,7 @@ fn the_expanded_uncertainty_covers_another_surface_and_its_uncertainty() {
         ..surface
     });
     rougher.rivals.push(rival);
-    let rough = e.problem.free().iter().position(|q| *q == Quantity::AlphaV);
+    let rough = e.problem.column(Quantity::AlphaV);
     // In units of ln α, which are shares of α: α ± U reaches 2 α.
     assert!(2.0 * uncertainty(&rougher).budgets[rough.unwrap()].combined() >= 1.0);
     let own = uncertainty(&e).budgets[lean].combined();
@@ -137,12 +136,7 @@ fn where_the_data_contradict_the_certificate_the_expanded_uncertainty_reaches_th
         denied.iter().any(|d| d.quantity == Quantity::Eta),
         "{denied:?}"
     );
-    let j = e
-        .problem
-        .free()
-        .iter()
-        .position(|q| *q == Quantity::RhoD)
-        .unwrap();
+    let j = e.problem.column(Quantity::RhoD).unwrap();
     let budget = uncertainty(&e).budgets[j];
     let off = (e.values.rho_d - TRUTH.rho_d).abs();
     assert!(

@@ -170,6 +170,13 @@ pub struct Constraint {
     pub std: f64,
 }
 
+impl FitOptions {
+    /// The constraints that hold a quantity at its value.
+    pub(crate) fn held(&self) -> impl Iterator<Item = &Constraint> {
+        self.constraints.iter().filter(|stated| stated.std == 0.0)
+    }
+}
+
 impl Default for FitOptions {
     fn default() -> Self {
         FitOptions {

@@ -5,6 +5,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::FitOptions;
 use super::constraints::priors;
 use super::covariance::{Scaling, covariance};
 use super::estimate::{Estimate, Thinned};
@@ -16,7 +17,6 @@ use super::search::{AMBIGUOUS_RISE, Late};
 use super::settle::{Settled, Weighing};
 use super::thin::{everywhere, representative, subset};
 use super::tier::Tier;
-use super::{Constraint, FitOptions};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 
@@ -59,9 +59,8 @@ pub fn estimate_until<'a>(
     // A statement that contradicts the data must not be taken for a model error, which would reduce the weight of the
     // data and hide the contradiction. The model error is therefore determined from the data only, if they determine a
     // surface.
-    let held = |stated: &&Constraint| stated.std == 0.0;
     let alone = fitted(&FitOptions {
-        constraints: options.constraints.iter().filter(held).copied().collect(),
+        constraints: options.held().copied().collect(),
         ..options.clone()
     });
     let bounded = alone

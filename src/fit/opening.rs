@@ -4,6 +4,7 @@
 
 use std::sync::atomic::AtomicBool;
 
+use super::FitOptions;
 use super::constraints::priors;
 use super::known::certified;
 use super::minimum::Minimum;
@@ -11,7 +12,6 @@ use super::misfit::{flat_sigma, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
 use super::search::{Late, Search};
 use super::settle::{Settled, Weighing, sigma_at};
-use super::{Constraint, FitOptions};
 use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
@@ -33,7 +33,7 @@ pub(super) struct Opening<'a> {
 
 impl<'a> Opening<'a> {
     pub(super) fn new(set: &'a ObservationSet, variant: Variant, options: &FitOptions) -> Self {
-        let (free, fixed) = without_held(free_quantities(set, variant), &options.constraints);
+        let (free, fixed) = without_held(free_quantities(set, variant), options);
         let scale = misfit_scale(set);
         let own = set.sigma();
         let fitted = free.len();
@@ -49,12 +49,7 @@ impl<'a> Opening<'a> {
             .with_loss(options.loss);
         // The starts use the nominal index; from here on it is free.
         let mut free = first.free().to_vec();
-        let held = |q: &Quantity| {
-            options
-                .constraints
-                .iter()
-                .any(|t| t.quantity == *q && t.std == 0.0)
-        };
+        let held = |q: &Quantity| options.held().any(|stated| stated.quantity == *q);
         free.extend(certified(set).into_iter().filter(|q| !held(q)));
         let mut problem = first
             .clone()
@@ -138,11 +133,11 @@ impl<'a> Opening<'a> {
 /// Removes the quantities that the user holds from the free ones.
 fn without_held(
     (mut free, mut fixed): (Vec<Quantity>, Values),
-    stated: &[Constraint],
+    options: &FitOptions,
 ) -> (Vec<Quantity>, Values) {
-    for t in stated.iter().filter(|t| t.std == 0.0) {
-        free.retain(|q| *q != t.quantity);
-        fixed.set_natural(t.quantity, t.value);
+    for stated in options.held() {
+        free.retain(|q| *q != stated.quantity);
+        fixed.set_natural(stated.quantity, stated.value);
     }
     (free, fixed)
 }

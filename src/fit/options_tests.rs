@@ -243,12 +243,7 @@ fn a_held_gain_is_reported_as_it_was_used() {
 fn a_prior_pulls_by_its_weight_and_is_in_the_budget() {
     let set = series(4);
     let free = run(&set, &options());
-    let j = free
-        .problem
-        .free()
-        .iter()
-        .position(|q| *q == Quantity::RhoD);
-    let j = j.expect("ρd is free");
+    let j = free.problem.column(Quantity::RhoD).expect("ρd is free");
     let std = uncertainty(&free).covariance.matrix[(j, j)].sqrt();
     let (value, mean) = (free.values.rho_d, free.values.rho_d + 3.0 * std);
     let with_prior = FitOptions {

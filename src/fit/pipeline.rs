@@ -290,12 +290,7 @@ pub(super) fn conclude<'a>(
         tier_undecided: undecided,
         loss_weights,
         explained,
-        held: options
-            .constraints
-            .iter()
-            .filter(|t| t.std == 0.0)
-            .map(|t| t.quantity)
-            .collect(),
+        held: options.held().map(|stated| stated.quantity).collect(),
         rivals,
         elsewhere,
         no_lobe,

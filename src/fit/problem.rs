@@ -153,6 +153,12 @@ impl<'a> Problem<'a> {
         &self.free
     }
 
+    /// The column of a quantity in the vector of the solver and in the derivatives; `None` if it is not free.
+    #[must_use]
+    pub fn column(&self, quantity: Quantity) -> Option<usize> {
+        self.free.iter().position(|q| *q == quantity)
+    }
+
     /// Standard uncertainties that divide the sample residuals.
     #[must_use]
     pub fn sigma(&self) -> &[f64] {

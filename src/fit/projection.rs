@@ -33,12 +33,12 @@ struct Amplitudes {
 
 impl Amplitudes {
     fn of(problem: &Problem<'_>, bounds: &Bounds) -> Self {
-        let at = |q: Quantity| problem.free().iter().position(|f| *f == q);
-        let (scale, rho_d) = (at(Quantity::Scale), at(Quantity::RhoD));
+        let scale = problem.column(Quantity::Scale);
+        let rho_d = problem.column(Quantity::RhoD);
         Amplitudes {
             scale,
             rho_d,
-            background: at(Quantity::Background),
+            background: problem.column(Quantity::Background),
             scale_max: scale.map_or(f64::INFINITY, |k| bounds.upper[k]),
             rho_d_range: rho_d.map_or((0.0, 0.0), |k| (bounds.lower[k], bounds.upper[k])),
         }

@@ -280,7 +280,7 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
     let absolute = set.white_reference.is_some();
     let metal = matches!(set.material, Material::Conductor { .. });
     let of = |q: Quantity| -> Parameter {
-        let Some(j) = e.problem.free().iter().position(|f| *f == q) else {
+        let Some(j) = e.problem.column(q) else {
             return match q {
                 _ if e.held.contains(&q) => held(&values, q),
                 Quantity::RhoD if metal => Parameter::unknown(

@@ -34,7 +34,7 @@ pub(super) fn no_lobe(
     let mut bounds = dark.bounds();
     let mut start = minimum.parameters.clone();
     for alpha in [Quantity::AlphaU, Quantity::AlphaV] {
-        let j = dark.free().iter().position(|q| *q == alpha)?;
+        let j = dark.column(alpha)?;
         start[j] = ALPHA_MIN.ln();
         bounds.upper[j] = start[j];
     }

@@ -353,11 +353,10 @@ fn less_certain(
         Quantity::RhoD,
     ];
     let of_sawtooth = uncertainty(sawtooth);
-    let place = |e: &Estimate<'_>, q: Quantity| e.problem.free().iter().position(|f| *f == q);
     let mut names = Vec::new();
     let (mut line, mut most) = ("", 0.0);
     for q in results {
-        let (Some(i), Some(j)) = (place(traced, q), place(sawtooth, q)) else {
+        let (Some(i), Some(j)) = (traced.problem.column(q), sawtooth.problem.column(q)) else {
             continue;
         };
         let (mine, its) = (&of_traced.budgets[i], &of_sawtooth.budgets[j]);

@@ -69,11 +69,7 @@ impl Joint<'_, '_> {
         let scans = scans.iter().zip(reports).zip(self.alone).zip(&singly);
         let scans = scans.map(|(((scan, mut report), alone), u)| {
             surface_of(&common.parameters, &mut report.parameters);
-            let j = alone
-                .problem
-                .free()
-                .iter()
-                .position(|q| *q == Quantity::ThetaR);
+            let j = alone.problem.column(Quantity::ThetaR);
             ScanReport {
                 name: scan.name.to_owned(),
                 theta_r_alone_deg: j.map(|_| alone.values.folded().theta_r.to_degrees()),
@@ -105,7 +101,7 @@ impl Joint<'_, '_> {
             let mut column = None;
             let (mut weights, mut seen) = (Vec::new(), Vec::new());
             for ((e, u), columns) in self.alone.iter().zip(singly).zip(&self.columns) {
-                let Some(j) = e.problem.free().iter().position(|f| *f == q) else {
+                let Some(j) = e.problem.column(q) else {
                     continue;
                 };
                 let b = &u.budgets[j];

@@ -108,8 +108,8 @@ pub(super) fn across(e: &Estimate<'_>, u: &Uncertainty, parameters: &Parameters)
     };
     let theta_r = angle(&parameters.theta_r_deg)?;
     let azimuth = (angle(azimuth)?, Angle::from_deg(own.combined()));
-    let place = |q: Quantity| e.problem.free().iter().position(|f| *f == q);
-    if let (Some(i), Some(j)) = (place(Quantity::AzimuthOffset), place(Quantity::Wedge))
+    let column = |q| e.problem.column(q);
+    if let (Some(i), Some(j)) = (column(Quantity::AzimuthOffset), column(Quantity::Wedge))
         && u.covariance.identifiable[j]
     {
         let tilt = Angle::from_rad(e.values.folded().wedge);

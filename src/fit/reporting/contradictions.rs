@@ -23,7 +23,7 @@ pub(super) fn denied(e: &Estimate<'_>, u: &Uncertainty) -> Vec<String> {
     let material = determines_the_material(e);
     let denials = denials.filter(|d| (material || !d.is_of_material()) && !faint(d));
     let shared = |quantity: Quantity| {
-        let j = e.problem.free().iter().position(|free| *free == quantity);
+        let j = e.problem.column(quantity);
         let without_scatter = j.map(|j| Budget {
             counting: 0.0,
             model: 0.0,
@@ -104,7 +104,7 @@ pub(super) fn index(e: &Estimate<'_>) -> Option<Finding> {
     let chi2: f64 = e.minimum.residuals.iter().map(|r| r * r).sum();
     let others = e.findings.iter().map(|f| f.explains).fold(0.0, f64::max);
     let share = (worst.deviations.powi(2) / chi2).min(1.0);
-    let theta_r = e.problem.free().iter().position(|q| *q == Quantity::ThetaR);
+    let theta_r = e.problem.column(Quantity::ThetaR);
     let sign = e.values.theta_r.signum();
     Some(Finding {
         code: Code::Index,

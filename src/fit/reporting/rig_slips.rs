@@ -83,8 +83,7 @@ fn in_radians(set: &ObservationSet) -> Vec<String> {
 /// A tilt offset that a wrong angle between lamp and camera explains: the facets see the direction midway between them.
 fn lamp_angle(e: &Estimate<'_>, u: &Uncertainty) -> Option<String> {
     let rig = &e.problem.set().rig;
-    let free = e.problem.free();
-    let j = free.iter().position(|q| *q == Quantity::TiltOffset)?;
+    let j = e.problem.column(Quantity::TiltOffset)?;
     let offset = e.values.folded().tilt_offset.to_degrees();
     let std = u.budgets[j].combined().to_degrees();
     let in_plane = rig.light_azimuth.sin_cos().0.abs() < 1e-6;
