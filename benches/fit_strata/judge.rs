@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 use ridged::fit::least_squares::LeastSquares;
 use ridged::fit::opening::free_quantities;
 use ridged::fit::problem::{Problem, Quantity, Values};
-use ridged::fit::solver::{Minimum, Settings, minimise};
+use ridged::fit::solver::{Minimum, Settings};
 use ridged::model::Variant;
 
 use crate::draw::{Case, Draw, Stratum, Truth, painted};
@@ -139,7 +139,6 @@ fn in_lobe(case: &Case) -> usize {
 pub fn best_of(case: &Case, stratum: Stratum, count: usize, seed: u64) -> (f64, Values) {
     let (free, fixed) = free_quantities(&case.set, case.variant);
     let problem = Problem::new(&case.set, case.variant, free, fixed);
-    let bounds = problem.bounds();
     let mut draw = Draw::new(seed ^ 0x5eed);
     let rough = Settings {
         polish_steps: 0,
@@ -175,7 +174,7 @@ pub fn best_of(case: &Case, stratum: Stratum, count: usize, seed: u64) -> (f64, 
         // The truth is polished in any case.
         let settings = if k == 0 { Settings::default() } else { rough };
         let start = problem.pack(&start);
-        ends.push(minimise(&problem, &start, &bounds, &settings, &cancel));
+        ends.push(problem.descend(&start, &settings, &cancel));
     }
     ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     // A rough end is within a hundredth of its minimum, or still far up a slope; of those that could
@@ -190,13 +189,7 @@ pub fn best_of(case: &Case, stratum: Stratum, count: usize, seed: u64) -> (f64, 
             continue;
         }
         polished.push(m.cost);
-        let m = minimise(
-            &problem,
-            &m.parameters,
-            &bounds,
-            &Settings::default(),
-            &cancel,
-        );
+        let m = problem.descend(&m.parameters, &Settings::DEFAULT, &cancel);
         if m.cost < best.0 {
             best = (m.cost, problem.unpack(&m.parameters));
         }

@@ -9,7 +9,7 @@ use super::{AccuracyPoint, ConvergenceRate};
 use crate::cases::{PaintedError, PaintedScan, PaintedSigma, SampleCase};
 use crate::fit::least_squares::LeastSquares;
 use crate::fit::problem::{Problem, Quantity, Values};
-use crate::fit::solver::{Settings, minimise};
+use crate::fit::solver::Settings;
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::Variant;
@@ -92,15 +92,8 @@ fn iterations(
         tilt_offset: 0.01,
         ..truth
     };
-    let descend = |settings: &Settings, from: &Values| {
-        minimise(
-            &problem,
-            &problem.pack(from),
-            &problem.bounds(),
-            settings,
-            cancel,
-        )
-    };
+    let descend =
+        |settings: &Settings, from: &Values| problem.descend(&problem.pack(from), settings, cancel);
     // With a model error the minimum differs from the truth, and Newton's method finds it. The kinks of the model divide
     // it into several minima 1e-5 apart; the goal is the one that these descents reach.
     let (goal, reference) = if model_error == 0.0 {

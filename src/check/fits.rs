@@ -15,7 +15,7 @@ use crate::fit::opening::free_quantities;
 use crate::fit::problem::{Problem, Quantity, Values};
 use crate::fit::report::{FitReport, Status, VariantName};
 use crate::fit::reporting::report_of;
-use crate::fit::solver::{Settings, minimise};
+use crate::fit::solver::Settings;
 use crate::fit::variants::fit_with_tier;
 use crate::fit::{FitOptions, VariantChoice};
 use crate::geometry::{Pose, RigGeometry};
@@ -361,12 +361,6 @@ fn descent_from_afar(
     .broadened(away.abs());
     (start.alpha_u, start.alpha_v) = (broad.alpha_u, broad.alpha_v);
     start.rho_d = if surface.rho_d > 0.0 { 0.1 } else { 0.0 };
-    let minimum = minimise(
-        &problem,
-        &problem.pack(&start),
-        &problem.bounds(),
-        &Settings::default(),
-        cancel,
-    );
+    let minimum = problem.descend(&problem.pack(&start), &Settings::DEFAULT, cancel);
     problem.unpack(&minimum.parameters).folded()
 }

@@ -6,7 +6,7 @@ use super::*;
 use crate::fit::least_squares::LeastSquares;
 use crate::fit::opening::free_quantities;
 use crate::fit::problem::Quantity;
-use crate::fit::solver::{Settings, minimise};
+use crate::fit::solver::Settings;
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::Variant;
@@ -196,9 +196,8 @@ fn lanes_end_where_the_scalar_descent_ends() {
             .collect();
         let ends =
             descend_together(&problem, &starts, EVALUATIONS, &never).expect("a plain problem");
-        let settings = Settings::default();
         let x = problem.pack(&truth);
-        let scalar = minimise(&problem, &x, &problem.bounds(), &settings, &never);
+        let scalar = problem.descend(&x, &Settings::DEFAULT, &never);
         assert_eq!(ends.len(), starts.len());
         for end in ends {
             assert!(
@@ -240,9 +239,7 @@ fn the_end_of_a_lane_does_not_depend_on_its_neighbours_and_settled_means_a_minim
     }
     assert!(together.iter().any(|end| end.ending.is_success()));
     for end in together.iter().filter(|end| end.ending.is_success()) {
-        let bounds = problem.bounds();
-        let settings = Settings::default();
-        let fine = minimise(&problem, &end.parameters, &bounds, &settings, &never);
+        let fine = problem.descend(&end.parameters, &Settings::DEFAULT, &never);
         assert!(
             end.cost - fine.cost <= 1e-6 * end.cost,
             "{end:?} {:?} {} {:?}",

@@ -213,7 +213,7 @@ mod tests {
     use crate::fit::opening::free_quantities;
     use crate::fit::painted::{TRUTH, painted};
     use crate::fit::problem::Values;
-    use crate::fit::solver::{Ending, Settings, minimise};
+    use crate::fit::solver::{Ending, Settings};
     use crate::geometry::{Cones, Pose, RigGeometry};
     use crate::material::Material;
     use crate::model::{Variant, radiance};
@@ -360,9 +360,8 @@ mod tests {
         let set = painted(grid, &TRUTH, 1e-3, 3);
         let (free, fixed) = free_quantities(&set, Variant::Sawtooth);
         let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
-        let (bounds, cancel) = (problem.bounds(), AtomicBool::new(false));
-        let start = problem.pack(&TRUTH);
-        let end = minimise(&problem, &start, &bounds, &Settings::default(), &cancel);
+        let never = AtomicBool::new(false);
+        let end = problem.descend(&problem.pack(&TRUTH), &Settings::DEFAULT, &never);
         assert_eq!(beyond(&problem, &end), Vec::<Vec<f64>>::new());
     }
 }

@@ -18,7 +18,7 @@ use super::painted::{painted, painted_by};
 use super::problem::{Problem, Quantity, Values};
 use super::report::{ReferencePlane, VariantName};
 use super::reporting::report_of;
-use super::solver::{Settings, minimise};
+use super::solver::Settings;
 use super::trail::Time;
 use super::variants::{Tracer, fit_with_tier, fit_with_tracer};
 use super::{Constraint, FitOptions, Loss, VariantChoice};

@@ -15,7 +15,6 @@ use super::opening::Opening;
 use super::search::{AMBIGUOUS_RISE, Late, ONE_SURFACE, Search, same, usable};
 use super::settle::{Settled, Weighing, with_tier};
 use super::start::distance;
-use super::thin;
 use super::tier::{Tier, dispensable};
 use super::unseen::no_lobe;
 use super::{FitOptions, Loss};
@@ -270,9 +269,7 @@ pub(super) fn conclude<'a>(
         // The same point as the minimum of least squares, which is the form that the budget uses.
         let sigma = lightened(problem.sigma(), &loss_weights);
         problem = problem.with_loss(Loss::Linear).with_sigma(sigma);
-        let bounds = problem.bounds();
-        let settings = Settings::default();
-        minimum = thin::minimise(&problem, &minimum.parameters, &bounds, &settings, cancel);
+        minimum = problem.descend(&minimum.parameters, &Settings::DEFAULT, cancel);
     }
     let freedom = freedom(problem.set().observations.len(), fitted);
     let explained = explained(variant, options, discrepancy, minimum.cost, freedom);

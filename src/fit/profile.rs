@@ -171,7 +171,6 @@ pub fn bootstrap(
 ) -> Vec<Vec<f64>> {
     let values = problem.unpack(&minimum.parameters);
     let predicted = problem.predicted(&values);
-    let bounds = problem.bounds();
     let settings = Settings {
         polish_steps: 12,
         max_iterations: 300,
@@ -199,7 +198,7 @@ pub fn bootstrap(
                 set.flats[index].signal = problem.flat_signal(index, &values) + s * normal();
             }
             let drawn = problem.drawn(&set, &values, &mut normal);
-            let m = minimise(&drawn, &minimum.parameters, &bounds, &settings, cancel);
+            let m = drawn.descend(&minimum.parameters, &settings, cancel);
             m.ending.is_success().then_some(m.parameters)
         })
         .collect()

@@ -19,7 +19,6 @@ use super::estimate::StartReport;
 use super::minimum::{Ending, Minimum, Settings};
 use super::problem::{Problem, Values};
 use super::quantity::Quantity;
-use super::solver::minimise;
 use super::start::{distance, starts};
 use super::tuning::Tuning;
 
@@ -165,13 +164,12 @@ impl<'p> Search<'p> {
 
     /// Continues rough descents to their minima. Ends at the cost of a minimum that is known already are not repeated.
     fn go_on(&self, problem: &Problem<'_>, ends: &mut [(f64, Values, Minimum)]) {
-        let (bounds, cancel) = (problem.bounds(), self.cancel);
         ends.par_iter_mut().for_each(|(cost, _, m)| {
             let is_there = |known: &&Minimum| known.ending.is_success() && is_at(*cost, known.cost);
             match self.runs.iter().find(is_there) {
                 Some(known) => *m = in_short(known),
                 None if self.over() => {}
-                None => *m = minimise(problem, &m.parameters, &bounds, &FINE, cancel),
+                None => *m = problem.descend(&m.parameters, &FINE, self.cancel),
             }
         });
     }
@@ -262,7 +260,6 @@ impl<'p> Search<'p> {
 
     /// Refines all different ends on a problem with other weights or more free parameters; their counts stay.
     pub(super) fn carry_over(&mut self, from: &Problem<'_>, to: &Problem<'_>) {
-        let bounds = to.bounds();
         let mut runs = std::mem::take(&mut self.runs);
         runs.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let mut different: Vec<&Minimum> = Vec::new();
@@ -282,7 +279,7 @@ impl<'p> Search<'p> {
             .enumerate()
             .map(|(k, run)| {
                 let x = to.pack(&from.unpack(&run.parameters));
-                (k == 0 || !self.over()).then(|| minimise(to, &x, &bounds, &FINE, self.cancel))
+                (k == 0 || !self.over()).then(|| to.descend(&x, &FINE, self.cancel))
             })
             .collect();
         for (run, to) in runs.iter().zip(leads_to) {

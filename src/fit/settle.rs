@@ -16,7 +16,6 @@ use super::misfit::{LOUD, ROUNDS, discrepancy_of, discrepancy_of_few, lightened}
 use super::problem::Problem;
 use super::search::{AMBIGUOUS_RISE, Search, determined};
 use super::start::distance;
-use super::thin::minimise;
 use super::tier::Tier;
 use super::{FitOptions, Loss};
 use crate::material::Material;
@@ -178,8 +177,7 @@ impl Settled<'_> {
 
     /// Starts from another end and continues until the model error there is known.
     pub(super) fn settle_from(&mut self, start: &[f64], weighing: &Weighing<'_>) {
-        let bounds = self.problem.bounds();
-        self.minimum = minimise(&self.problem, start, &bounds, &LOOK, weighing.cancel);
+        self.minimum = self.problem.descend(start, &LOOK, weighing.cancel);
         self.settle_by(&LOOK, weighing);
     }
 
@@ -192,7 +190,6 @@ impl Settled<'_> {
 
     /// The rounds alone, for a model whose usual error is not that of the closed form.
     pub(super) fn rounds(&mut self, settings: &Settings, weighing: &Weighing<'_>) {
-        let bounds = self.problem.bounds();
         for round in 0..ROUNDS {
             let next = match weighing.options.misfit {
                 true => weighing.discrepancy(&self.residuals()),
@@ -206,7 +203,7 @@ impl Settled<'_> {
                 break;
             }
             let from = &self.minimum.parameters;
-            self.minimum = minimise(&self.problem, from, &bounds, settings, weighing.cancel);
+            self.minimum = self.problem.descend(from, settings, weighing.cancel);
         }
     }
 
@@ -217,18 +214,16 @@ impl Settled<'_> {
         let few = discrepancy_of_few(found, &residuals, own, scale, weighing.fitted, loss);
         let to_go_by = weighing.at_most(few);
         if to_go_by > found {
-            let bounds = self.problem.bounds();
             self.discrepancy = to_go_by;
             self.problem = self.problem.clone().with_sigma(weighing.sigma(to_go_by));
             let from = &self.minimum.parameters;
-            self.minimum = minimise(&self.problem, from, &bounds, settings, weighing.cancel);
+            self.minimum = self.problem.descend(from, settings, weighing.cancel);
         }
     }
 
     /// Returns the minimum reached from a start.
     pub(super) fn again(&self, start: &[f64], cancel: &AtomicBool) -> Minimum {
-        let bounds = self.problem.bounds();
-        minimise(&self.problem, start, &bounds, &Settings::default(), cancel)
+        self.problem.descend(start, &Settings::DEFAULT, cancel)
     }
 
     /// Model minus observation.

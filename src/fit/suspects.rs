@@ -26,7 +26,7 @@ use super::misfit::{freedom, lightened, peak};
 use super::problem::{Problem, Quantity, Values};
 use super::search::usable;
 use super::settle::NEAR;
-use super::solver::{Minimum, Settings, minimise};
+use super::solver::{Minimum, Settings};
 use super::tier::Tier;
 use super::{FitOptions, Loss};
 use crate::material::Material;
@@ -307,7 +307,7 @@ impl<'a> Inquiry<'_, 'a> {
         problem: Problem<'a>,
         start: &[f64],
     ) -> Option<Trial<'a>> {
-        let minimum = minimise(&problem, start, &problem.bounds(), settings, self.cancel);
+        let minimum = problem.descend(start, settings, self.cancel);
         usable(&minimum).then_some(Trial { problem, minimum })
     }
 

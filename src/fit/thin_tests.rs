@@ -113,13 +113,7 @@ fn merged_repeats_have_the_same_minimum_and_keep_their_scatter() {
     let never = AtomicBool::new(false);
     let found = [&set, &merged.set].map(|set| {
         let (problem, x) = at_truth(set);
-        minimise(
-            &problem,
-            &x,
-            &problem.bounds(),
-            &Settings::default(),
-            &never,
-        )
+        problem.descend(&x, &Settings::DEFAULT, &never)
     });
     for (a, b) in found[0].parameters.iter().zip(&found[1].parameters) {
         assert!((a - b).abs() < 1e-9 * a.abs().max(1e-3), "{a} {b}");

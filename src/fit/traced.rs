@@ -23,7 +23,7 @@ use super::estimate::Estimate;
 use super::misfit::misfit_scale;
 use super::problem::{Quantity, Values};
 use super::settle::{NEAR, Settled, Weighing};
-use super::solver::{Settings, minimise};
+use super::solver::Settings;
 use crate::material::Material;
 use crate::observation::ObservationSet;
 use crate::trace::facet_scattering::{DiffuseBody, Roughness};
@@ -297,8 +297,7 @@ impl<'a> Run<'a> {
         };
         let there = problem.clone().with_factor(traced.factor);
         let there = there.with_correction(traced.added);
-        let settings = Settings::default();
-        let moved = minimise(&there, at, &there.bounds(), &settings, task.cancel);
+        let moved = there.descend(at, &Settings::DEFAULT, task.cancel);
         let steps = moved.parameters.iter().zip(at);
         Some(steps.map(|(a, b)| a - b).collect())
     }

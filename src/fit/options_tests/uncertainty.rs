@@ -49,7 +49,6 @@ fn the_budget_agrees_with_propagated_distributions() {
     let e = run(&set, &options());
     let report = report_of(&e, VariantName::Sawtooth);
     let u = uncertainty(&e);
-    let bounds = e.problem.bounds();
     let mut draw = Draw::new(7);
     const DRAWS: usize = 300;
     let mut sums = vec![[0.0; 2]; e.problem.free().len()];
@@ -82,13 +81,7 @@ fn the_budget_agrees_with_propagated_distributions() {
         let free = e.problem.free().to_vec();
         let p = Problem::new(&drawn, Variant::Sawtooth, free, e.values);
         let never = AtomicBool::new(false);
-        let m = minimise(
-            &p,
-            &e.minimum.parameters,
-            &bounds,
-            &Settings::default(),
-            &never,
-        );
+        let m = p.descend(&e.minimum.parameters, &Settings::DEFAULT, &never);
         assert!(m.ending.is_success());
         for (sum, (x, best)) in sums
             .iter_mut()

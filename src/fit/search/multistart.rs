@@ -9,7 +9,7 @@ use super::super::crew;
 use super::super::drawn;
 use super::super::misfit::freedom;
 use super::super::problem::{Problem, Values};
-use super::super::solver::{Ending, Minimum, minimise};
+use super::super::solver::{Ending, Minimum};
 use super::{FINE, Late, ROUGH, Search, same, usable};
 use crate::observation::ObservationSet;
 
@@ -77,7 +77,6 @@ impl Search<'_> {
         };
         let found = problem.unpack(&best.parameters).folded();
         let zero = problem.set().rig.azimuth_zero.rad() + problem.set().region_azimuth.rad();
-        let (bounds, cancel) = (problem.bounds(), self.cancel);
         let ends: Vec<Minimum> = azimuth_lines(problem.set())
             .par_iter()
             .map(|line| {
@@ -85,7 +84,7 @@ impl Search<'_> {
                     azimuth_offset: -found.azimuth_offset - 2.0 * (zero + line),
                     ..found
                 };
-                minimise(problem, &problem.pack(&image), &bounds, &FINE, cancel)
+                problem.descend(&problem.pack(&image), &FINE, self.cancel)
             })
             .filter(usable)
             .collect();
@@ -94,7 +93,6 @@ impl Search<'_> {
 
     /// Continues the best end while it creeps along a valley, as it does where the data leave a surface undetermined.
     pub(in crate::fit) fn creep(&mut self, problem: &Problem<'_>) {
-        let bounds = problem.bounds();
         for _ in 0..CREEPS {
             let creeping = |m: &&Minimum| m.ending == Ending::MaxIterations;
             let Some(best) = self.best().filter(creeping) else {
@@ -103,7 +101,7 @@ impl Search<'_> {
             if self.started || self.over() {
                 return;
             }
-            let deeper = minimise(problem, &best.parameters, &bounds, &FINE, self.cancel);
+            let deeper = problem.descend(&best.parameters, &FINE, self.cancel);
             if !usable(&deeper) || deeper.cost >= best.cost {
                 return;
             }
@@ -162,10 +160,9 @@ fn descend(
             .filter(usable)
             .collect();
     }
-    let bounds = problem.bounds();
     let begun = starts.par_iter().filter(|_| !late());
     begun
-        .map(|v| minimise(problem, &problem.pack(v), &bounds, &ROUGH, cancel))
+        .map(|v| problem.descend(&problem.pack(v), &ROUGH, cancel))
         .filter(usable)
         .collect()
 }

@@ -8,7 +8,7 @@ use crate::fit::misfit::{lightened, misfit_scale};
 use crate::fit::problem::{Problem, Values};
 use crate::fit::search::{AMBIGUOUS_RISE, ONE_SURFACE, usable};
 use crate::fit::settle::{Settled, Weighing};
-use crate::fit::solver::{Minimum, Settings, minimise};
+use crate::fit::solver::{Minimum, Settings};
 use crate::fit::start::distance;
 use crate::fit::unseen::no_lobe;
 use crate::fit::{FitOptions, Loss};
@@ -66,8 +66,7 @@ impl<'a> Inquiry<'_, 'a> {
         let values = problem.unpack(&minimum.parameters);
         let count = set.observations.len();
         let descend = |problem: &Problem<'a>, start: &[f64]| {
-            let bounds = problem.bounds();
-            minimise(problem, start, &bounds, &Settings::default(), self.cancel)
+            problem.descend(start, &Settings::DEFAULT, self.cancel)
         };
         // Change of each parameter by the tier.
         let closed = problem.clone().with_correction(vec![0.0; count]);

@@ -12,7 +12,8 @@ use crate::fit::solver::{self, Bounds, Minimum, Settings};
 /// Rows that are reduced to one triangle at a time.
 pub(super) const BLOCK: usize = 2048;
 
-/// [`solver::minimise`] for a problem of any size: block by block if it has many observations.
+/// [`solver::minimise`] for a problem of any size, with bounds that may be narrower than its own: block by block if it
+/// has many observations.
 pub(in crate::fit) fn minimise(
     problem: &Problem<'_>,
     start: &[f64],
@@ -33,6 +34,14 @@ pub(in crate::fit) fn minimise(
         &mut minimum.jacobian,
     );
     minimum
+}
+
+impl Problem<'_> {
+    /// Descends from `start` inside the bounds of the problem.
+    #[must_use]
+    pub fn descend(&self, start: &[f64], settings: &Settings, cancel: &AtomicBool) -> Minimum {
+        minimise(self, start, &self.bounds(), settings, cancel)
+    }
 }
 
 /// A problem with few rows: the triangle R of [J r] = Q R has the same JᵀJ, Jᵀr and rᵀr, so a solver takes the same
