@@ -140,12 +140,7 @@ pub fn best_of(case: &Case, stratum: Stratum, count: usize, seed: u64) -> (f64, 
     let (free, fixed) = free_quantities(&case.set, case.variant);
     let problem = Problem::new(&case.set, case.variant, free, fixed);
     let mut draw = Draw::new(seed ^ 0x5eed);
-    let rough = Settings {
-        polish_steps: 0,
-        cost_tolerance: 1e-5,
-        max_iterations: 200,
-        ..Settings::default()
-    };
+    let rough = Settings::ROUGH.within(200);
     let mut ends: Vec<Minimum> = Vec::new();
     let metal = case.truth.surface.rho_d == 0.0;
     let cancel = AtomicBool::new(false);

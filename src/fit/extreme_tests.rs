@@ -64,7 +64,7 @@ proptest! {
     #[test]
     fn a_descent_ends_at_finite_values_or_reports_why_not(a in prop::collection::vec(any_double(), ROWS * COLUMNS), y in prop::collection::vec(any_double(), ROWS), start in prop::collection::vec(any_double(), COLUMNS)) {
         let problem = Linear { a, y };
-        let settings = Settings { max_iterations: 60, ..Settings::default() };
+        let settings = Settings::DEFAULT.within(60);
         let m = minimise(&problem, &start, &Bounds::none(COLUMNS), &settings, &AtomicBool::new(false));
         prop_assert!(m.parameters.iter().all(|x| x.is_finite()), "{m:?}");
         prop_assert!(!m.cost.is_nan());

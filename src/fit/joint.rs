@@ -26,7 +26,7 @@ use super::one_variant::estimate_until;
 use super::problem::{Problem, Quantity, Values};
 use super::report::FitReport;
 use super::search::Late;
-use super::settle::{NEAR, sigma_at};
+use super::settle::sigma_at;
 use super::solver::{Minimum, Settings, minimise};
 use super::suspects::agreed;
 use super::tier::Tier;
@@ -260,7 +260,7 @@ impl<'e, 'a> Joint<'e, 'a> {
                         start[*c] = x;
                     }
                 }
-                minimise(&stacked, &start, &bounds, &NEAR, cancel)
+                minimise(&stacked, &start, &bounds, &Settings::NEAR, cancel)
             })
             .collect();
         let best = minima
@@ -302,7 +302,7 @@ impl<'e, 'a> Joint<'e, 'a> {
         self.minimum = minimise(&stacked, start, &bounds, settings, self.cancel);
     }
 
-    /// Runs rounds of discrepancies, weights and refit, whose descents only come near (see [`NEAR`]).
+    /// Runs rounds of discrepancies, weights and refit, whose descents only come near (see [`Settings::NEAR`]).
     fn settle_near(&mut self) {
         for _ in 0..ROUNDS {
             let mut still = true;
@@ -327,7 +327,7 @@ impl<'e, 'a> Joint<'e, 'a> {
                 let sigma = sigma_at(&own, &scale, next);
                 self.problems[scan] = self.problems[scan].clone().with_sigma(sigma);
             }
-            self.refit(&NEAR);
+            self.refit(&Settings::NEAR);
             if still || self.cancel.load(Ordering::Relaxed) {
                 break;
             }
@@ -469,14 +469,20 @@ fn zeros_for(
             starts.push(v);
         }
     }
-    let rough = Settings {
+    let unpolished = Settings {
         polish_steps: 0,
-        max_iterations: 60,
-        ..Settings::default()
+        ..Settings::DEFAULT
     };
+    let unpolished = unpolished.within(60);
     let ends = starts.into_iter().map(|v| {
         let alone = problem.clone().with_fixed(v).with_free(own.clone());
-        let m = minimise(&alone, &alone.pack(&v), &alone.bounds(), &rough, cancel);
+        let m = minimise(
+            &alone,
+            &alone.pack(&v),
+            &alone.bounds(),
+            &unpolished,
+            cancel,
+        );
         (m.cost, alone.unpack(&m.parameters))
     });
     let best = ends.min_by(|a, b| a.0.total_cmp(&b.0));

@@ -78,7 +78,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Settings for full accuracy.
+    /// For full accuracy.
     pub const DEFAULT: Settings = Settings {
         max_iterations: 2000,
         initial_radius: 0.1,
@@ -88,6 +88,39 @@ impl Settings {
         vanished_step: 1e-12,
         rank_tolerance: 1e-11,
     };
+    /// For the different ends of a search. Those that are far from a minimum after this many steps are continued only if
+    /// they are the best.
+    pub const FINE: Settings = Settings {
+        polish_steps: 20,
+        ..Settings::DEFAULT
+    }
+    .within(120);
+    /// For a fit that is repeated near its minimum, with a held parameter or other signals.
+    pub const REFIT: Settings = Settings {
+        polish_steps: 12,
+        ..Settings::DEFAULT
+    }
+    .within(300);
+    /// For a descent that only serves to estimate the model error, or to compare costs.
+    pub const NEAR: Settings = Settings {
+        polish_steps: 0,
+        cost_tolerance: 1e-6,
+        ..Settings::DEFAULT
+    };
+    /// For a descent that only has to reach the neighbourhood of a minimum.
+    pub const ROUGH: Settings = Settings {
+        cost_tolerance: 1e-5,
+        ..Settings::NEAR
+    };
+
+    /// Returns the same settings with another maximum number of trial steps.
+    #[must_use]
+    pub const fn within(self, max_iterations: u64) -> Self {
+        Settings {
+            max_iterations,
+            ..self
+        }
+    }
 }
 
 impl Default for Settings {

@@ -149,12 +149,7 @@ impl Walk<'_> {
         bounds.upper[self.j] = x;
         let mut start = self.last.clone();
         start[self.j] = x;
-        let settings = Settings {
-            polish_steps: 12,
-            max_iterations: 300,
-            ..Settings::default()
-        };
-        minimise(self.problem, &start, &bounds, &settings, self.cancel)
+        minimise(self.problem, &start, &bounds, &Settings::REFIT, self.cancel)
     }
 }
 
@@ -171,11 +166,6 @@ pub fn bootstrap(
 ) -> Vec<Vec<f64>> {
     let values = problem.unpack(&minimum.parameters);
     let predicted = problem.predicted(&values);
-    let settings = Settings {
-        polish_steps: 12,
-        max_iterations: 300,
-        ..Settings::default()
-    };
     (0..count)
         .into_par_iter()
         .filter_map(|k| {
@@ -198,7 +188,7 @@ pub fn bootstrap(
                 set.flats[index].signal = problem.flat_signal(index, &values) + s * normal();
             }
             let drawn = problem.drawn(&set, &values, &mut normal);
-            let m = drawn.descend(&minimum.parameters, &settings, cancel);
+            let m = drawn.descend(&minimum.parameters, &Settings::REFIT, cancel);
             m.ending.is_success().then_some(m.parameters)
         })
         .collect()

@@ -32,19 +32,6 @@ pub(super) const APART: f64 = 0.3;
 const SAME_SPOT: f64 = 0.05;
 /// Smallest distance between two surfaces that a report distinguishes: 0.05°, 0.7 % of α (see [`distance`]).
 pub(super) const ONE_SURFACE: f64 = 0.01;
-/// Settings of a descent that only has to come near a minimum; `FINE` is for descents to full accuracy.
-const ROUGH: Settings = Settings {
-    polish_steps: 0,
-    cost_tolerance: 1e-5,
-    max_iterations: 40,
-    ..Settings::DEFAULT
-};
-/// Settings of a descent to full accuracy.
-pub(super) const FINE: Settings = Settings {
-    polish_steps: 20,
-    max_iterations: 120,
-    ..Settings::DEFAULT
-};
 /// Standard uncertainty of an angle (rad) or a ln α above which the surface counts as undetermined.
 const OPEN: f64 = 0.1;
 /// Rise of the cost up to which a minimum is as good as the best one: the square of the coverage factor of the report.
@@ -169,7 +156,7 @@ impl<'p> Search<'p> {
             match self.runs.iter().find(is_there) {
                 Some(known) => *m = in_short(known),
                 None if self.over() => {}
-                None => *m = problem.descend(&m.parameters, &FINE, self.cancel),
+                None => *m = problem.descend(&m.parameters, &Settings::FINE, self.cancel),
             }
         });
     }
@@ -279,7 +266,7 @@ impl<'p> Search<'p> {
             .enumerate()
             .map(|(k, run)| {
                 let x = to.pack(&from.unpack(&run.parameters));
-                (k == 0 || !self.over()).then(|| to.descend(&x, &FINE, self.cancel))
+                (k == 0 || !self.over()).then(|| to.descend(&x, &Settings::FINE, self.cancel))
             })
             .collect();
         for (run, to) in runs.iter().zip(leads_to) {

@@ -50,18 +50,8 @@ const SEPARATED: f64 = 9.0;
 /// Change of ridge angle (rad) and logarithm of roughness below which the passes end.
 const STILL: f64 = 1e-4;
 
-/// Settings of a descent that only serves to estimate the model error.
-pub(super) const NEAR: Settings = Settings {
-    polish_steps: 0,
-    cost_tolerance: 1e-6,
-    ..Settings::DEFAULT
-};
-
-/// Settings of a descent from another end. Most ends are no better and creep along a valley, which shows early.
-const LOOK: Settings = Settings {
-    max_iterations: 100,
-    ..NEAR
-};
+/// Trial steps of a descent from another end. Most ends are no better and creep along a valley, which shows early.
+const LOOK: u64 = 100;
 
 /// Inputs of the weights of the observations.
 pub(super) struct Weighing<'s> {
@@ -172,13 +162,14 @@ impl Settled<'_> {
     /// The rounds, whose descents only come near. More digits change no weight, and on a kink of the model they cost hundreds of
     /// steps.
     pub(super) fn settle_near(&mut self, weighing: &Weighing<'_>) {
-        self.settle_by(&NEAR, weighing);
+        self.settle_by(&Settings::NEAR, weighing);
     }
 
     /// Starts from another end and continues until the model error there is known.
     pub(super) fn settle_from(&mut self, start: &[f64], weighing: &Weighing<'_>) {
-        self.minimum = self.problem.descend(start, &LOOK, weighing.cancel);
-        self.settle_by(&LOOK, weighing);
+        let settings = Settings::NEAR.within(LOOK);
+        self.minimum = self.problem.descend(start, &settings, weighing.cancel);
+        self.settle_by(&settings, weighing);
     }
 
     fn settle_by(&mut self, settings: &Settings, weighing: &Weighing<'_>) {

@@ -25,7 +25,6 @@ use super::findings::{Code, Finding, sorted};
 use super::misfit::{freedom, lightened, peak};
 use super::problem::{Problem, Quantity, Values};
 use super::search::usable;
-use super::settle::NEAR;
 use super::solver::{Minimum, Settings};
 use super::tier::Tier;
 use super::{FitOptions, Loss};
@@ -49,10 +48,7 @@ const STILL: f64 = 2e-5;
 /// Number of other ends of the search that are tried with a term, and of terms that are tried with a second one.
 const OTHERS: usize = 3;
 /// Such a descent first goes on for so long; most end at another surface.
-const BRIEF: Settings = Settings {
-    max_iterations: 30,
-    ..NEAR
-};
+const BRIEF: Settings = Settings::NEAR.within(30);
 /// Factors of θr of two more starts with the terms that join.
 const BESIDE: [f64; 2] = [0.85, 1.0 / 0.85];
 /// Maximum number of terms that join a fit.
@@ -298,7 +294,7 @@ impl<'a> Inquiry<'_, 'a> {
 
     /// Descends near to the minimum: suspects are compared by factors of χ².
     fn descended(&self, problem: Problem<'a>, start: &[f64]) -> Option<Trial<'a>> {
-        self.descended_by(&NEAR, problem, start)
+        self.descended_by(&Settings::NEAR, problem, start)
     }
 
     fn descended_by(

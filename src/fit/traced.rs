@@ -22,7 +22,7 @@ use super::budget::uncertainty;
 use super::estimate::Estimate;
 use super::misfit::misfit_scale;
 use super::problem::{Quantity, Values};
-use super::settle::{NEAR, Settled, Weighing};
+use super::settle::{Settled, Weighing};
 use super::solver::Settings;
 use crate::material::Material;
 use crate::observation::ObservationSet;
@@ -210,7 +210,7 @@ impl<'a> Run<'a> {
             let settled = &mut self.settled;
             let problem = settled.problem.clone().with_factor(traced.factor);
             settled.problem = problem.with_correction(traced.added);
-            settled.rounds(&NEAR, &scatter.weighing(task));
+            settled.rounds(&Settings::NEAR, &scatter.weighing(task));
             settled.minimum = settled.again(&settled.minimum.parameters, task.cancel);
             if task.cancel.load(Ordering::Relaxed) {
                 return None;

@@ -9,15 +9,12 @@ use std::sync::atomic::AtomicBool;
 use super::coverage::COVERAGE;
 use super::minimum::{Minimum, Settings};
 use super::problem::{ALPHA_MIN, Problem, Quantity};
-use super::settle::NEAR;
 use super::thin::minimise;
 use crate::model::Variant;
 
-/// Settings of the descent without a lobe. It starts beside its minimum if there is no lobe; otherwise it is far from any.
-const BESIDE: Settings = Settings {
-    max_iterations: 40,
-    ..NEAR
-};
+/// Trial steps of the descent without a lobe. It starts beside its minimum if there is no lobe; otherwise it is far from
+/// any.
+const STEPS: u64 = 40;
 
 /// The best surface without a lobe near `minimum`, unless the data exclude it. Its roughness means nothing; it is
 /// [`ALPHA_MIN`].
@@ -38,7 +35,8 @@ pub(super) fn no_lobe(
         start[j] = ALPHA_MIN.ln();
         bounds.upper[j] = start[j];
     }
-    let found = minimise(&dark, &start, &bounds, &BESIDE, cancel);
+    let settings = Settings::NEAR.within(STEPS);
+    let found = minimise(&dark, &start, &bounds, &settings, cancel);
     let rise = found.cost - minimum.cost;
     let poses = dark.set().observations.len();
     (found.cost.is_finite() && rise < by_chance(poses)).then_some(found)

@@ -9,8 +9,8 @@ use super::super::crew;
 use super::super::drawn;
 use super::super::misfit::freedom;
 use super::super::problem::{Problem, Values};
-use super::super::solver::{Ending, Minimum};
-use super::{FINE, Late, ROUGH, Search, same, usable};
+use super::super::solver::{Ending, Minimum, Settings};
+use super::{Late, Search, same, usable};
 use crate::observation::ObservationSet;
 
 /// Lanes that descend together.
@@ -84,7 +84,7 @@ impl Search<'_> {
                     azimuth_offset: -found.azimuth_offset - 2.0 * (zero + line),
                     ..found
                 };
-                problem.descend(&problem.pack(&image), &FINE, self.cancel)
+                problem.descend(&problem.pack(&image), &Settings::FINE, self.cancel)
             })
             .filter(usable)
             .collect();
@@ -101,7 +101,7 @@ impl Search<'_> {
             if self.started || self.over() {
                 return;
             }
-            let deeper = problem.descend(&best.parameters, &FINE, self.cancel);
+            let deeper = problem.descend(&best.parameters, &Settings::FINE, self.cancel);
             if !usable(&deeper) || deeper.cost >= best.cost {
                 return;
             }
@@ -160,9 +160,10 @@ fn descend(
             .filter(usable)
             .collect();
     }
+    let rough = Settings::ROUGH.within(40);
     let begun = starts.par_iter().filter(|_| !late());
     begun
-        .map(|v| problem.descend(&problem.pack(v), &ROUGH, cancel))
+        .map(|v| problem.descend(&problem.pack(v), &rough, cancel))
         .filter(usable)
         .collect()
 }

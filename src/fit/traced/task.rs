@@ -13,8 +13,7 @@ use crate::fit::estimate::Estimate;
 use crate::fit::misfit::freedom;
 use crate::fit::problem::{Problem, Values};
 use crate::fit::search::AMBIGUOUS_RISE;
-use crate::fit::settle::NEAR;
-use crate::fit::solver::Minimum;
+use crate::fit::solver::{Minimum, Settings};
 use crate::trace::pose_radiance::RadianceOptions;
 use crate::trace::rng::{Purpose, RandomStream};
 use crate::trace::surface_profile::SurfaceProfile;
@@ -73,7 +72,7 @@ impl Task<'_, '_> {
                 minimum: rival.clone(),
                 discrepancy: best.discrepancy,
             };
-            there.rounds(&NEAR, &scatter.weighing(self));
+            there.rounds(&Settings::NEAR, &scatter.weighing(self));
             let chi2 = scatter
                 .estimate(&there, sawtooth)
                 .chi2_reduced_without_model;
