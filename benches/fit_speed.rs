@@ -11,7 +11,7 @@ use std::hint::black_box;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use ridged::fit::covariance::{Scaling, covariance};
+use ridged::fit::covariance::covariance;
 use ridged::fit::estimate::StartReport;
 use ridged::fit::problem::{Problem, Quantity, Values};
 use ridged::fit::search::from_starts;
@@ -58,12 +58,7 @@ fn tell(name: &str, problem: &Problem<'_>, starts: &[Values], peer: Option<&serd
     let whole = || -> Option<(Minimum, StartReport)> {
         let (best, report) = from_starts(problem, starts, &cancel)?;
         let m = best.residuals.len();
-        black_box(covariance(
-            &best.jacobian,
-            m,
-            &best.residuals,
-            Scaling::Birge,
-        ));
+        black_box(covariance(&best.jacobian, m, &best.residuals));
         Some((best, report))
     };
     let mut seconds = f64::INFINITY;

@@ -45,7 +45,7 @@ mod shared;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::covariance::{Covariance, Scaling, covariance};
+use super::covariance::{Covariance, covariance};
 use super::denials::{denials, determines_the_material};
 use super::drift::{Drift, drift};
 use super::estimate::Estimate;
@@ -222,7 +222,7 @@ pub(super) struct Part<'e, 'a> {
 pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f64]) -> Uncertainty {
     let m = residuals.len();
     let n = jacobian.len() / m.max(1);
-    let covariance = covariance(jacobian, m, residuals, Scaling::Absolute);
+    let covariance = covariance(jacobian, m, residuals);
     let k = pseudo_inverse(jacobian, &covariance, m, n);
     let drifts: Vec<Option<Drift>> = parts.iter().map(|p| drift(p.estimate)).collect();
     let shared: Vec<Shared> = parts.iter().map(|p| Shared::new(p.estimate)).collect();

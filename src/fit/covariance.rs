@@ -13,15 +13,6 @@ use nalgebra::DMatrix;
 
 use super::least_squares::householder;
 
-/// Whether uncertainties are taken as given or scaled by the scatter of the residuals.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Scaling {
-    /// The standard uncertainties of the observations are correct.
-    Absolute,
-    /// They are correct up to a factor: the Birge ratio √(χ²/ν).
-    Birge,
-}
-
 /// Covariance with its rank test.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covariance {
@@ -35,7 +26,7 @@ pub struct Covariance {
     pub singular_values: Vec<f64>,
     /// Observations minus fitted directions.
     pub degrees_of_freedom: usize,
-    /// χ²/ν before any scaling; 1 if ν = 0.
+    /// χ²/ν; 1 if ν = 0.
     pub chi2_reduced: f64,
 }
 
@@ -45,9 +36,11 @@ pub const RANK_TOLERANCE: f64 = 1e-10;
 /// Smallest component with which a parameter takes part in a null direction.
 const PART_IN_NULL_DIRECTION: f64 = 1e-3;
 
-/// Computes the covariance from the column-major m × n derivatives and the m residuals.
+/// Computes the covariance from the column-major m × n derivatives and the m residuals. The standard uncertainties that
+/// divide them count as given. If they are correct up to a factor only, multiply the matrix by [`Covariance::chi2_reduced`],
+/// the square of the Birge ratio.
 #[must_use]
-pub fn covariance(jacobian: &[f64], m: usize, residuals: &[f64], scaling: Scaling) -> Covariance {
+pub fn covariance(jacobian: &[f64], m: usize, residuals: &[f64]) -> Covariance {
     let n = jacobian.len() / m.max(1);
     let lengths: Vec<f64> = (0..n)
         .map(|j| {
@@ -101,15 +94,11 @@ pub fn covariance(jacobian: &[f64], m: usize, residuals: &[f64], scaling: Scalin
     } else {
         1.0
     };
-    let factor = match scaling {
-        Scaling::Absolute => 1.0,
-        Scaling::Birge => chi2_reduced,
-    };
     for a in 0..n {
         for b in 0..n {
             let lengths = lengths[a] * lengths[b];
             if lengths > 0.0 {
-                matrix[(a, b)] *= factor / lengths;
+                matrix[(a, b)] *= 1.0 / lengths;
             }
         }
     }
@@ -149,7 +138,7 @@ mod tests {
     fn a_straight_line_has_the_textbook_variances() {
         // y = a + b x at x = 0..4, σ = 1: var b = 1/10, var a = 1/5 + 4/10.
         let jacobian = [1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 2.0, 3.0, 4.0];
-        let c = covariance(&jacobian, 5, &[0.0; 5], Scaling::Absolute);
+        let c = covariance(&jacobian, 5, &[0.0; 5]);
         assert!((c.matrix[(1, 1)] - 0.1).abs() < 1e-15);
         assert!((c.matrix[(0, 0)] - 0.6).abs() < 1e-15);
         assert!((c.matrix[(0, 1)] + 0.2).abs() < 1e-15);
@@ -160,7 +149,7 @@ mod tests {
     fn only_parameters_of_a_null_direction_are_not_identifiable() {
         // Columns 0 and 2 are proportional; column 1 is independent.
         let jacobian = [1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 3.0, 3.0, 0.0];
-        let c = covariance(&jacobian, 3, &[0.0; 3], Scaling::Absolute);
+        let c = covariance(&jacobian, 3, &[0.0; 3]);
         assert_eq!(c.identifiable, vec![false, true, false]);
         assert_eq!(c.null_directions.len(), 1);
         assert!(c.standard_deviations()[0].is_infinite());

@@ -1,6 +1,6 @@
 //! Stated values that the data contradict.
 
-use super::covariance::{Scaling, covariance};
+use super::covariance::covariance;
 use super::estimate::Estimate;
 use super::misfit::LOUD;
 use super::problem::Quantity;
@@ -60,7 +60,7 @@ pub(super) fn denials(e: &Estimate<'_>) -> Vec<Denial> {
     if rows != problem.residual_count() || free.len() * rows != end.jacobian.len() {
         return Vec::new();
     }
-    let covariance = covariance(&end.jacobian, rows, &end.residuals, Scaling::Absolute).matrix;
+    let covariance = covariance(&end.jacobian, rows, &end.residuals).matrix;
     let priors = problem.priors().iter().zip(first..);
     priors
         .filter_map(|((quantity, prior), row)| {

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::FitOptions;
 use super::constraints::priors;
-use super::covariance::{Scaling, covariance};
+use super::covariance::covariance;
 use super::estimate::{Estimate, Thinned};
 use super::minimum::Minimum;
 use super::misfit::misfit_scale;
@@ -78,7 +78,7 @@ pub fn estimate_until<'a>(
 fn is_determined(e: &Estimate<'_>) -> bool {
     let end = &e.minimum;
     let rows = end.residuals.len();
-    covariance(&end.jacobian, rows, &end.residuals, Scaling::Absolute)
+    covariance(&end.jacobian, rows, &end.residuals)
         .null_directions
         .is_empty()
 }

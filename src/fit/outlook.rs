@@ -6,7 +6,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::covariance::{Scaling, covariance};
+use super::covariance::covariance;
 use super::coverage::COVERAGE_FACTOR;
 use super::opening::Opening;
 use super::problem::{Problem, Values};
@@ -178,12 +178,7 @@ impl Look<'_> {
         if minimum.jacobian.len() != rows * count {
             return 0.0;
         }
-        let known = covariance(
-            &minimum.jacobian,
-            rows,
-            &minimum.residuals,
-            Scaling::Absolute,
-        );
+        let known = covariance(&minimum.jacobian, rows, &minimum.residuals);
         let guess = COVERAGE_FACTOR * known.matrix[(0, 0)].sqrt();
         let rise = COVERAGE_FACTOR * COVERAGE_FACTOR;
         let (_, one_s) = self.timed(|| profile(problem, minimum, 0, guess, rise, self.cancel));

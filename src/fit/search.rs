@@ -336,7 +336,7 @@ pub(super) fn determined(problem: &Problem<'_>, end: &Minimum) -> bool {
     if end.jacobian.len() != rows * problem.free().len() {
         return false;
     }
-    let known = covariance(&end.jacobian, rows, &end.residuals, Scaling::Absolute);
+    let known = covariance(&end.jacobian, rows, &end.residuals);
     let std = known.standard_deviations();
     problem.free().iter().zip(std).all(|(quantity, std)| {
         let counts = matches!(

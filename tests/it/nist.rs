@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Dyn, U1};
 use num_dual::{Derivative, DualDVec64, DualNum};
-use ridged::fit::covariance::{Scaling, covariance};
+use ridged::fit::covariance::covariance;
 use ridged::fit::least_squares::LeastSquares;
 use ridged::fit::solver::{Bounds, Settings, minimise};
 
@@ -275,8 +275,10 @@ fn the_certified_values_come_out_to_ten_digits_from_both_starts() {
                 &AtomicBool::new(false),
             );
             let lre = log_relative_error(&m.parameters, &problem.values);
-            let cov = covariance(&m.jacobian, m.residuals.len(), &m.residuals, Scaling::Birge);
-            let lre_sd = log_relative_error(&cov.standard_deviations(), &problem.deviations);
+            let cov = covariance(&m.jacobian, m.residuals.len(), &m.residuals);
+            let birge = cov.chi2_reduced.sqrt();
+            let std = cov.standard_deviations().into_iter().map(|s| birge * s);
+            let lre_sd = log_relative_error(&std.collect::<Vec<_>>(), &problem.deviations);
             parameters += usize::from(lre >= 10.0);
             deviations += usize::from(lre_sd >= 10.0);
             table += &format!(
