@@ -40,6 +40,14 @@ pub fn spread(values: &mut [f64]) -> Option<(f64, f64)> {
     Some((centre, STD_PER_DEVIATION * median(&mut away)?))
 }
 
+/// Returns the χ² per degree of freedom that normal scatter exceeds as rarely as a normal variable exceeds `quantile`
+/// (Wilson and Hilferty 1931).
+#[must_use]
+pub fn reduced_chi2_at(freedom: f64, quantile: f64) -> f64 {
+    let spread = 2.0 / (9.0 * freedom);
+    (1.0 - spread + quantile * spread.sqrt()).powi(3)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

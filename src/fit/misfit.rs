@@ -10,6 +10,7 @@ use super::problem::{Problem, Values};
 use super::{FitOptions, Loss};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
+use crate::robust::reduced_chi2_at;
 
 /// Lower limit of the scale of the discrepancy, as a share of the peak.
 const DISCREPANCY_FLOOR: f64 = 0.1;
@@ -83,14 +84,8 @@ pub(super) fn explained(
     if options.misfit {
         variant == Variant::Paper || discrepancy <= UNEXPLAINED
     } else {
-        cost <= freedom * chance(freedom, RARE)
+        cost <= freedom * reduced_chi2_at(freedom, RARE)
     }
-}
-
-/// χ²/ν that noise alone exceeds as rarely as a normal variable exceeds `quantile` (Wilson and Hilferty 1931).
-pub(super) fn chance(freedom: f64, quantile: f64) -> f64 {
-    let spread = 2.0 / (9.0 * freedom);
-    (1.0 - spread + quantile * spread.sqrt()).powi(3)
 }
 
 /// Finds the d for which Σ r²/(σ² + d² s²) equals the degrees of freedom; 0 if σ alone suffices. With a robust loss the
@@ -109,7 +104,7 @@ pub(super) fn discrepancy_of(
         Loss::Huber | Loss::Tukey => EFFICIENCY_OF_MEDIAN * freedom,
     };
     let chi2 = |d| chi2(residuals, sigma, scale, d, loss);
-    if chi2(0.0) <= freedom * chance(effective, LIKELY) {
+    if chi2(0.0) <= freedom * reduced_chi2_at(effective, LIKELY) {
         return 0.0;
     }
     root(|d| chi2(d) / freedom - 1.0)

@@ -6,11 +6,12 @@
 //! promising first, as long as enough of them improve: on a map with a large model error everywhere, most candidates
 //! are false alarms, and refitting all would cost as much as the map.
 
-use super::run::{Run, better, chi2_max, freedom, usual_chi2_max};
+use super::run::{Run, better, freedom, usual_chi2_max};
 use super::settle::Settled;
 use super::solve::{End, PixelFit};
 use super::start::near;
 use super::{REFRESHES, kernel::Parameters};
+use crate::robust::reduced_chi2_at;
 
 /// Normal quantile of χ² from which a pixel is a candidate even if many pixels are like it.
 const UNEASY: f64 = 3.0;
@@ -80,7 +81,8 @@ fn doubts(
     for (at, fit) in fits.iter().enumerate() {
         let freedom = freedom(fit);
         let reduced = fit.chi2 / freedom / settled.birge;
-        let uneasy = reduced > chi2_max(freedom, UNEASY) || !settled.leaders.many_like(&fit.p);
+        let uneasy =
+            reduced > reduced_chi2_at(freedom, UNEASY) || !settled.leaders.many_like(&fit.p);
         if fit.end != End::Converged || reduced > usual_chi2_max(freedom) || !uneasy {
             continue;
         }

@@ -11,6 +11,7 @@ use super::solve::{End, Job, PixelFit, Pixels, Way, solve_on};
 use super::start::{Leaders, Templates, lambert_chi2};
 use super::view::View;
 use crate::geometry::Pose;
+use crate::robust::reduced_chi2_at;
 
 /// Signals of some pixels, pixel by pixel.
 pub(super) struct Batch {
@@ -417,16 +418,9 @@ pub(super) fn freedom(fit: &PixelFit) -> f64 {
     (fit.n_used as f64 - FREE as f64).max(1.0)
 }
 
-/// Returns the χ² per degree of freedom that good data exceed once in 300,000: the normal quantile 4.5 after Wilson and
-/// Hilferty (1931), since χ² of few degrees of freedom has a long tail.
+/// Returns the χ² per degree of freedom that good data exceed once in 300,000 (the normal quantile 4.5).
 pub(super) fn usual_chi2_max(freedom: f64) -> f64 {
-    chi2_max(freedom, 4.5)
-}
-
-/// As [`usual_chi2_max`], at another quantile of the normal distribution.
-pub(super) fn chi2_max(freedom: f64, quantile: f64) -> f64 {
-    let k = 2.0 / (9.0 * freedom);
-    (1.0 - k + quantile * k.sqrt()).powi(3)
+    reduced_chi2_at(freedom, 4.5)
 }
 
 #[cfg(test)]

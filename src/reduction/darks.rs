@@ -15,6 +15,7 @@ use super::detector::{Correction, Detector};
 use super::load::{Calls, load};
 use super::reduction_log::{ReductionLog, Rejection};
 use super::sensor::{Sensor, median, robust_spread};
+use crate::robust::reduced_chi2_at;
 
 /// Pixels further than this many robust standard deviations from the others are defects.
 const DEFECT_SIGMAS: f64 = 8.0;
@@ -447,9 +448,7 @@ fn good_pixels(sums: &[(f64, Sums)], sensor: &Sensor) -> Vec<bool> {
         .collect();
     let freedom: f64 = sums.iter().map(|(_, s)| f64::from(s.frames) - 1.0).sum();
     if freedom >= 2.0 {
-        // χ² at six standard deviations after Wilson and Hilferty (1931).
-        let k = 2.0 / (9.0 * freedom);
-        let limit = freedom * (1.0 - k + 6.0 * k.sqrt()).powi(3);
+        let limit = freedom * reduced_chi2_at(freedom, 6.0);
         for (pixel, good) in good.iter_mut().enumerate() {
             let chi2: f64 = sums
                 .iter()

@@ -6,11 +6,11 @@ use super::{EACH_ITS_OWN, Joint, JointReport, Scan, ScanReport};
 use crate::fit::budget::{Part, Uncertainty, of_parts, uncertainty};
 use crate::fit::covariance::Covariance;
 use crate::fit::estimate::Estimate;
-use crate::fit::misfit::chance;
 use crate::fit::problem::Quantity;
 use crate::fit::report::{FitReport, Parameter, Parameters, Status, VariantName, VariantSummary};
 use crate::fit::reporting::{report_with, summary};
 use crate::model::Variant;
+use crate::robust::reduced_chi2_at;
 
 /// Normal quantiles of a scatter that widens the uncertainty (one in a hundred by chance, for each of four parameters),
 /// and of one that causes a warning (one in a thousand).
@@ -134,12 +134,12 @@ impl Joint<'_, '_> {
                 .zip(&weights)
                 .map(|(x, w)| w * (x - mean).powi(2));
             let birge = chi2.sum::<f64>() / freedom;
-            if birge > chance(freedom, WIDENS) {
+            if birge > reduced_chi2_at(freedom, WIDENS) {
                 let extra = ((birge - 1.0) / total).sqrt();
                 let budget = &mut joint.budgets[column];
                 budget.model = budget.model.hypot(extra);
             }
-            if birge > chance(freedom, DISAGREES) {
+            if birge > reduced_chi2_at(freedom, DISAGREES) {
                 warnings.push(format!(
                     "The {} scans disagree on {spoken} by {:.1} times their uncertainties. Check that they are of the \
                      same part, and that it lay flat in each: a sample that is tilted on the turntable has another angle \
