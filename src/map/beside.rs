@@ -11,11 +11,10 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::costly::Costly;
-use super::kernel::{Geometry, Parameters, single};
+use super::kernel::{Geometry, Parameters, difference, single};
 use super::view::View;
 use crate::geometry::Pose;
 use crate::model::{Optics, Surface, Variant, radiance};
-use crate::units::Angle;
 
 /// Grid points along an edge of the field.
 const GRID: usize = 7;
@@ -168,13 +167,8 @@ impl Beside {
     /// For a pixel like `p` at a place: returns the change of its observation `j`.
     pub(super) fn at(&self, p: &Parameters, place_mm: [f64; 2]) -> impl Fn(usize) -> f64 {
         let away = |known: &Known| -> f64 {
-            let apart = |k: usize| match k {
-                1 => Angle::from_rad(p[1] - known.0[1]).wrapped().rad(),
-                _ => p[k] - known.0[k],
-            };
-            (0..APART.len())
-                .map(|k| (apart(k) / APART[k]).powi(2))
-                .sum()
+            let apart = difference(p, &known.0).into_iter().zip(APART);
+            apart.map(|(d, scale)| (d / scale).powi(2)).sum()
         };
         let nearest = self
             .surfaces

@@ -5,7 +5,7 @@
 //! represent most pixels. Its difference from the closed form, which changes slowly, is added as a fixed offset to
 //! every pixel near one of these surfaces. A pixel far from all of them is fitted with the closed form only.
 
-use super::kernel::{FREE, Parameters};
+use super::kernel::{FREE, Parameters, difference};
 
 /// Distance up to which such a surface's offset is used: rad, rad, logarithms.
 const REACH: [f64; FREE - 1] = [0.06, 0.12, 0.4, 0.4];
@@ -55,16 +55,9 @@ impl Integrated {
 
 /// Returns the largest distance of a parameter in units of its reach, without the fifth.
 fn distance(a: &Parameters, b: &Parameters) -> f64 {
-    let turn = std::f64::consts::TAU;
-    (0..FREE - 1)
-        .map(|k| {
-            let mut d = a[k] - b[k];
-            if k == 1 {
-                d -= turn * (d / turn).round();
-            }
-            d.abs() / REACH[k]
-        })
-        .fold(0.0, f64::max)
+    let apart = difference(a, b);
+    let shares = apart.iter().zip(REACH).map(|(d, reach)| d.abs() / reach);
+    shares.fold(0.0, f64::max)
 }
 
 #[cfg(test)]

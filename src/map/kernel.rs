@@ -203,6 +203,14 @@ pub(super) const fn packed(i: usize, j: usize) -> usize {
 /// the amplitude (conductors).
 pub(super) type Parameters = [f64; FREE];
 
+/// Returns a − b, with the difference of ψ within half a turn.
+pub(super) fn difference(a: &Parameters, b: &Parameters) -> Parameters {
+    let mut apart: Parameters = std::array::from_fn(|k| a[k] - b[k]);
+    let turn = std::f64::consts::TAU;
+    apart[1] -= turn * (apart[1] / turn).round();
+    apart
+}
+
 /// Returns term (a) of one observation for one pixel: its value and its derivatives with respect to θr, ψ, ln αu, ln
 /// αv. `lamp` is R²/8.
 pub(super) fn single(geometry: &Geometry, p: &Parameters, lamp: f64) -> (f64, [f64; 4]) {

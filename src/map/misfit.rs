@@ -6,7 +6,7 @@
 //! [`shared_misfit`].
 
 use super::globals::step::rows_of;
-use super::kernel::{FREE, Parameters};
+use super::kernel::{FREE, Parameters, difference};
 use super::run::Run;
 use super::solve::PixelFit;
 use crate::jackknife::{self, ByGroups};
@@ -66,17 +66,10 @@ pub(super) fn shared_misfit(run: &Run<'_>, good: &[(usize, PixelFit)]) -> Option
 }
 
 fn alike(a: &Parameters, b: &Parameters, run: &Run<'_>) -> bool {
-    (0..FREE).all(|k| {
-        let scale = if k == 4 && run.costly.is_amplitude() {
-            b[4].abs()
-        } else {
-            1.0
-        };
-        let mut apart = a[k] - b[k];
-        if k == 1 {
-            apart = (apart + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
-                - std::f64::consts::PI;
-        }
-        apart.abs() <= ALIKE[k] * scale
-    })
+    let mut most = ALIKE;
+    if run.costly.is_amplitude() {
+        most[4] *= b[4].abs();
+    }
+    let apart = difference(a, b);
+    apart.iter().zip(most).all(|(d, most)| d.abs() <= most)
 }

@@ -4,7 +4,7 @@
 //! best template of each quarter turn is the start of a descent. The results are grouped, and a few leaders represent
 //! the groups. Every other pixel starts at the leader that fits it best or, if none does, at its own templates.
 
-use super::kernel::{FREE, Geometry, Parameters, single};
+use super::kernel::{Geometry, Parameters, difference, single};
 use crate::robust;
 
 const THETA_R_DEG: [f64; 6] = [2.5, 6.0, 11.0, 18.0, 28.0, 42.0];
@@ -193,17 +193,10 @@ impl Leaders {
 
     /// Returns the centre of each leader's group.
     pub(super) fn centres(&self, fits: &[Parameters]) -> Vec<Parameters> {
-        let turn = std::f64::consts::TAU;
         let centre = |leader: &Parameters| {
             std::array::from_fn(|k| {
-                let offsets = fits.iter().filter(|p| near(leader, p)).map(|p| {
-                    let d = p[k] - leader[k];
-                    if k == 1 {
-                        d - turn * (d / turn).round()
-                    } else {
-                        d
-                    }
-                });
+                let group = fits.iter().filter(|p| near(leader, p));
+                let offsets = group.map(|p| difference(p, leader)[k]);
                 leader[k] + robust::median_of_finite(offsets).unwrap_or(0.0)
             })
         };
@@ -254,14 +247,8 @@ impl Leaders {
 
 /// Whether two fits have the same leader.
 pub(super) fn near(a: &Parameters, b: &Parameters) -> bool {
-    let turn = std::f64::consts::TAU;
-    (0..FREE - 1).all(|k| {
-        let mut d = a[k] - b[k];
-        if k == 1 {
-            d -= turn * (d / turn).round();
-        }
-        d.abs() < APART[k]
-    })
+    let apart = difference(a, b);
+    apart.iter().zip(APART).all(|(d, most)| d.abs() < most)
 }
 
 #[cfg(test)]
