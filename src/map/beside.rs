@@ -44,18 +44,12 @@ pub(super) struct Anywhere<'v> {
 
 impl<'v> Anywhere<'v> {
     pub(super) fn new(costly: &Costly, view: &'v View, p: &Parameters) -> Self {
-        let (eta, k) = view.index();
         Anywhere {
             view,
             p: *p,
             lamp: costly.lamp(),
             surface: costly.surface(p),
-            optics: Optics {
-                eta,
-                k,
-                theta_l: view.imaging.rig.theta_l.rad(),
-                cones: view.imaging.rig.cones,
-            },
+            optics: *costly.optics(),
         }
     }
 

@@ -170,6 +170,10 @@ impl Costly {
         Costly { real, ..self }
     }
 
+    pub(super) fn optics(&self) -> &Optics {
+        &self.table.optics
+    }
+
     pub(super) fn lamp(&self) -> f64 {
         self.lamp
     }
@@ -387,11 +391,7 @@ impl Costly {
             let brightest = closed.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
             for (j, exact) in closed.iter().enumerate() {
                 let once = single(&self.geometry[j], &at, self.lamp).0;
-                let expanded = if self.amplitude {
-                    at[4] * once + offset[j]
-                } else {
-                    once + at[4] * basis[j] + offset[j]
-                };
+                let expanded = self.light(&at, once, offset[j], basis[j]);
                 largest = largest.max((expanded - exact).abs() / brightest);
             }
         }
@@ -427,6 +427,14 @@ impl Costly {
         full
     }
 
+    /// Returns the radiance of an observation at `p` from the single reflection of amplitude 1, offset and B.
+    pub(super) fn light(&self, p: &Parameters, once: f64, offset: f64, basis: f64) -> f64 {
+        match self.amplitude {
+            true => p[4] * once + offset,
+            false => once + p[4] * basis + offset,
+        }
+    }
+
     fn closed(&self, p: &Parameters) -> Vec<f64> {
         let real = self.real.as_ref().map_or(Real::NONE, |r| r.real);
         self.closed_as(p, &real)
@@ -439,12 +447,8 @@ impl Costly {
             .zip(&cell.offset)
             .zip(&cell.basis)
             .map(|((g, offset), basis)| {
-                let a = single(g, p, self.lamp).0;
-                if self.amplitude {
-                    p[4] * a + offset
-                } else {
-                    a + p[4] * basis + offset
-                }
+                let once = single(g, p, self.lamp).0;
+                self.light(p, once, *offset, *basis)
             })
             .collect()
     }

@@ -12,7 +12,7 @@ use super::kernel::{Geometry, Parameters};
 use super::observe;
 use super::view::View;
 use crate::geometry::Pose;
-use crate::model::{Surface, left_out};
+use crate::model::{Optics, Surface, left_out};
 use crate::plan::series::{SURFACES, layers, polarisation};
 use crate::plan::{Basis, ComputationPlan, Decision, PlanChoice, TOLERANCE};
 use crate::reduction::FrameSource;
@@ -57,7 +57,7 @@ pub(super) fn decide(
 ) -> ComputationPlan {
     let tolerance = target_error.unwrap_or(TOLERANCE);
     let found: Vec<Surface> = surfaces.iter().map(|p| costly.surface(p)).collect();
-    let (eta, k) = view.index();
+    let Optics { eta, k, .. } = *costly.optics();
     let turned: Vec<Pose> = match surfaces.first() {
         Some(p) => costly.turned_poses(p).collect(),
         None => Vec::new(),

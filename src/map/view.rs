@@ -7,7 +7,7 @@
 use nalgebra::Vector3;
 
 use super::kernel::Geometry;
-use crate::geometry::{Imaging, Pose, RigGeometry};
+use crate::geometry::{Directions, Imaging, Pose, RigGeometry};
 use crate::material::Material;
 use crate::model::fresnel;
 use crate::series::Manifest;
@@ -16,10 +16,14 @@ use crate::units::Angle;
 /// Returns the geometry in the sample's frame at a true pose, with camera and lamp far away; `fresnel` is the
 /// reflectance at half the angle between them.
 pub(super) fn telecentric(rig: &RigGeometry, pose: Pose, fresnel: f64) -> Geometry {
-    let d = rig.rig_directions(pose.theta_c);
+    in_sample(rig, pose, &rig.rig_directions(pose.theta_c), fresnel)
+}
+
+/// Rotates directions of the rig into the sample's frame at a pose.
+fn in_sample(rig: &RigGeometry, pose: Pose, d: &Directions, fresnel: f64) -> Geometry {
     let (s, c) = (pose.phi_s + rig.azimuth_zero).sin_cos();
-    let to_sample = |w: Vector3<f64>| [w.x * c + w.y * s, w.y * c - w.x * s, w.z];
-    Geometry::new(to_sample(d.incident), to_sample(d.outgoing), fresnel)
+    let turned = |w: Vector3<f64>| [w.x * c + w.y * s, w.y * c - w.x * s, w.z];
+    Geometry::new(turned(d.incident), turned(d.outgoing), fresnel)
 }
 
 /// The arrangement of sample, camera and lamp.
@@ -85,11 +89,6 @@ impl View {
         self.is_telecentric() || !self.own_directions
     }
 
-    /// Returns n and k of the sample's material.
-    pub(super) fn index(&self) -> (f64, f64) {
-        self.index
-    }
-
     /// Moves camera and lamp to a distance from a square field, mm.
     #[cfg(test)]
     pub(super) fn brought_to(self, distance_mm: f64, field_mm: f64) -> View {
@@ -141,15 +140,10 @@ impl View {
         if self.is_telecentric() {
             return self.central(pose);
         }
-        let (s, c) = (pose.phi_s + self.imaging.rig.azimuth_zero).sin_cos();
-        let to_sample = |w: Vector3<f64>| [w.x * c + w.y * s, w.y * c - w.x * s, w.z];
         let (d, _) = self.imaging.at(self.turned(pose, place_mm), pose.theta_c);
         let cos_half = 0.5 * (d.incident + d.outgoing).norm();
-        Geometry::new(
-            to_sample(d.incident),
-            to_sample(d.outgoing),
-            fresnel::reflectance(cos_half, self.index.0, self.index.1),
-        )
+        let fresnel = fresnel::reflectance(cos_half, self.index.0, self.index.1);
+        in_sample(&self.imaging.rig, pose, &d, fresnel)
     }
 
     /// Returns the irradiance on a surface that faces the lamp at a point of the sample, relative to the centre of

@@ -161,10 +161,10 @@ pub(in crate::map) fn rows_of(
             };
         }
         let (a, s) = single(&geometry[j], p, lamp);
-        let (full, first, last) = if amplitude {
-            (p[4] * a + offset[j], p[4], a)
-        } else {
-            (a + p[4] * basis[j] + offset[j], 1.0, basis[j])
+        let full = run.costly.light(p, a, offset[j], basis[j]);
+        let (first, last) = match amplitude {
+            true => (p[4], a),
+            false => (1.0, basis[j]),
         };
         Row {
             weight: weight[j],
