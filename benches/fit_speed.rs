@@ -110,15 +110,8 @@ fn starts() -> Vec<Values> {
                 alpha_u: alpha,
                 alpha_v: alpha,
                 rho_d: 0.1,
-                scale: 1.0,
-                background: 0.0,
-                azimuth_offset: 0.0,
-                tilt_offset: 0.0,
                 eta: 1.54,
-                k: 0.0,
-                real: ridged::model::extended::Real::NONE,
-                wedge: 0.0,
-                lamp_turn: 0.0,
+                ..Values::IDEAL
             });
         }
     }

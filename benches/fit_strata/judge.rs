@@ -50,11 +50,7 @@ pub fn values(truth: &Truth) -> Values {
         background: truth.background,
         azimuth_offset: truth.azimuth_offset,
         tilt_offset: truth.tilt_offset,
-        eta: 0.0,
-        k: 0.0,
-        real: ridged::model::extended::Real::NONE,
-        wedge: 0.0,
-        lamp_turn: 0.0,
+        ..Values::IDEAL
     }
 }
 

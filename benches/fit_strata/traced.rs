@@ -11,7 +11,6 @@ use ridged::fit::traced::ridged_surface;
 use ridged::fit::{FitOptions, VariantChoice, fit};
 use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;
-use ridged::model::extended::Real;
 use ridged::observation::{Observation, ObservationSet, Prior, WhiteReference};
 use ridged::trace::pose_radiance::RadianceOptions;
 use ridged::units::Angle;
@@ -50,15 +49,11 @@ fn case(
         alpha_u: draw.log_between(0.05, 0.2),
         alpha_v: draw.log_between(0.05, 0.2),
         rho_d: if metal { 0.0 } else { draw.between(0.1, 0.6) },
-        scale: 1.0,
-        background: 0.0,
         azimuth_offset: draw.between(-3.0, 3.0).to_radians(),
         tilt_offset: draw.between(-0.3, 0.3).to_radians(),
         eta,
         k,
-        real: Real::NONE,
-        wedge: 0.0,
-        lamp_turn: 0.0,
+        ..Values::IDEAL
     };
     let rig = RigGeometry {
         cones: Cones::of_lamp(Angle::from_deg(1.0)),

@@ -38,15 +38,8 @@ fn truth() -> Values {
         alpha_u: 0.08,
         alpha_v: 0.11,
         rho_d: 0.3,
-        scale: 1.0,
-        background: 0.0,
-        azimuth_offset: 0.0,
-        tilt_offset: 0.0,
         eta: 1.5,
-        k: 0.0,
-        real: crate::model::extended::Real::NONE,
-        wedge: 0.0,
-        lamp_turn: 0.0,
+        ..Values::IDEAL
     }
 }
 

@@ -150,19 +150,13 @@ pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>
     let peak = peak(set);
     let (gain, background) = from_flats(set);
     let fixed = Values {
-        theta_r: 0.0,
         alpha_u: 0.1,
         alpha_v: 0.1,
-        rho_d: 0.0,
         scale: if absolute { gain } else { peak },
         background,
-        azimuth_offset: 0.0,
-        tilt_offset: 0.0,
         eta: set.material.index().0,
         k: set.material.index().1,
-        real: crate::model::extended::Real::NONE,
-        wedge: 0.0,
-        lamp_turn: 0.0,
+        ..Values::IDEAL
     };
     let free = Quantity::ALL
         .into_iter()

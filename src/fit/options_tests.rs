@@ -32,15 +32,11 @@ const TRUTH: Values = Values {
     alpha_u: 0.12,
     alpha_v: 0.14,
     rho_d: 0.3,
-    scale: 1.0,
     background: 0.002,
     azimuth_offset: 0.05,
     tilt_offset: -0.01,
     eta: 1.54,
-    k: 0.0,
-    real: crate::model::extended::Real::NONE,
-    wedge: 0.0,
-    lamp_turn: 0.0,
+    ..Values::IDEAL
 };
 /// As a share of the brightest observation.
 const NOISE: f64 = 1e-3;

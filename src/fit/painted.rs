@@ -15,15 +15,8 @@ pub const TRUTH: Values = Values {
     alpha_u: 0.12,
     alpha_v: 0.15,
     rho_d: 0.3,
-    scale: 1.0,
-    background: 0.0,
-    azimuth_offset: 0.0,
-    tilt_offset: 0.0,
     eta: 1.54,
-    k: 0.0,
-    real: crate::model::extended::Real::NONE,
-    wedge: 0.0,
-    lamp_turn: 0.0,
+    ..Values::IDEAL
 };
 
 /// Plastic on an absolute scale, computed from `truth` with the closed form of the sawtooth. Every observation has the

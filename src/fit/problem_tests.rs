@@ -43,10 +43,7 @@ const VALUES: Values = Values {
     azimuth_offset: 0.05,
     tilt_offset: -0.01,
     eta: 1.55,
-    k: 0.0,
-    real: Real::NONE,
-    wedge: 0.0,
-    lamp_turn: 0.0,
+    ..Values::IDEAL
 };
 
 #[test]

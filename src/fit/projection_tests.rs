@@ -19,10 +19,7 @@ const TRUTH: Values = Values {
     azimuth_offset: 0.1,
     tilt_offset: 0.03,
     eta: 1.54,
-    k: 0.0,
-    real: crate::model::extended::Real::NONE,
-    wedge: 0.0,
-    lamp_turn: 0.0,
+    ..Values::IDEAL
 };
 
 /// 40 poses, lit beside the tilt plane, computed from the truth.

@@ -99,6 +99,23 @@ pub struct Values {
 }
 
 impl Values {
+    /// An ideal rig and no deviations of the sample: zeros, and gain 1. Surface and index are 0 and have to be set.
+    pub const IDEAL: Values = Values {
+        theta_r: 0.0,
+        alpha_u: 0.0,
+        alpha_v: 0.0,
+        rho_d: 0.0,
+        scale: 1.0,
+        background: 0.0,
+        azimuth_offset: 0.0,
+        tilt_offset: 0.0,
+        eta: 0.0,
+        k: 0.0,
+        real: Real::NONE,
+        wedge: 0.0,
+        lamp_turn: 0.0,
+    };
+
     /// Returns a value in the units of the solver (roughnesses as logarithms).
     #[must_use]
     pub fn inner(&self, quantity: Quantity) -> f64 {

@@ -124,9 +124,7 @@ fn fitted_slopes(set: &ObservationSet, report: &FitReport, gain: f64) -> Option<
         tilt_offset: offset(p.tilt_offset_deg.value),
         eta,
         k,
-        real: crate::model::extended::Real::NONE,
-        wedge: 0.0,
-        lamp_turn: 0.0,
+        ..Values::IDEAL
     };
     // The corrections of the ray tracer hardly change the slopes.
     let variant = match report.variant {
@@ -336,15 +334,10 @@ mod tests {
             alpha_u: 0.12,
             alpha_v: 0.12,
             rho_d: 0.34,
-            scale: 1.0,
-            background: 0.0,
             azimuth_offset: turn.rad(),
             tilt_offset: zero.rad(),
             eta: 1.54,
-            k: 0.0,
-            real: crate::model::extended::Real::NONE,
-            wedge: 0.0,
-            lamp_turn: 0.0,
+            ..Values::IDEAL
         };
         let signals = Problem::new(&set, Variant::Sawtooth, Vec::new(), values).predicted(&values);
         for (o, signal) in set.observations.iter_mut().zip(signals) {

@@ -12,7 +12,6 @@ use ridged::fit::{FitOptions, VariantChoice};
 use ridged::geometry::{Pose, RigGeometry};
 use ridged::material::Material;
 use ridged::model::Variant;
-use ridged::model::extended::Real;
 use ridged::observation::{Observation, ObservationSet, Prior, WhiteReference};
 
 const TRUTH: Values = Values {
@@ -20,15 +19,11 @@ const TRUTH: Values = Values {
     alpha_u: 0.12,
     alpha_v: 0.14,
     rho_d: 0.3,
-    scale: 1.0,
     background: 0.002,
     azimuth_offset: 0.05,
     tilt_offset: -0.01,
     eta: 1.54,
-    k: 0.0,
-    real: Real::NONE,
-    wedge: 0.0,
-    lamp_turn: 0.0,
+    ..Values::IDEAL
 };
 /// As a share of the brightest observation.
 const NOISE: f64 = 1e-4;
