@@ -10,7 +10,6 @@ use crate::analysis::AnalysisOptions;
 use crate::fit::VariantChoice;
 use crate::fit::outlook::{Outlook, outlook};
 use crate::fit::problem::Values;
-use crate::fit::tier::two_bounces;
 use crate::fit::traced::ridged_surface;
 use crate::forecast::Forecast;
 use crate::frame::FrameKind;
@@ -93,7 +92,7 @@ pub fn of_analysis(
     let asked = &options.fit;
     let begun = Instant::now();
     let now = || begun.elapsed().as_secs_f64();
-    let outlook = outlook(&set, asked, Some(&two_bounces), &now, cancel);
+    let outlook = outlook(&set, asked, &now, cancel);
     let traces = asked.judge || asked.variant == VariantChoice::Traced;
     let (trace_s, error) = match &outlook {
         Some(outlook) if traces => tracing(&set, &outlook.values, options)?,

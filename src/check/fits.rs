@@ -16,7 +16,7 @@ use crate::fit::problem::{Problem, Quantity, Values};
 use crate::fit::report::{FitReport, Status, VariantName};
 use crate::fit::reporting::report_of;
 use crate::fit::solver::Settings;
-use crate::fit::variants::fit_with_tier;
+use crate::fit::variants::fit_without_tier;
 use crate::fit::{FitOptions, VariantChoice};
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::{Surface, Variant};
@@ -51,7 +51,7 @@ fn fitted(set: &ObservationSet, cancel: &AtomicBool) -> FitReport {
         variant: VariantChoice::Sawtooth,
         ..FitOptions::default()
     };
-    fit_with_tier(set, &options, None, cancel)
+    fit_without_tier(set, &options, cancel)
 }
 
 /// Fits in the same way, but skips the printed variant where possible; it takes half of the time and is not checked here.
@@ -63,7 +63,7 @@ pub(super) fn fitted_in_full(set: &ObservationSet, loss: Loss, cancel: &AtomicBo
     };
     match estimate(set, Variant::Sawtooth, &options, None, cancel) {
         Some(found) => report_of(&found, VariantName::Sawtooth),
-        None => fit_with_tier(set, &options, None, cancel),
+        None => fit_without_tier(set, &options, cancel),
     }
 }
 

@@ -7,7 +7,7 @@ use rand_distr::StandardNormal;
 
 use super::problem::{Problem, Quantity, Values};
 use super::report::FitReport;
-use super::variants::fit_with_tier;
+use super::variants::fit_without_tier;
 use super::{FitOptions, VariantChoice};
 use crate::geometry::{Cones, Field, Imaging, Pose, RigGeometry};
 use crate::material::Material;
@@ -98,7 +98,7 @@ fn fitted(set: &ObservationSet) -> FitReport {
         variant: VariantChoice::Sawtooth,
         ..FitOptions::default()
     };
-    fit_with_tier(set, &options, None, &AtomicBool::new(false))
+    fit_without_tier(set, &options, &AtomicBool::new(false))
 }
 
 /// The largest error of θr, αu and αv as a share of its expanded uncertainty, and the residual as a share of the peak.

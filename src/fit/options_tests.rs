@@ -20,7 +20,7 @@ use super::report::{ReferencePlane, VariantName};
 use super::reporting::report_of;
 use super::solver::Settings;
 use super::trail::Time;
-use super::variants::{Tracer, fit_with_tier, fit_with_tracer};
+use super::variants::{Tracer, fit_with_tracer, fit_without_tier};
 use super::{Constraint, FitOptions, Loss, VariantChoice};
 use crate::geometry::Pose;
 use crate::model::Variant;
@@ -180,7 +180,7 @@ fn a_held_value_stays_and_has_no_uncertainty() {
         }],
         ..options()
     };
-    let report = fit_with_tier(&set, &held, None, &AtomicBool::new(false));
+    let report = fit_without_tier(&set, &held, &AtomicBool::new(false));
     let p = &report.parameters;
     assert_eq!((p.alpha_u.value, p.alpha_u.std), (Some(0.12), None));
     let theta = p.theta_r_deg.value.expect("it is free");
@@ -230,7 +230,7 @@ fn a_held_gain_is_reported_as_it_was_used() {
         }],
         ..options()
     };
-    let report = fit_with_tier(&set, &held, None, &AtomicBool::new(false));
+    let report = fit_without_tier(&set, &held, &AtomicBool::new(false));
     let scale = &report.parameters.scale;
     assert_eq!((scale.value, scale.std), (Some(1.1), None));
 }
@@ -309,7 +309,7 @@ fn only_a_prior_that_the_data_contradict_is_reported() {
             constraints: vec![super::constraints::known("theta_r_deg", mean, std).unwrap()],
             ..options()
         };
-        let report = fit_with_tier(&set, &options, None, &AtomicBool::new(false));
+        let report = fit_without_tier(&set, &options, &AtomicBool::new(false));
         let mut warnings = report.warnings.iter();
         warnings.any(|w| w.contains("contradict the stated θr"))
     };
@@ -333,7 +333,7 @@ fn a_contradicted_prior_does_not_count_as_model_error() {
             misfit,
             ..options()
         };
-        let report = fit_with_tier(&set, &options, None, &AtomicBool::new(false));
+        let report = fit_without_tier(&set, &options, &AtomicBool::new(false));
         report.parameters.theta_r_deg.value.unwrap()
     };
     // The data come from the model, so allowing for a model error makes no difference.
@@ -348,7 +348,7 @@ fn few_poses_that_the_printed_form_explains_select_paper() {
         .flat_map(|tilt| [0.0, 90.0, 180.0].map(|azimuth| Pose::from_deg(tilt, azimuth)));
     let set = painted_by(Variant::Paper, poses, &TRUTH, 1e-4, 3);
     let cancel = AtomicBool::new(false);
-    let report = fit_with_tier(&set, &FitOptions::default(), None, &cancel);
+    let report = fit_without_tier(&set, &FitOptions::default(), &cancel);
     assert_eq!(report.variant, VariantName::Paper);
     assert_eq!(report.status, super::report::Status::Converged);
     let theta_r = &report.parameters.theta_r_deg;

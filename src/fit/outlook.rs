@@ -14,7 +14,7 @@ use super::profile::{bootstrap, profile};
 use super::search::RIVALS;
 use super::settle::{DOUBTFUL, NEAR_TRIALS, Settled, TRIALS};
 use super::thin;
-use super::tier::{Tier, dispensable};
+use super::tier::{Tier, dispensable, two_bounces};
 use super::variants::refused;
 use super::{FitOptions, VariantChoice};
 use crate::material::Material;
@@ -67,7 +67,6 @@ impl Look<'_> {
 pub fn outlook(
     set: &ObservationSet,
     options: &FitOptions,
-    tier: Option<Tier<'_>>,
     now: &dyn Fn() -> f64,
     cancel: &AtomicBool,
 ) -> Option<Outlook> {
@@ -82,7 +81,7 @@ pub fn outlook(
     let few = thin::representative(set).map(|kept| thin::subset(set, &kept));
     let seen = few.as_ref().unwrap_or(set);
     let (printed, paper_s) = look.variant(seen, Variant::Paper, None)?;
-    let (sawtooth, sawtooth_s) = look.variant(seen, Variant::Sawtooth, tier)?;
+    let (sawtooth, sawtooth_s) = look.variant(seen, Variant::Sawtooth, Some(&two_bounces))?;
     let values = sawtooth.problem.unpack(&sawtooth.minimum.parameters);
     let mut search_s = paper_s + sawtooth_s;
     if few.is_some() {
@@ -212,7 +211,6 @@ mod tests {
     use std::cell::Cell;
 
     use super::super::painted::{TRUTH, painted};
-    use super::super::tier::two_bounces;
     use super::*;
     use crate::geometry::Pose;
 
@@ -231,13 +229,7 @@ mod tests {
             ticks.set(ticks.get() + 1.0);
             ticks.get()
         };
-        outlook(
-            set,
-            options,
-            Some(&two_bounces),
-            &now,
-            &AtomicBool::new(false),
-        )
+        outlook(set, options, &now, &AtomicBool::new(false))
     }
 
     #[test]

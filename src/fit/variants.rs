@@ -78,15 +78,15 @@ impl Tracer<'_> {
     }
 }
 
-/// Fits every variant and reports the requested one, or the best; the ray tracer has default inputs.
+/// Fits every variant without a costlier tier and reports the requested one, or the best; the ray tracer has default
+/// inputs.
 #[must_use]
-pub fn fit_with_tier(
+pub fn fit_without_tier(
     set: &ObservationSet,
     options: &FitOptions,
-    tier: Option<Tier<'_>>,
     cancel: &AtomicBool,
 ) -> FitReport {
-    fit_with_tracer(set, options, tier, &Tracer::PLAIN, cancel)
+    fit_with_tracer(set, options, None, &Tracer::PLAIN, cancel)
 }
 
 /// Fits every variant and reports the requested one, or the best.

@@ -10,7 +10,7 @@ fn where_the_model_is_linear_profile_and_bootstrap_agree_with_the_budget() {
         bootstrap: 200,
         ..options()
     };
-    let report = fit_with_tier(&set, &asked, None, &AtomicBool::new(false));
+    let report = fit_without_tier(&set, &asked, &AtomicBool::new(false));
     let p = &report.parameters.theta_r_deg;
     let (value, budget) = (p.value.expect("known"), p.budget.expect("known"));
     let half = 2.0 * budget.counting.hypot(budget.background);
@@ -166,7 +166,7 @@ fn a_stated_wedge_is_in_the_budget_and_an_unstated_one_is_listed_as_left_out() {
         ..bare.clone()
     };
     let [without, with] =
-        [&bare, &stated].map(|set| fit_with_tier(set, &options(), None, &AtomicBool::new(false)));
+        [&bare, &stated].map(|set| fit_without_tier(set, &options(), &AtomicBool::new(false)));
     let listed = |r: &crate::fit::FitReport| r.left_out.iter().any(|l| l.what.contains("wedge"));
     assert!(listed(&without) && !listed(&with));
     assert_eq!(without.reference_plane, ReferencePlane::Turntable);
@@ -193,8 +193,7 @@ fn a_stated_wedge_is_in_the_budget_and_an_unstated_one_is_listed_as_left_out() {
 
 #[test]
 fn a_stated_lamp_angle_error_is_in_the_budget_and_an_unstated_one_is_listed_as_left_out() {
-    let fitted =
-        |set: &ObservationSet| fit_with_tier(set, &options(), None, &AtomicBool::new(false));
+    let fitted = |set: &ObservationSet| fit_without_tier(set, &options(), &AtomicBool::new(false));
     let bare = series(5);
     let std = 0.2;
     let stated = ObservationSet {
