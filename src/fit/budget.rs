@@ -40,6 +40,7 @@
 //! as squares of standard uncertainties in the units of the solver (radians, logarithms, shares), far from either end
 //! of the range of doubles.
 
+mod lines;
 mod shape;
 mod shared;
 
@@ -56,91 +57,9 @@ use crate::jackknife::{self, Labels};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::units::Angle;
+pub use lines::Budget;
 use shape::{bent, to_rivals};
 use shared::{ANGLE_ERRORS, Common, Shared, by_body, common_changes, stacked, through_wedge};
-
-/// Standard uncertainties by source, in the unit of the parameter. They combine in quadrature.
-#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub struct Budget {
-    /// Counting noise of samples and flats.
-    pub counting: f64,
-    /// Certificate of the white reference.
-    pub reference: f64,
-    /// Zero, scale and eccentricity of the stages, and angle between lamp and camera.
-    pub angles: f64,
-    /// Refractive index.
-    pub material: f64,
-    /// Tilt of the sample on the turntable.
-    #[serde(default)]
-    pub wedge: f64,
-    /// Lamp drift.
-    pub drift: f64,
-    /// Non-linearity and exposure times of the camera.
-    #[serde(default)]
-    pub detector: f64,
-    /// Prior on the stray light.
-    pub background: f64,
-    /// Model error.
-    pub model: f64,
-    /// Departure from the linear approximation: half of the excess of the profile interval over the linear one, and
-    /// half the distance to another minimum that the data do not exclude.
-    #[serde(default)]
-    pub shape: f64,
-    /// Priors stated by the user.
-    #[serde(default)]
-    pub prior: f64,
-    /// Standard errors of traced radiances; 0 without the ray tracer.
-    #[serde(default)]
-    pub tracer: f64,
-}
-
-impl Budget {
-    /// Combined standard uncertainty.
-    #[must_use]
-    pub fn combined(&self) -> f64 {
-        let squares = self.named().into_iter().map(|(_, part)| part * part);
-        squares.sum::<f64>().sqrt()
-    }
-
-    /// Converts the budget to another unit.
-    #[must_use]
-    pub fn scaled(&self, factor: f64) -> Budget {
-        let f = factor.abs();
-        Budget {
-            counting: self.counting * f,
-            reference: self.reference * f,
-            angles: self.angles * f,
-            material: self.material * f,
-            wedge: self.wedge * f,
-            drift: self.drift * f,
-            detector: self.detector * f,
-            background: self.background * f,
-            model: self.model * f,
-            shape: self.shape * f,
-            prior: self.prior * f,
-            tracer: self.tracer * f,
-        }
-    }
-
-    /// Returns the lines with their names, in the order of the documentation.
-    #[must_use]
-    pub fn named(&self) -> [(&'static str, f64); 12] {
-        [
-            ("counting", self.counting),
-            ("reference", self.reference),
-            ("angles", self.angles),
-            ("material", self.material),
-            ("wedge", self.wedge),
-            ("drift", self.drift),
-            ("detector", self.detector),
-            ("background", self.background),
-            ("model", self.model),
-            ("shape", self.shape),
-            ("prior", self.prior),
-            ("tracer", self.tracer),
-        ]
-    }
-}
 
 /// Uncertainty of the free parameters of a fit.
 #[derive(Debug, Clone)]

@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::{EACH_ITS_OWN, Joint, JointReport, Scan, ScanReport};
-use crate::fit::budget::{Part, Uncertainty, of_parts, uncertainty};
+use crate::fit::budget::{Budget, Part, Uncertainty, of_parts, uncertainty};
 use crate::fit::covariance::Covariance;
 use crate::fit::estimate::Estimate;
 use crate::fit::problem::Quantity;
@@ -104,19 +104,15 @@ impl Joint<'_, '_> {
                 let Some(j) = e.problem.column(q) else {
                     continue;
                 };
-                let b = &u.budgets[j];
-                // Reference and index are common to all scans and cannot cause differences.
-                let own = [
-                    b.counting,
-                    b.angles,
-                    b.wedge,
-                    b.drift,
-                    b.detector,
-                    b.background,
-                    b.model,
-                    b.shape,
-                ];
-                let variance: f64 = own.iter().map(|p| p * p).sum();
+                // Reference, index and stated values are common to all scans and cannot cause differences. The ray tracer
+                // is for single scans.
+                let own = Budget {
+                    reference: 0.0,
+                    material: 0.0,
+                    prior: 0.0,
+                    ..u.budgets[j]
+                };
+                let variance = own.variance();
                 if u.covariance.identifiable[j] && variance.is_finite() && variance > 0.0 {
                     column = Some(columns[j]);
                     weights.push(1.0 / variance);
