@@ -53,7 +53,7 @@ use super::estimate::Estimate;
 use super::known::{drift_std, reference_std};
 use super::problem::{Quantity, Values};
 use super::solver::Minimum;
-use crate::jackknife::{self, Labels};
+use crate::jackknife::{self, ByGroups, Labels};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::units::Angle;
@@ -142,156 +142,195 @@ pub(super) fn of_parts(parts: &[Part<'_, '_>], jacobian: &[f64], residuals: &[f6
     let m = residuals.len();
     let n = jacobian.len() / m.max(1);
     let covariance = covariance(jacobian, m, residuals);
-    let k = pseudo_inverse(jacobian, &covariance, m, n);
-    let drifts: Vec<Option<Drift>> = parts.iter().map(|p| drift(p.estimate)).collect();
-    let shared: Vec<Shared> = parts.iter().map(|p| Shared::new(p.estimate)).collect();
-    let bodies: Vec<Option<Vec<f64>>> = parts.iter().map(|p| by_body(p.estimate)).collect();
-    let body = stacked(parts, &bodies, m).map(|change| {
-        // What the data determine of τ if it is free beside the others, given that it is between 0 and 1.
-        let taken_up = &k * DVector::from_column_slice(&change);
-        let fitted = DMatrix::from_column_slice(m, n, jacobian) * &taken_up;
-        let left: f64 = change
-            .iter()
-            .zip(fitted.iter())
-            .map(|(a, b)| (a - b).powi(2))
-            .sum();
-        let std = 1.0 / (left + 12.0).sqrt();
-        taken_up * std
-    });
-    let tiers = by_tier(parts, jacobian, m);
-    let by_group = jackknife::by_groups(&groups(parts), jacobian, residuals);
-    let sets = || parts.iter().map(|p| p.estimate.problem.set());
-    let alike = |same: &dyn Fn(&ObservationSet, &ObservationSet) -> bool| -> bool {
-        sets().zip(sets().skip(1)).all(|(a, b)| same(a, b))
-    };
-    // Equal certificates mean the same reference; equal rigs mean the same stages.
-    let same_reference = alike(&|a, b| a.white_reference == b.white_reference);
-    let same_rig = alike(&|a, b| a.rig == b.rig);
-    let budgets = (0..n)
-        .map(|j| {
-            let mut squares = Budget::default();
-            let mut reference = Common::default();
-            let mut angles = [Common::default(); ANGLE_ERRORS];
-            let (mut tier, mut by_tracer) = (0.0_f64, 0.0_f64);
-            let (mut by_groups, mut floored, mut wedge) = (0.0_f64, 0.0_f64, 0.0_f64);
-            let mut first = 0;
-            for (((part, shared), drift), of_tier) in
-                parts.iter().zip(&shared).zip(&drifts).zip(&tiers)
-            {
-                let estimate = part.estimate;
-                let (problem, set) = (&estimate.problem, estimate.problem.set());
-                let rows = problem.residual_count();
-                let (samples, priors) = (set.observations.len(), problem.priors());
-                let first_prior = first + rows - priors.len();
-                for i in 0..rows - priors.len() {
-                    let k = k[(j, first + i)];
-                    let Some(o) = set.observations.get(i) else {
-                        squares.counting += k * k;
-                        continue;
-                    };
-                    let per_sigma = k / problem.sigma()[i];
-                    squares.counting += (per_sigma * o.sigma).powi(2);
-                    squares.model += (per_sigma * estimate.misfit[i]).powi(2);
-                }
-                for (i, s) in estimate.traced.iter().flat_map(|t| &t.sigma).enumerate() {
-                    squares.tracer += (k[(j, first + i)] * s / problem.sigma()[i]).powi(2);
-                }
-                for (row, (q, _)) in priors.iter().enumerate() {
-                    let line = match q {
-                        Quantity::Eta | Quantity::K => &mut squares.material,
-                        Quantity::Background => &mut squares.background,
-                        _ => &mut squares.prior,
-                    };
-                    *line += k[(j, first_prior + row)].powi(2);
-                }
-                let through = |change: &[f64]| -> f64 {
-                    let rows = change.iter().enumerate();
-                    rows.map(|(i, c)| k[(j, first + i)] * c).sum()
-                };
-                let gain = through(&shared.gain);
-                let own = part.columns.iter().position(|c| *c == j);
-                let own = own.map(|local| (local, problem.free()[local]));
-                reference.add(gain * reference_std(set));
-                squares.drift += (gain * drift_std(set)).powi(2);
-                squares.detector += through(&shared.detector).powi(2);
-                if let Some(drift) = drift {
-                    squares.drift += drift
-                        .changes
-                        .iter()
-                        .map(|c| through(c).powi(2))
-                        .sum::<f64>();
-                }
-                for (all, change) in angles.iter_mut().zip(&shared.angles) {
-                    all.add(through(change));
-                }
-                tier += through(of_tier);
-                if let Some((local, quantity)) = own {
-                    wedge = wedge.max(through_wedge(set, quantity, &estimate.values));
-                    if quantity == Quantity::Background {
-                        // For the fit, an offset common to all signals is stray light and nothing else.
-                        squares.background += set.dark_std.powi(2);
-                        if set.white_reference.is_some() {
-                            // It is stated as a radiance on the scale of the reference.
-                            let scale = estimate.values.background;
-                            squares.reference += (scale * reference_std(set)).powi(2);
-                            squares.drift += (scale * drift_std(set)).powi(2);
-                        }
-                    }
-                    if let Some(traced) = &estimate.traced {
-                        let apart = SHARE_OF_DISAGREEMENT * traced.apart[local];
-                        by_tracer = by_tracer.max(traced.ahead[local].hypot(apart));
-                    }
-                    // If counting noise explains the scatter, so does the scatter of groups. The error of the tier
-                    // remains.
-                    let doubted = estimate.discrepancy > 0.0 && samples > 0;
-                    if doubted {
-                        by_groups = by_group.beyond_chance(j);
-                    }
-                    if doubted || estimate.takes_tier() {
-                        floored = floored.max(floor(quantity, &estimate.values));
-                    }
-                }
-                first += rows;
-            }
-            if let Some(body) = &body {
-                squares.material += body[j].powi(2);
-            }
-            Budget {
-                counting: squares.counting.sqrt(),
-                reference: reference
-                    .size(same_reference)
-                    .hypot(squares.reference.sqrt()),
-                angles: angles
-                    .iter()
-                    .fold(0.0, |all: f64, one| all.hypot(one.size(same_rig))),
-                material: squares.material.sqrt(),
-                wedge,
-                drift: squares.drift.sqrt(),
-                detector: squares.detector.sqrt(),
-                background: squares.background.sqrt(),
-                model: [by_groups, floored, tier, by_tracer]
-                    .iter()
-                    .fold(squares.model.sqrt(), |all, one| all.hypot(*one)),
-                shape: 0.0,
-                prior: squares.prior.sqrt(),
-                tracer: squares.tracer.sqrt(),
-            }
-        })
-        .collect();
-    let mut propagated = rows_through(&k, parts);
-    for (change, first) in common_changes(parts, &shared, &drifts, same_reference, same_rig) {
-        let rows = k.columns(first, change.len());
-        let moved = rows * DVector::from_vec(change);
-        propagated += &moved * moved.transpose();
-    }
-    if let Some(body) = &body {
-        propagated += body * body.transpose();
-    }
+    let sources = Sources::new(parts, jacobian, residuals, &covariance);
     Uncertainty {
-        budgets,
+        budgets: (0..n).map(|j| sources.budget(j)).collect(),
         covariance,
-        propagated,
-        model_freedom: by_group.freedom,
+        propagated: sources.propagated(),
+        model_freedom: sources.by_group.freedom,
+    }
+}
+
+/// Sources of error in the form that the budgets of all parameters use.
+struct Sources<'s, 'e, 'a> {
+    parts: &'s [Part<'e, 'a>],
+    /// Pseudo-inverse K of the derivatives, n × m.
+    k: DMatrix<f64>,
+    shared: Vec<Shared>,
+    drifts: Vec<Option<Drift>>,
+    /// Uncertain share of what the tier changes in the rows of each part.
+    tiers: Vec<Vec<f64>>,
+    /// Change of each parameter by a translucent body, per standard uncertainty of τ.
+    body: Option<DVector<f64>>,
+    by_group: ByGroups,
+    /// Whether all parts have the same white reference, or the same stages.
+    same_reference: bool,
+    same_rig: bool,
+}
+
+impl<'s, 'e, 'a> Sources<'s, 'e, 'a> {
+    fn new(
+        parts: &'s [Part<'e, 'a>],
+        jacobian: &[f64],
+        residuals: &[f64],
+        covariance: &Covariance,
+    ) -> Self {
+        let m = residuals.len();
+        let n = jacobian.len() / m.max(1);
+        let k = pseudo_inverse(jacobian, covariance, m, n);
+        let bodies: Vec<Option<Vec<f64>>> = parts.iter().map(|p| by_body(p.estimate)).collect();
+        let body = stacked(parts, &bodies, m).map(|change| {
+            // What the data determine of τ if it is free beside the others, given that it is between 0 and 1.
+            let taken_up = &k * DVector::from_column_slice(&change);
+            let fitted = DMatrix::from_column_slice(m, n, jacobian) * &taken_up;
+            let left: f64 = change
+                .iter()
+                .zip(fitted.iter())
+                .map(|(a, b)| (a - b).powi(2))
+                .sum();
+            let std = 1.0 / (left + 12.0).sqrt();
+            taken_up * std
+        });
+        let sets = || parts.iter().map(|p| p.estimate.problem.set());
+        let alike = |same: &dyn Fn(&ObservationSet, &ObservationSet) -> bool| -> bool {
+            sets().zip(sets().skip(1)).all(|(a, b)| same(a, b))
+        };
+        Sources {
+            k,
+            shared: parts.iter().map(|p| Shared::new(p.estimate)).collect(),
+            drifts: parts.iter().map(|p| drift(p.estimate)).collect(),
+            tiers: by_tier(parts, jacobian, m),
+            body,
+            by_group: jackknife::by_groups(&groups(parts), jacobian, residuals),
+            // Equal certificates mean the same reference; equal rigs mean the same stages.
+            same_reference: alike(&|a, b| a.white_reference == b.white_reference),
+            same_rig: alike(&|a, b| a.rig == b.rig),
+            parts,
+        }
+    }
+
+    /// Computes the budget of parameter `j`.
+    fn budget(&self, j: usize) -> Budget {
+        let mut squares = Budget::default();
+        let mut reference = Common::default();
+        let mut angles = [Common::default(); ANGLE_ERRORS];
+        let (mut tier, mut by_tracer) = (0.0_f64, 0.0_f64);
+        let (mut by_groups, mut floored, mut wedge) = (0.0_f64, 0.0_f64, 0.0_f64);
+        let mut first = 0;
+        let parts = self.parts.iter().zip(&self.shared);
+        for (((part, shared), drift), of_tier) in parts.zip(&self.drifts).zip(&self.tiers) {
+            let estimate = part.estimate;
+            let (problem, set) = (&estimate.problem, estimate.problem.set());
+            self.add_rows(j, estimate, first, &mut squares);
+            let through = |change: &[f64]| -> f64 {
+                let rows = change.iter().enumerate();
+                rows.map(|(i, c)| self.k[(j, first + i)] * c).sum()
+            };
+            let gain = through(&shared.gain);
+            reference.add(gain * reference_std(set));
+            squares.drift += (gain * drift_std(set)).powi(2);
+            squares.detector += through(&shared.detector).powi(2);
+            if let Some(drift) = drift {
+                let changes = drift.changes.iter();
+                squares.drift += changes.map(|c| through(c).powi(2)).sum::<f64>();
+            }
+            for (all, change) in angles.iter_mut().zip(&shared.angles) {
+                all.add(through(change));
+            }
+            tier += through(of_tier);
+            if let Some(local) = part.columns.iter().position(|c| *c == j) {
+                let quantity = problem.free()[local];
+                wedge = wedge.max(through_wedge(set, quantity, &estimate.values));
+                if quantity == Quantity::Background {
+                    // For the fit, an offset common to all signals is stray light and nothing else.
+                    squares.background += set.dark_std.powi(2);
+                    if set.white_reference.is_some() {
+                        // It is stated as a radiance on the scale of the reference.
+                        let scale = estimate.values.background;
+                        squares.reference += (scale * reference_std(set)).powi(2);
+                        squares.drift += (scale * drift_std(set)).powi(2);
+                    }
+                }
+                if let Some(traced) = &estimate.traced {
+                    let apart = SHARE_OF_DISAGREEMENT * traced.apart[local];
+                    by_tracer = by_tracer.max(traced.ahead[local].hypot(apart));
+                }
+                // If counting noise explains the scatter, so does the scatter of groups. The error of the tier remains.
+                let doubted = estimate.discrepancy > 0.0 && !set.observations.is_empty();
+                if doubted {
+                    by_groups = self.by_group.beyond_chance(j);
+                }
+                if doubted || estimate.takes_tier() {
+                    floored = floored.max(floor(quantity, &estimate.values));
+                }
+            }
+            first += problem.residual_count();
+        }
+        if let Some(body) = &self.body {
+            squares.material += body[j].powi(2);
+        }
+        let sources = squares.with_each(f64::sqrt);
+        Budget {
+            reference: reference.size(self.same_reference).hypot(sources.reference),
+            angles: angles
+                .iter()
+                .fold(0.0, |all: f64, one| all.hypot(one.size(self.same_rig))),
+            wedge,
+            model: [by_groups, floored, tier, by_tracer]
+                .iter()
+                .fold(sources.model, |all, one| all.hypot(*one)),
+            ..sources
+        }
+    }
+
+    /// Adds the squares of the errors that are independent from row to row, for the part whose rows begin at `first`.
+    fn add_rows(&self, j: usize, estimate: &Estimate<'_>, first: usize, squares: &mut Budget) {
+        let (problem, set) = (&estimate.problem, estimate.problem.set());
+        let (rows, priors) = (problem.residual_count(), problem.priors());
+        let first_prior = first + rows - priors.len();
+        for i in 0..rows - priors.len() {
+            let k = self.k[(j, first + i)];
+            let Some(o) = set.observations.get(i) else {
+                squares.counting += k * k;
+                continue;
+            };
+            let per_sigma = k / problem.sigma()[i];
+            squares.counting += (per_sigma * o.sigma).powi(2);
+            squares.model += (per_sigma * estimate.misfit[i]).powi(2);
+        }
+        for (i, s) in estimate.traced.iter().flat_map(|t| &t.sigma).enumerate() {
+            squares.tracer += (self.k[(j, first + i)] * s / problem.sigma()[i]).powi(2);
+        }
+        for (row, (q, _)) in priors.iter().enumerate() {
+            let line = match q {
+                Quantity::Eta | Quantity::K => &mut squares.material,
+                Quantity::Background => &mut squares.background,
+                _ => &mut squares.prior,
+            };
+            *line += self.k[(j, first_prior + row)].powi(2);
+        }
+    }
+
+    /// Computes the covariance by all sources that are propagated through K.
+    fn propagated(&self) -> DMatrix<f64> {
+        let mut propagated = rows_through(&self.k, self.parts);
+        let (same_reference, same_rig) = (self.same_reference, self.same_rig);
+        let common = common_changes(
+            self.parts,
+            &self.shared,
+            &self.drifts,
+            same_reference,
+            same_rig,
+        );
+        for (change, first) in common {
+            let rows = self.k.columns(first, change.len());
+            let moved = rows * DVector::from_vec(change);
+            propagated += &moved * moved.transpose();
+        }
+        if let Some(body) = &self.body {
+            propagated += body * body.transpose();
+        }
+        propagated
     }
 }
 
