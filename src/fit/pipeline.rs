@@ -58,36 +58,10 @@ pub(super) fn whole<'a>(
     if options.misfit && tier.is_some() && settled.has_rivals() && !search.over() {
         others = search.look_again(&settled.problem, &settled.minimum);
     }
-    // The weights of the starts may rank near minima wrongly; the final weights decide.
-    let mut rivals: Vec<Minimum> = Vec::new();
-    let mut weights_moved = false;
-    for other in &candidates {
-        if search.over() {
-            break;
-        }
-        let again = settled.again(&other.parameters, cancel);
-        if again.cost < settled.minimum.cost && again.ending != Ending::NotFinite {
-            rivals.push(std::mem::replace(&mut settled.minimum, again));
-            settled.settle(&weighing);
-            weights_moved = true;
-        } else {
-            rivals.push(again);
-        }
-    }
-    for _ in 0..EDGES_CROSSED {
-        if search.over() {
-            break;
-        }
-        let behind = edges::beyond(&settled.problem, &settled.minimum);
-        let ends = behind.par_iter().map(|x| settled.again(x, cancel));
-        let deepest = ends.filter(usable).min_by(|a, b| a.cost.total_cmp(&b.cost));
-        let Some(deeper) = deepest.filter(|m| !same(settled.minimum.cost, m.cost)) else {
-            break;
-        };
-        rivals.push(std::mem::replace(&mut settled.minimum, deeper));
-        settled.settle(&weighing);
-        weights_moved = true;
-    }
+    let (mut rivals, better) = compared_again(&mut settled, &candidates, &search, &weighing);
+    let before_edges = beyond_edges(&mut settled, &search, &weighing);
+    let weights_moved = better || !before_edges.is_empty();
+    rivals.extend(before_edges);
     if weights_moved {
         for rival in &mut rivals {
             *rival = settled.again(&rival.parameters, cancel);
@@ -125,6 +99,54 @@ pub(super) fn whole<'a>(
         tier_left_out,
     };
     Some(conclude(reached, variant, &weighing))
+}
+
+/// Compares near minima of a search once more: the weights of the starts may rank them wrongly, the final weights decide.
+/// Returns the minima that are not the settled one, and whether one of them took its place and the weights moved.
+fn compared_again(
+    settled: &mut Settled<'_>,
+    candidates: &[Minimum],
+    search: &Search<'_>,
+    weighing: &Weighing<'_>,
+) -> (Vec<Minimum>, bool) {
+    let (mut others, mut better) = (Vec::new(), false);
+    for other in candidates {
+        if search.over() {
+            break;
+        }
+        let again = settled.again(&other.parameters, weighing.cancel);
+        if again.cost < settled.minimum.cost && again.ending != Ending::NotFinite {
+            others.push(std::mem::replace(&mut settled.minimum, again));
+            settled.settle(weighing);
+            better = true;
+        } else {
+            others.push(again);
+        }
+    }
+    (others, better)
+}
+
+/// Crosses edges of the closed form while a deeper minimum is behind them. Returns the minima that were left.
+fn beyond_edges(
+    settled: &mut Settled<'_>,
+    search: &Search<'_>,
+    weighing: &Weighing<'_>,
+) -> Vec<Minimum> {
+    let mut left = Vec::new();
+    for _ in 0..EDGES_CROSSED {
+        if search.over() {
+            break;
+        }
+        let behind = edges::beyond(&settled.problem, &settled.minimum);
+        let ends = behind.par_iter().map(|x| settled.again(x, weighing.cancel));
+        let deepest = ends.filter(usable).min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let Some(deeper) = deepest.filter(|m| !same(settled.minimum.cost, m.cost)) else {
+            break;
+        };
+        left.push(std::mem::replace(&mut settled.minimum, deeper));
+        settled.settle(weighing);
+    }
+    left
 }
 
 /// Runs a search to its end.
