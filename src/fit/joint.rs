@@ -50,7 +50,7 @@ const SHARED: [Quantity; 9] = [
 /// The reason why the common report has no gain, stray light or offsets.
 pub(crate) const EACH_ITS_OWN: &str = "each scan has its own value; see scans";
 /// Passes of tier and refit.
-const TIER_PASSES: usize = 4;
+const JOINT_PASSES: usize = 4;
 
 /// One scan with a name for the report.
 #[derive(Debug, Clone, Copy)]
@@ -352,7 +352,7 @@ impl<'e, 'a> Joint<'e, 'a> {
         if !self.alone.iter().any(Estimate::takes_tier) {
             return;
         }
-        for _ in 0..TIER_PASSES {
+        for _ in 0..JOINT_PASSES {
             for scan in 0..self.alone.len() {
                 if let Some(correction) = tier(&self.problems[scan], &self.values(scan)) {
                     let problem = self.problems[scan].clone();

@@ -21,7 +21,7 @@ use crate::model::Variant;
 use crate::observation::ObservationSet;
 
 /// Rounds of tier and descent over all observations.
-const PASSES: usize = 2;
+const PASSES_OVER_ALL: usize = 2;
 
 /// Fits one variant. Returns `None` if no point could be evaluated.
 #[must_use]
@@ -119,7 +119,7 @@ fn estimate_thinned<'a>(
         problem,
     };
     let mut interpolated = None;
-    for _ in 0..PASSES {
+    for _ in 0..PASSES_OVER_ALL {
         if let Some(tier) = tier {
             let values = settled.problem.unpack(&settled.minimum.parameters);
             let everywhere = everywhere(&settled.problem, &values, tier, &kept, cancel)?;

@@ -24,7 +24,7 @@ use crate::observation::ObservationSet;
 /// Descents needed to settle an end again with other weights: such ends are in valleys.
 const SETTLING: f64 = 10.0;
 /// Passes of tier and refit from the end of a search.
-const PASSES: f64 = 3.5;
+const USUAL_PASSES: f64 = 3.5;
 /// Passes of tier and refit from another end. It starts farther from its minimum, on a surface that costs more.
 const TRIAL_PASSES: f64 = 8.0;
 /// Evaluations of all observations of very large series, per variant.
@@ -160,7 +160,7 @@ impl Look<'_> {
                 Material::Conductor { .. } => 1.0,
             };
             let passes = if dispensable(&settled.problem, &values, tier, options).is_none() {
-                ways * PASSES + TRIAL_PASSES * trials as f64
+                ways * USUAL_PASSES + TRIAL_PASSES * trials as f64
             } else {
                 1.0
             };

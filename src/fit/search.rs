@@ -19,19 +19,13 @@ use super::estimate::StartReport;
 use super::minimum::{Ending, Minimum, Settings};
 use super::problem::{Problem, Values};
 use super::quantity::Quantity;
-use super::start::{distance, starts};
+use super::start::{APART, ONE_SURFACE, SAME_SPOT, distance, starts};
 use super::tuning::Tuning;
 
 /// Relative difference in cost below which two ends are the same minimum.
-const SAME: f64 = 1e-6;
+const SAME_COST: f64 = 1e-6;
 /// Number of different ends that are refined on another problem.
 const REFINED: usize = 4;
-/// Distance above which ends count as different surfaces (see [`distance`]).
-pub(super) const APART: f64 = 0.3;
-/// Distance below which two rough ends lead to the same minimum (see [`distance`]).
-const SAME_SPOT: f64 = 0.05;
-/// Smallest distance between two surfaces that a report distinguishes: 0.05°, 0.7 % of α (see [`distance`]).
-pub(super) const ONE_SURFACE: f64 = 0.01;
 /// Standard uncertainty of an angle (rad) or a ln α above which the surface counts as undetermined.
 const OPEN: f64 = 0.1;
 /// Rise of the cost up to which a minimum is as good as the best one: the square of the coverage factor of the report.
@@ -357,10 +351,10 @@ pub(super) fn usable(m: &Minimum) -> bool {
 
 /// Whether two costs are those of one minimum.
 fn is_at(cost: f64, minimum: f64) -> bool {
-    (cost - minimum).abs() <= SAME * minimum.max(1.0)
+    (cost - minimum).abs() <= SAME_COST * minimum.max(1.0)
 }
 
 /// Whether a cost equals that of the best end, or is lower.
 pub(super) fn same(cost: f64, best: f64) -> bool {
-    cost <= best + SAME * best.max(1.0)
+    cost <= best + SAME_COST * best.max(1.0)
 }

@@ -15,7 +15,7 @@ use super::minimum::{Ending, Minimum, Settings};
 use super::misfit::{LOUD, ROUNDS, discrepancy_of, discrepancy_of_few, lightened};
 use super::problem::Problem;
 use super::search::{AMBIGUOUS_RISE, Search, determined};
-use super::start::distance;
+use super::start::{SAME_SPOT, distance};
 use super::tier::Tier;
 use super::{FitOptions, Loss};
 use crate::material::Material;
@@ -35,20 +35,18 @@ const AS_GOOD: f64 = 1.25;
 /// Model error of another end without the tier, relative to the best one's, above which it is not tried with the tier.
 /// The second bounce changes a model error far less, and a fit of moulded ridges took twice the time without this limit.
 const HOPELESS: f64 = 4.0;
-/// Smallest distance between two surfaces (see [`distance`]).
-const SAME: f64 = 0.05;
 /// Factor by which the model error of another end of a narrow lobe must be smaller; also that of the closed form
 /// compared with the tier. The light that the closed form omits exists, and the model error estimated from few poses
 /// scatters.
-const CLEAR_GAIN: f64 = 2.0;
+const CLEARLY_LESS: f64 = 2.0;
 /// Ratio of trimmed squares above which the end with the smaller sum is better.
 const FAR_MORE: f64 = 4.0;
 /// Maximum passes of tier and refit.
-const PASSES: usize = 5;
+const TIER_PASSES: usize = 5;
 /// Difference of χ² below which the data do not separate the closed form from the tier: three standard deviations.
 const SEPARATED: f64 = 9.0;
 /// Change of ridge angle (rad) and logarithm of roughness below which the passes end.
-const STILL: f64 = 1e-4;
+const TIER_STILL: f64 = 1e-4;
 
 /// Trial steps of a descent from another end. Most ends are no better and creep along a valley, which shows early.
 const LOOK: u64 = 100;
@@ -240,7 +238,7 @@ impl Settled<'_> {
     /// The same with the corrections of the tier at its own values; `None` if the tier has no result.
     fn corrected(&self, tier: Tier<'_>, weighing: &Weighing<'_>) -> Option<Self> {
         let mut costly = self.clone();
-        for pass in 0..PASSES {
+        for pass in 0..TIER_PASSES {
             let values = costly.problem.unpack(&costly.minimum.parameters);
             let Some(correction) = tier(&costly.problem, &values) else {
                 if pass == 0 {
@@ -256,7 +254,8 @@ impl Settled<'_> {
                 (now.alpha_u / values.alpha_u).ln(),
                 (now.alpha_v / values.alpha_v).ln(),
             ];
-            if moved.iter().all(|m| m.abs() < STILL) || weighing.cancel.load(Ordering::Relaxed) {
+            if moved.iter().all(|m| m.abs() < TIER_STILL) || weighing.cancel.load(Ordering::Relaxed)
+            {
                 break;
             }
         }
@@ -303,7 +302,7 @@ impl Settled<'_> {
 
     /// Whether this describes the data so much better than `other` that few poses cannot explain it by chance.
     fn far_better_than(&self, other: &Self, weighing: &Weighing<'_>) -> bool {
-        CLEAR_GAIN * self.discrepancy < other.discrepancy
+        CLEARLY_LESS * self.discrepancy < other.discrepancy
             || self.discrepancy == 0.0 && self.better_than(other, weighing)
     }
 
@@ -420,7 +419,7 @@ pub(super) fn with_tier<'a>(
         let here = surface(&trial);
         if different
             .iter()
-            .all(|d| distance(&surface(d), &here) > SAME)
+            .all(|d| distance(&surface(d), &here) > SAME_SPOT)
         {
             different.push(trial);
         }
@@ -438,7 +437,7 @@ pub(super) fn with_tier<'a>(
     }
     for (trial, costly) in tried.into_iter().flatten() {
         // Some surface always fits the few poses of a narrow lobe too well.
-        let clearly = doubtful || CLEAR_GAIN * costly.discrepancy < best.settled.discrepancy;
+        let clearly = doubtful || CLEARLY_LESS * costly.discrepancy < best.settled.discrepancy;
         if clearly && costly.better_than(&best.settled, weighing) {
             best.shift = step(&trial, &costly);
             best.undecided = false;
@@ -458,7 +457,8 @@ pub(super) fn with_tier<'a>(
         let near = near.map(|o| o.minimum);
         let surface = |m: &Minimum| best.settled.problem.unpack(&m.parameters).folded();
         let here = surface(&best.settled.minimum);
-        let near = near.filter(|m| m.ending.is_success() && distance(&here, &surface(m)) > SAME);
+        let near =
+            near.filter(|m| m.ending.is_success() && distance(&here, &surface(m)) > SAME_SPOT);
         best.rivals = near.collect();
     }
     best

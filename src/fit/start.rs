@@ -273,6 +273,13 @@ fn half_vector(set: &ObservationSet, index: usize, tilt: f64) -> Vector3<f64> {
     Vector3::new(h.x * c + h.y * s, h.y * c - h.x * s, h.z)
 }
 
+/// Distance above which two ends are different surfaces (see [`distance`]).
+pub(super) const APART: f64 = 0.3;
+/// Distance below which two ends lead to the same minimum.
+pub(super) const SAME_SPOT: f64 = 0.05;
+/// Smallest distance between two surfaces that a report distinguishes: 0.05°, 0.7 % of α.
+pub(super) const ONE_SURFACE: f64 = 0.01;
+
 /// Distance between two starts, in units that a descent bridges easily.
 pub(super) fn distance(a: &Values, b: &Values) -> f64 {
     let lean = |v: &Values| {

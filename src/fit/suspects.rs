@@ -43,8 +43,8 @@ const ALIKE: f64 = 2.0;
 /// Cost of another end of the search, relative to that of the minimum, up to which a term may turn the order.
 const TURNED: f64 = 10.0;
 /// Maximum passes of walls, tier and refit, and the change of ridge angle (rad) below which they end.
-const PASSES: usize = 4;
-const STILL: f64 = 2e-5;
+const TERM_PASSES: usize = 4;
+const TERM_STILL: f64 = 2e-5;
 /// Number of other ends of the search that are tried with a term, and of terms that are tried with a second one.
 const OTHERS: usize = 3;
 /// Such a descent first goes on for so long; most end at another surface.

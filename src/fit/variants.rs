@@ -33,7 +33,7 @@ use crate::trace::surface_profile::SurfaceProfile;
 use crate::wording::counted;
 
 /// Gain in QAIC that counts as clear.
-const CLEAR_GAIN: f64 = 10.0;
+const CLEAR_QAIC: f64 = 10.0;
 /// ĉ above which no variant is adequate.
 const INADEQUATE: f64 = 4.0;
 /// Ratio of root mean square residuals from which the printed lobe does not describe a sample that the sawtooth does.
@@ -234,7 +234,7 @@ fn fit_each(
         VariantChoice::Sawtooth => VariantName::Sawtooth,
         VariantChoice::Traced => VariantName::Traced,
         VariantChoice::Auto
-            if criterion(&paper) + CLEAR_GAIN < criterion(&sawtooth)
+            if criterion(&paper) + CLEAR_QAIC < criterion(&sawtooth)
                 && describes(&paper, &sawtooth) =>
         {
             VariantName::Paper

@@ -6,9 +6,8 @@ use crate::fit::estimate::Estimate;
 use crate::fit::findings::Finding;
 use crate::fit::problem::Values;
 use crate::fit::report::Status;
-use crate::fit::search::APART;
 use crate::fit::solver::Minimum;
-use crate::fit::start::distance;
+use crate::fit::start::{APART, distance};
 use crate::wording::{percent, significant};
 
 /// Share of χ² from which a finding is the cause of a residual.

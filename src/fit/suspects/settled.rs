@@ -2,14 +2,14 @@
 
 use rayon::prelude::*;
 
-use super::{ALIKE, BRIEF, Inquiry, OTHERS, PASSES, STILL, Trial};
+use super::{ALIKE, BRIEF, Inquiry, OTHERS, TERM_PASSES, TERM_STILL, Trial};
 use crate::fit::estimate::Estimate;
 use crate::fit::misfit::{lightened, misfit_scale};
 use crate::fit::problem::{Problem, Values};
-use crate::fit::search::{AMBIGUOUS_RISE, ONE_SURFACE, usable};
+use crate::fit::search::{AMBIGUOUS_RISE, usable};
 use crate::fit::settle::{Settled, Weighing};
 use crate::fit::solver::{Minimum, Settings};
-use crate::fit::start::distance;
+use crate::fit::start::{ONE_SURFACE, distance};
 use crate::fit::unseen::no_lobe;
 use crate::fit::{FitOptions, Loss};
 
@@ -38,13 +38,13 @@ impl<'a> Inquiry<'_, 'a> {
             minimum: trial.minimum,
             discrepancy: e.discrepancy,
         };
-        for _ in 0..PASSES {
+        for _ in 0..TERM_PASSES {
             let before = settled.problem.unpack(&settled.minimum.parameters);
             let problem = settled.problem.clone().with_walls_of(&before);
             settled.problem = self.corrected(problem, &before)?;
             settled.settle_near(&weighing);
             let now = settled.problem.unpack(&settled.minimum.parameters);
-            if (now.theta_r - before.theta_r).abs() < STILL {
+            if (now.theta_r - before.theta_r).abs() < TERM_STILL {
                 break;
             }
         }

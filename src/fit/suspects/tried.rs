@@ -8,8 +8,7 @@ use super::{
 };
 use crate::fit::findings::Code;
 use crate::fit::problem::{Quantity, Values};
-use crate::fit::search::ONE_SURFACE;
-use crate::fit::start::distance;
+use crate::fit::start::{ONE_SURFACE, distance};
 use crate::observation::ObservationSet;
 
 /// A suspect, the fit with it free, and the suspects that cannot be distinguished from it.

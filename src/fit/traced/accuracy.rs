@@ -7,7 +7,7 @@ use crate::fit::problem::{Quantity, Values};
 /// Largest share of the combined uncertainty for which the tracer's line of the budget is small: it adds 3 % to it.
 const SMALL_SHARE: f64 = 0.25;
 /// A parameter stays if further passes would move it by less than this share of its combined uncertainty.
-const STILL: f64 = 0.05;
+const STAYING_SHARE: f64 = 0.05;
 
 /// Deviation below which more accuracy is useless, in the units of the solver; `None` for quantities that are not
 /// reported as results.
@@ -37,7 +37,7 @@ pub(super) fn length(estimate: &Estimate<'_>, u: &Uncertainty) -> f64 {
         .zip(free)
         .filter_map(|((step, budget), q)| {
             let useless = useless(*q, &estimate.values)?;
-            Some(step.abs() / useless.max(STILL * budget.combined()))
+            Some(step.abs() / useless.max(STAYING_SHARE * budget.combined()))
         });
     relative.fold(0.0, f64::max)
 }
