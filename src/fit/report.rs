@@ -216,24 +216,20 @@ impl Parameters {
     /// Returns the names of the JSON form with their parameters, in the order of the report.
     #[must_use]
     pub fn named(&self) -> Vec<(&'static str, &Parameter)> {
-        let always = [
-            ("theta_r_deg", &self.theta_r_deg),
-            ("alpha_u", &self.alpha_u),
-            ("alpha_v", &self.alpha_v),
-            ("rho_d", &self.rho_d),
-            ("scale", &self.scale),
-            ("background", &self.background),
-            ("azimuth_offset_deg", &self.azimuth_offset_deg),
-            ("tilt_offset_deg", &self.tilt_offset_deg),
+        let all = [
+            Some(&self.theta_r_deg),
+            Some(&self.alpha_u),
+            Some(&self.alpha_v),
+            Some(&self.rho_d),
+            Some(&self.scale),
+            Some(&self.background),
+            Some(&self.azimuth_offset_deg),
+            Some(&self.tilt_offset_deg),
+            self.translucency.as_ref(),
+            self.crest_radius.as_ref(),
         ];
-        let sometimes = [
-            ("translucency", &self.translucency),
-            ("crest_radius", &self.crest_radius),
-        ];
-        let sometimes = sometimes
-            .into_iter()
-            .filter_map(|(name, p)| p.as_ref().map(|p| (name, p)));
-        always.into_iter().chain(sometimes).collect()
+        let named = Self::NAMES.into_iter().zip(all);
+        named.filter_map(|(name, p)| Some((name, p?))).collect()
     }
 }
 

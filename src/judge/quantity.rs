@@ -1,33 +1,24 @@
 //! What can be judged: named quantities with their uncertainties.
 
 use crate::fit::coverage::COVERAGE_FACTOR;
-use crate::fit::report::{FitReport, Status};
+use crate::fit::report::{FitReport, Parameters, Status};
 
 /// Mean absolute contrast, in radiance for a lamp irradiance of 1.
 pub const CONTRAST_MEAN: &str = "contrast_mean";
 /// Mean Michelson contrast.
 pub const CONTRAST_MICHELSON_MEAN: &str = "contrast_michelson_mean";
 
-/// Share of the body's light that leaves evenly over the ridges.
-const TRANSLUCENCY: &str = "translucency";
-/// Radius of the crests divided by the length of the facets.
-const CREST_RADIUS: &str = "crest_radius";
-
-/// Quantities that may have limits.
-pub const QUANTITIES: [&str; 12] = [
-    "theta_r_deg",
-    "alpha_u",
-    "alpha_v",
-    "rho_d",
-    "scale",
-    "background",
-    "azimuth_offset_deg",
-    "tilt_offset_deg",
-    TRANSLUCENCY,
-    CREST_RADIUS,
-    CONTRAST_MEAN,
-    CONTRAST_MICHELSON_MEAN,
-];
+/// Quantities that may have limits: the parameters of a fit, then the contrasts.
+pub const QUANTITIES: [&str; 12] = {
+    let mut all = [CONTRAST_MICHELSON_MEAN; 12];
+    let mut n = 0;
+    while n < Parameters::NAMES.len() {
+        all[n] = Parameters::NAMES[n];
+        n += 1;
+    }
+    all[n] = CONTRAST_MEAN;
+    all
+};
 
 /// Quantities that depend on how the sample lies on the turntable.
 pub(super) const PLANE_DEPENDENT: [&str; 2] = ["theta_r_deg", "azimuth_offset_deg"];
@@ -68,8 +59,8 @@ pub fn parameters(report: &FitReport) -> Vec<JudgedQuantity> {
     };
     let named = report.parameters.named();
     let fitted = |name: &&str| named.iter().any(|(fitted, _)| fitted == name);
-    let left_out = [TRANSLUCENCY, CREST_RADIUS].into_iter();
-    let left_out: Vec<JudgedQuantity> = left_out
+    let left_out: Vec<JudgedQuantity> = Parameters::NAMES
+        .into_iter()
         .filter(|name| !fitted(name))
         .map(|name| JudgedQuantity {
             name: name.to_owned(),
