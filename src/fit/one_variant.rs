@@ -121,7 +121,7 @@ fn estimate_thinned<'a>(
     let mut interpolated = None;
     for _ in 0..PASSES_OVER_ALL {
         if let Some(tier) = tier {
-            let values = settled.problem.unpack(&settled.minimum.parameters);
+            let values = settled.values();
             let everywhere = everywhere(&settled.problem, &values, tier, &kept, cancel)?;
             interpolated = everywhere.nodes.map(|n| (n, everywhere.error));
             settled.problem = settled.problem.with_correction(everywhere.offsets);

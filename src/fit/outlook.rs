@@ -82,7 +82,7 @@ pub fn outlook(
     let seen = few.as_ref().unwrap_or(set);
     let (printed, paper_s) = look.variant(seen, Variant::Paper, None)?;
     let (sawtooth, sawtooth_s) = look.variant(seen, Variant::Sawtooth, Some(&two_bounces))?;
-    let values = sawtooth.problem.unpack(&sawtooth.minimum.parameters);
+    let values = sawtooth.values();
     let mut search_s = paper_s + sawtooth_s;
     if few.is_some() {
         let free = sawtooth.problem.free().to_vec();
@@ -145,7 +145,7 @@ impl Look<'_> {
             seconds += rounds(first) * round_s + images_s;
         }
         if let Some(tier) = tier {
-            let values = settled.problem.unpack(&settled.minimum.parameters);
+            let values = settled.values();
             let (_, tier_s) = self.timed(|| tier(&settled.problem, &values));
             let mut trials = 0;
             if again && !noise_alone {

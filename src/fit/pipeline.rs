@@ -76,7 +76,7 @@ pub(super) fn whole<'a>(
     let mut shift = vec![0.0; settled.minimum.parameters.len()];
     let mut undecided = false;
     let tier_left_out = tier.and_then(|tier| {
-        let values = settled.problem.unpack(&settled.minimum.parameters);
+        let values = settled.values();
         dispensable(&settled.problem, &values, tier, options)
     });
     if let Some(tier) = tier.filter(|_| tier_left_out.is_none()) {

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::least_squares::sum_of_squares;
 use super::minimum::{Ending, Minimum, Settings};
 use super::misfit::{LOUD, ROUNDS, discrepancy_of, discrepancy_of_few, lightened};
-use super::problem::Problem;
+use super::problem::{Problem, Values};
 use super::search::{AMBIGUOUS_RISE, Search, determined};
 use super::start::{SAME_SPOT, distance};
 use super::tier::Tier;
@@ -109,6 +109,11 @@ pub(super) struct Settled<'a> {
 }
 
 impl Settled<'_> {
+    /// All values at the minimum, with the sign of θr as the solver left it.
+    pub(super) fn values(&self) -> Values {
+        self.problem.unpack(&self.minimum.parameters)
+    }
+
     /// Whether the data leave the surface undetermined here.
     fn open(&self) -> bool {
         !determined(&self.problem, &self.minimum)
@@ -137,7 +142,7 @@ impl Settled<'_> {
     /// Number of observations where the facets' lobe exceeds a twentieth of its top.
     fn in_lobe(&self) -> usize {
         let problem = &self.problem;
-        let values = problem.unpack(&self.minimum.parameters);
+        let values = self.values();
         let (ready, cones) = (problem.ready(&values), problem.set().rig.cones.widening());
         let (s, c) = values.theta_r.abs().sin_cos();
         let inside = |i: &usize| {
@@ -217,8 +222,7 @@ impl Settled<'_> {
 
     /// Model minus observation.
     pub(super) fn residuals(&self) -> Vec<f64> {
-        let values = self.problem.unpack(&self.minimum.parameters);
-        self.problem.signal_residuals(&values)
+        self.problem.signal_residuals(&self.values())
     }
 
     /// χ² of flats and priors.
@@ -239,7 +243,7 @@ impl Settled<'_> {
     fn corrected(&self, tier: Tier<'_>, weighing: &Weighing<'_>) -> Option<Self> {
         let mut costly = self.clone();
         for pass in 0..TIER_PASSES {
-            let values = costly.problem.unpack(&costly.minimum.parameters);
+            let values = costly.values();
             let Some(correction) = tier(&costly.problem, &values) else {
                 if pass == 0 {
                     return None;
@@ -248,7 +252,7 @@ impl Settled<'_> {
             };
             costly.problem = costly.problem.with_correction(correction);
             costly.settle_near(weighing);
-            let now = costly.problem.unpack(&costly.minimum.parameters);
+            let now = costly.values();
             let moved = [
                 now.theta_r - values.theta_r,
                 (now.alpha_u / values.alpha_u).ln(),
@@ -404,7 +408,7 @@ pub(super) fn with_tier<'a>(
         trials.clear();
     }
     let mut others: Vec<Settled<'a>> = Vec::new();
-    let surface = |s: &Settled<'_>| s.problem.unpack(&s.minimum.parameters).folded();
+    let surface = |s: &Settled<'_>| s.values().folded();
     let ends: Vec<Settled<'a>> = trials
         .par_iter()
         .map(|end| {

@@ -156,7 +156,7 @@ impl Scatter {
     fn estimate<'a>(&self, settled: &Settled<'a>, sawtooth: &Estimate<'a>) -> Estimate<'a> {
         let estimate = Estimate {
             discrepancy: settled.discrepancy,
-            values: settled.problem.unpack(&settled.minimum.parameters),
+            values: settled.values(),
             tier_shift: vec![0.0; settled.minimum.parameters.len()],
             tier_undecided: false,
             minimum: settled.minimum.clone(),

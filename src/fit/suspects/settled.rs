@@ -39,11 +39,11 @@ impl<'a> Inquiry<'_, 'a> {
             discrepancy: e.discrepancy,
         };
         for _ in 0..TERM_PASSES {
-            let before = settled.problem.unpack(&settled.minimum.parameters);
+            let before = settled.values();
             let problem = settled.problem.clone().with_walls_of(&before);
             settled.problem = self.corrected(problem, &before)?;
             settled.settle_near(&weighing);
-            let now = settled.problem.unpack(&settled.minimum.parameters);
+            let now = settled.values();
             if (now.theta_r - before.theta_r).abs() < TERM_STILL {
                 break;
             }
