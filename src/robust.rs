@@ -1,4 +1,4 @@
-//! Medians and robust spreads, with their values for normal scatter.
+//! Medians and robust spreads, with their values for normal scatter, and the χ² that normal scatter rarely exceeds.
 
 /// Median of |x| for normal x of standard deviation 1; its quartiles are at this distance from 0.
 pub const MEDIAN_OF_ABS: f64 = 0.674_489_750_196_081_7;
