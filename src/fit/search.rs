@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::covariance::{Scaling, covariance};
+use super::covariance::covariance;
 use super::estimate::StartReport;
 use super::minimum::{Ending, Minimum, Settings};
 use super::problem::{Problem, Values};
