@@ -1,4 +1,4 @@
-// Perceptually uniform colours, built as in the daemon's pictures (src/map/colour.rs): in the OKLCh space
+// Perceptually uniform colours, built as in the daemon's pictures (src/colour.rs): in the OKLCh space
 // (B. Ottosson 2020), equal steps in value are equal steps in lightness.
 
 export type Rgb = readonly [number, number, number];

@@ -28,7 +28,7 @@ describe('the diverging map', () => {
   });
 
   it('has the daemon’s colours in the light theme', () => {
-    // A test of src/map/colour.rs holds the same numbers.
+    // A test of src/colour.rs holds the same numbers.
     const table = perceptual('diverging', false);
     expect([0, MIDDLE, STEPS - 1].map((s) => [...table.slice(3 * s, 3 * s + 3)])).toEqual([[0, 75, 150], [248, 248, 248], [149, 0, 7]]);
   });
