@@ -15,7 +15,7 @@ use crate::job::{JobId, JobKind, JobState};
 use crate::words::words;
 
 words! {
-    /// What a person has to do at the rig before the scan can go on.
+    /// A step of the operator at the rig, before which the scan cannot continue.
     #[derive(utoipa::ToSchema)]
     pub enum OperatorAction {
         /// Dark frames come next.
@@ -28,7 +28,7 @@ words! {
 }
 
 impl OperatorAction {
-    /// What to tell the person.
+    /// The instruction to the operator.
     #[must_use]
     pub const fn message(self) -> &'static str {
         match self {
@@ -42,7 +42,7 @@ impl OperatorAction {
         }
     }
 
-    /// What kind of frames follow.
+    /// Kind of the frames that follow.
     #[must_use]
     pub const fn kind(self) -> FrameKind {
         match self {
@@ -72,7 +72,7 @@ impl From<OperatorAction> for OperatorStep {
     }
 }
 
-/// How far a scan is.
+/// Progress of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Progress {
     /// Kind of frames being taken; `None` before the first and after the last.
@@ -87,9 +87,9 @@ pub struct Progress {
     pub frames_total: u32,
     /// Share of the predicted time that is done, 0 to 1.
     pub fraction: f64,
-    /// Time spent moving and exposing so far; waiting for people not counted.
+    /// Time spent moving and exposing so far, s; without the time that it waited for people.
     pub elapsed_s: f64,
-    /// Predicted time to go, from the pace so far; `None` when unknown.
+    /// Predicted time to go, from the pace so far, s; `None` when unknown.
     pub time_left_s: Option<f64>,
 }
 
@@ -140,7 +140,7 @@ pub enum RigActivity {
     Homing,
     /// Held by a scan.
     Scanning,
-    /// Stopped by somebody.
+    /// Stopped by a person or a program.
     Stopped,
     /// Out of reach: its state is unknown.
     NotConnected,
@@ -173,20 +173,20 @@ fn two() -> f64 {
     2.0
 }
 
-/// How sure a fit of the frames so far is, against the rig's time.
+/// Result of the live fit of the frames so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Certainty {
-    /// Time spent moving and exposing when the newest of its frames came; waiting for people not counted.
+    /// Time spent moving and exposing until the newest of its frames, s; without the time that it waited for people.
     pub elapsed_s: f64,
     /// Poses fitted.
     pub n_observations: usize,
-    /// Frames used, darks and flats included.
+    /// Frames used, dark and white-reference frames included.
     pub n_frames_used: u32,
-    /// Variant it hangs on.
+    /// Variant of the fit.
     pub variant: String,
-    /// How the fit ended, as in a report.
+    /// How the fit ended.
     pub status: String,
-    /// By name as in a report; a parameter that the frames so far cannot tell is missing.
+    /// Parameters that the frames so far determine, by name.
     pub parameters: std::collections::BTreeMap<String, UncertainValue>,
 }
 
@@ -196,111 +196,111 @@ pub struct Certainty {
 pub enum Event {
     /// The rig began or ended a move.
     Rig {
-        /// What it is doing.
+        /// Activity of the rig.
         activity: RigActivity,
-        /// Camera tilt.
+        /// Camera tilt θc.
         theta_c: AxisEvent,
-        /// Sample azimuth.
+        /// Sample azimuth φs.
         phi_s: AxisEvent,
     },
     /// A scan changed its state.
     Scan {
-        /// Which.
+        /// Number of the scan.
         scan_id: i64,
         /// State before.
         previous: ScanState,
         /// State now.
         state: ScanState,
-        /// Why, where it is not the plan's own course.
+        /// Reason for the state, if it is not the normal course.
         reason: Option<String>,
-        /// What a person has to do, while waiting for it.
+        /// The operator step that it waits for.
         operator: Option<OperatorAction>,
-        /// How far it is.
+        /// Progress of the scan.
         progress: Progress,
     },
-    /// A frame is durable.
+    /// A frame is stored.
     Frame {
-        /// Scan it belongs to.
+        /// Number of the scan.
         scan_id: i64,
-        /// The frame.
+        /// Number of the frame.
         frame_id: i64,
         /// What it shows.
         kind: FrameKind,
-        /// Camera tilt read back.
+        /// Camera tilt θc read back, degrees.
         theta_c_deg: f64,
-        /// Sample azimuth read back.
+        /// Sample azimuth φs read back, degrees.
         phi_s_deg: f64,
-        /// Exposure time.
+        /// Exposure time, s.
         exposure_s: f64,
         /// Number of the repeat, from 0.
         repeat: u32,
-        /// Mean of all counts.
+        /// Mean of all counts, DN.
         mean_dn: f64,
-        /// Largest count.
+        /// Largest count, DN.
         max_dn: u16,
         /// Pixels at or above the saturation level.
         saturated_px: u32,
-        /// Whether the point counts; a rejected frame is kept all the same.
+        /// Whether the point counts. A rejected frame is kept as well.
         accepted: bool,
         /// Why it does not count.
         reason: Option<String>,
-        /// How far the scan is.
+        /// Progress of the scan.
         progress: Progress,
     },
     /// A fit began or ended.
     Fit {
-        /// Which.
+        /// Number of the fit.
         fit_id: i64,
         /// Scan that it reads.
         scan_id: Option<i64>,
-        /// State now.
+        /// State of the fit.
         state: JobState,
-        /// Chosen variant, or the requested one while there is none.
+        /// Chosen variant; the requested one until it is chosen.
         variant: Option<String>,
         /// How the fit ended.
         status: Option<String>,
-        /// The ridge angle in degrees, where the data can tell it.
+        /// The ridge angle θr, degrees, if the data determine it.
         theta_r_deg: Option<ShortValue>,
     },
-    /// The fit that runs along with a scan is surer (or knows nothing yet).
+    /// The fit of the frames so far has a new result.
     Uncertainty {
-        /// Scan it is of.
+        /// Number of the scan.
         scan_id: i64,
-        /// How sure.
+        /// Result of the fit.
         #[serde(flatten)]
         certainty: Certainty,
     },
     /// A map, contrast, verdict or trace began or ended.
     Calculation {
-        /// Of what.
+        /// Kind of the calculation.
         kind: JobKind,
-        /// Which.
+        /// Its number within the kind.
         calculation_id: i64,
-        /// Scan it is of.
+        /// Scan that it reads.
         scan_id: Option<i64>,
-        /// Where it stands now.
+        /// State of the calculation.
         state: JobState,
     },
-    /// It is known how long something that runs will take.
+    /// The duration of a running calculation was forecast.
     Forecast {
-        /// What runs: fit, map, contrast, verdict or trace.
+        /// Kind of the calculation: fit, map, contrast, verdict or trace.
         of: String,
-        /// Its number among those.
+        /// Its number within the kind.
         number: i64,
-        /// Scan it is of.
+        /// Scan that it reads.
         scan_id: Option<i64>,
-        /// What it will take.
+        /// The forecast.
         forecast: Forecast,
     },
     /// A fault is over, and the scan continues.
     Recovered {
         /// Scan concerned.
         scan_id: Option<i64>,
-        /// Stable word of the fault, as of its alarm.
+        /// Stable word of the fault, as in its alarm.
         code: String,
         /// What happened, and what ended it.
         message: String,
-        /// Time from the fault to the first point that counted again.
+        /// Time from the fault to the first point that counted again, s.
         took_s: f64,
         /// Points of the plan that were taken again, by their index.
         points: Vec<u32>,
@@ -309,14 +309,14 @@ pub enum Event {
     },
     /// A caller gave an order to a scan, or took or returned the lease of the rig.
     Order {
-        /// What was ordered: pause, resume, abort, continue, or a change of the lease.
+        /// The order: pause, resume, abort, continue, or a change of the lease.
         order: String,
         /// Scan concerned.
         scan_id: Option<i64>,
     },
-    /// Something needs a person's attention.
+    /// A person must act.
     Alarm {
-        /// Stable word.
+        /// Stable word of the fault.
         code: String,
         /// What happened and what to do.
         message: String,
@@ -326,7 +326,7 @@ pub enum Event {
 }
 
 impl Event {
-    /// Type as it is named on the wire.
+    /// Type of the event, as in its JSON.
     #[must_use]
     pub const fn kind(&self) -> &'static str {
         match self {
@@ -373,7 +373,7 @@ impl Event {
         }
     }
 
-    /// Scan it belongs to.
+    /// Number of its scan.
     #[must_use]
     pub const fn scan_id(&self) -> Option<i64> {
         match self {

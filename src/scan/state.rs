@@ -25,18 +25,18 @@
 use crate::words::words;
 
 words! {
-    /// Where a scan stands.
+    /// State of a scan.
     #[derive(utoipa::ToSchema)]
     pub enum ScanState {
         /// Checked and stored; nothing has moved.
         Planned = "planned",
-        /// A person has to do something at the rig, then say `continue`.
+        /// The operator must act at the rig, then order `continue`.
         WaitingForOperator = "waiting-for-operator",
         /// Moving and taking frames.
         Running = "running",
         /// Finishing the current point before it pauses.
         Pausing = "pausing",
-        /// Holds the rig, does nothing; `resume` goes on.
+        /// Holds the rig, does nothing; `resume` continues it.
         Paused = "paused",
         /// The daemon ended while the scan ran; every committed point is there.
         Interrupted = "interrupted",
@@ -44,7 +44,7 @@ words! {
         Completed = "completed",
         /// A person ended it.
         Aborted = "aborted",
-        /// It could not go on.
+        /// An error ended it.
         Failed = "failed",
     }
 }

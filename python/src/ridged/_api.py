@@ -44,7 +44,7 @@ OnFailure = Literal["stop", "end"]
 """What follows a failed order of the queue."""
 
 OperatorAction = Literal["cap-lens", "place-white-reference", "place-sample"]
-"""What a person has to do at the rig before the scan can go on."""
+"""A step of the operator at the rig, before which the scan cannot continue."""
 
 OrderState = Literal["waiting", "running", "done", "failed", "removed"]
 """State of an order."""
@@ -68,7 +68,7 @@ ScanOrigin = Literal["rig", "import"]
 """Where a scan comes from."""
 
 ScanState = Literal["planned", "waiting-for-operator", "running", "pausing", "paused", "interrupted", "completed", "aborted", "failed"]
-"""Where a scan stands."""
+"""State of a scan."""
 
 ScatterVerdict = Literal["consistent", "too-large", "small"]
 """Whether the scatter is as large as stated."""
