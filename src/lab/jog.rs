@@ -147,7 +147,7 @@ impl Lab {
         }
         live.order.send_replace(order);
         if ends {
-            // Until the axis stands.
+            // Waits until the axis is at rest.
             live.order.closed().await;
         }
         match live.is_over() && !ends {

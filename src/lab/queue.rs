@@ -92,7 +92,7 @@ pub(super) async fn start(lab: &Lab) -> Result<(), StoreError> {
                 if let Err(error) = lab.run_queue(&mut watched).await
                     && !lab.store().is_closed()
                 {
-                    tracing::error!(%error, "the queue could not go on: {error}");
+                    tracing::error!(%error, "the queue stopped: {error}");
                 }
             }
             // The end of a scan or a motion, a change of the queue, and now and then.

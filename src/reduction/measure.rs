@@ -447,14 +447,14 @@ fn fingerprint(frame: &Frame) -> u64 {
 /// A frame's outcome: its sums, or why it is left out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) enum FrameOutcome {
-    /// It counts.
+    /// The sums of a frame that counts.
     Reduced(FrameSums),
-    /// It does not.
+    /// Why the frame is rejected.
     LeftOut(Rejection),
 }
 
 impl FrameOutcome {
-    /// Whether it is of that many segments: what was stored may be of anything.
+    /// Whether it has this number of segments; stored sums may come from another segmentation.
     pub(super) fn is_of(&self, segments: usize) -> bool {
         match self {
             FrameOutcome::Reduced(sums) => {

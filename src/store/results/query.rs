@@ -67,7 +67,7 @@ pub enum QueryError {
     },
 }
 
-/// What is asked for.
+/// A query of the results: conditions, text to search for, and order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResultQuery {
     pub(super) conditions: Vec<Condition>,
