@@ -4,7 +4,7 @@
 //! [`FrameSource`]; progress goes to a callback.
 
 use std::ops::RangeInclusive;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use crate::fit::joint::{JointError, JointReport, Scan};
@@ -12,14 +12,13 @@ use crate::fit::report::LeftOut;
 use crate::fit::traced::TracingProgress;
 use crate::fit::trail::Time;
 use crate::fit::{self, FitOptions, FitReport};
-use crate::frame::Frame;
 use crate::geometry::Pose;
 use crate::model::Surface;
 use crate::model::left_out::POLARISATION;
 use crate::observation::ObservationSet;
 use crate::plan;
-use crate::reduction::{FrameReadError, FrameSource, ReductionCache, ReductionError, reduce};
-use crate::series::{FrameRow, Manifest};
+use crate::reduction::{CountedReads, FrameSource, ReductionError, reduce};
+use crate::series::Manifest;
 use crate::trace::ridge_map::RidgeFacts;
 use crate::trace::surface_profile::SurfaceProfile;
 use crate::wording::percent;
@@ -347,12 +346,8 @@ fn observe(
     cancel: &AtomicBool,
 ) -> Result<Observed, AnalysisError> {
     let started = Instant::now();
-    let timed = Timed {
-        source,
-        progress,
-        reads: AtomicUsize::new(0),
-        nanoseconds: AtomicU64::new(0),
-    };
+    let report = |done, total| progress(Progress::Reducing { done, total });
+    let timed = CountedReads::new(source, &report);
     let observations = match reduce(&timed, region, cancel) {
         Err(ReductionError::Cancelled) => return Err(AnalysisError::Cancelled),
         other => other?,
@@ -360,52 +355,10 @@ fn observe(
     let both_s = started.elapsed().as_secs_f64();
     // Several threads read at once: the sum of their times over their number is the share of reading.
     let threads = rayon::current_num_threads().max(1) as f64;
-    let summed_s = timed.nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9;
-    let read_s = (summed_s / threads).min(both_s);
+    let read_s = (timed.summed_s() / threads).min(both_s);
     Ok(Observed {
         observations,
         read_s,
         reduce_s: both_s - read_s,
     })
-}
-
-/// Counts and times the frames that a reduction reads.
-struct Timed<'a> {
-    source: &'a dyn FrameSource,
-    progress: &'a (dyn Fn(Progress) + Sync),
-    reads: AtomicUsize,
-    nanoseconds: AtomicU64,
-}
-
-impl FrameSource for Timed<'_> {
-    fn manifest(&self) -> &Manifest {
-        self.source.manifest()
-    }
-
-    fn rows(&self) -> &[FrameRow] {
-        self.source.rows()
-    }
-
-    fn frame_id(&self, index: usize) -> i64 {
-        self.source.frame_id(index)
-    }
-
-    fn reductions(&self) -> Option<&ReductionCache> {
-        self.source.reductions()
-    }
-
-    fn is_growing(&self) -> bool {
-        self.source.is_growing()
-    }
-
-    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
-        let started = Instant::now();
-        let frame = self.source.read(index);
-        let spent = u64::try_from(started.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        self.nanoseconds.fetch_add(spent, Ordering::Relaxed);
-        let done = self.reads.fetch_add(1, Ordering::Relaxed) + 1;
-        let total = self.source.rows().len();
-        (self.progress)(Progress::Reducing { done, total });
-        frame
-    }
 }

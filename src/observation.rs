@@ -160,6 +160,16 @@ pub struct RejectedFrame {
     pub detail: String,
 }
 
+impl RejectedFrame {
+    /// Returns the reason with its details.
+    pub(crate) fn cause(&self) -> String {
+        match self.detail.as_str() {
+            "" => self.reason.clone(),
+            detail => format!("{}: {detail}", self.reason),
+        }
+    }
+}
+
 /// One of the directions over which an observation averages with a near camera or lamp.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {

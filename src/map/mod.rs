@@ -309,10 +309,7 @@ fn prepared(
         return Err(MapError::AllLeftOut {
             frames,
             file: first.file.clone(),
-            why: match first.detail.as_str() {
-                "" => first.reason.clone(),
-                detail => format!("{}: {detail}", first.reason),
-            },
+            why: first.cause(),
         });
     }
     rejected.extend(left_out);

@@ -7,7 +7,7 @@
 //! ([`Together::at_least`]).
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 
@@ -18,13 +18,11 @@ use super::layers::Layers;
 use super::{Progress, Stage};
 use crate::fit::report::{Parameter, Status};
 use crate::fit::{FitOptions, FitReport, VariantChoice, fit};
-use crate::frame::Frame;
 use crate::model::extended::{Real, Walls};
 use crate::model::prepared::OpticsTable;
 use crate::model::{Optics, Surface};
 use crate::observation::ObservationSet;
-use crate::reduction::{FrameReadError, FrameSource, ReductionCache, reduce};
-use crate::series::{FrameRow, Manifest};
+use crate::reduction::{CountedReads, FrameSource, reduce};
 use crate::units::Angle;
 
 /// Residual of the mean's fit (root mean square over the peak) up to which all pixels count as one kind of surface.
@@ -67,11 +65,15 @@ pub(super) fn together(
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
 ) -> Result<(Together, Option<Arc<RealSurface>>), String> {
-    let source = &Counted {
-        source,
-        read: AtomicUsize::new(0),
-        progress,
+    // All frames are read once more, which takes as long as the first time.
+    let report = |done: usize, total| {
+        progress(Progress {
+            stage: Stage::Averaging,
+            done: done.min(total),
+            total,
+        });
     };
+    let source = &CountedReads::new(source, &report);
     let layout = source.manifest().sample.layout.is_some();
     let region = layout.then_some(REGION);
     let set = reduce(source, region, cancel).map_err(|error| error.to_string())?;
@@ -135,42 +137,6 @@ fn real_surface(report: &FitReport, set: &ObservationSet) -> Option<Arc<RealSurf
     let table = OpticsTable::new(&Optics::new(&set.rig, &set.material));
     let walls = Walls::new(&surface, &real, &table);
     Some(Arc::new(RealSurface { real, walls }))
-}
-
-/// Reports every frame that is read: all are read once more, which takes as long as the first time.
-struct Counted<'s> {
-    source: &'s dyn FrameSource,
-    read: AtomicUsize,
-    progress: &'s (dyn Fn(Progress) + Sync),
-}
-
-impl FrameSource for Counted<'_> {
-    fn manifest(&self) -> &Manifest {
-        self.source.manifest()
-    }
-
-    fn rows(&self) -> &[FrameRow] {
-        self.source.rows()
-    }
-
-    fn frame_id(&self, index: usize) -> i64 {
-        self.source.frame_id(index)
-    }
-
-    fn reductions(&self) -> Option<&ReductionCache> {
-        self.source.reductions()
-    }
-
-    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
-        let frame = self.source.read(index);
-        let total = self.rows().len();
-        (self.progress)(Progress {
-            stage: Stage::Averaging,
-            done: total.min(self.read.fetch_add(1, Ordering::Relaxed) + 1),
-            total,
-        });
-        frame
-    }
 }
 
 impl Together {

@@ -16,6 +16,7 @@ mod cache;
 mod calibration;
 mod calibration_sums;
 mod camera_calibration;
+mod counted_reads;
 mod darks;
 mod detector;
 mod flats;
@@ -41,6 +42,7 @@ use std::sync::atomic::AtomicBool;
 
 pub use self::cache::{CalibrationText, FrameText, ReductionCache, ReductionTexts, TextStore};
 pub use self::camera_calibration::{CameraCalibration, DarkLevel, calibrate};
+pub(crate) use self::counted_reads::CountedReads;
 pub use self::remembering::Remembering;
 pub use self::series_context::calibration_keys;
 pub use crate::series::FrameReadError;
@@ -331,10 +333,7 @@ pub fn reduce(
                     "left out: {}, the first being {} ({})",
                     counted(rejected.len(), "frame"),
                     first.file,
-                    match first.detail.as_str() {
-                        "" => first.reason.clone(),
-                        detail => format!("{}: {detail}", first.reason),
-                    }
+                    first.cause()
                 ),
                 None => "the list has no sample frame with light".to_owned(),
             },
