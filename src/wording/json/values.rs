@@ -85,11 +85,23 @@ pub(in crate::wording) fn range_of(least: i128, most: i128) -> String {
     }
 }
 
-/// Reads a whole number of each type that has one.
+/// Reads a whole number of each type that has one, by the deserializer's method `whole`.
 macro_rules! whole_numbers {
-    ($read:ident: $($method:ident $visit:ident $type:ty;)*) => {$(
+    () => {
+        whole_numbers! {
+            deserialize_u8 visit_u8 u8;
+            deserialize_u16 visit_u16 u16;
+            deserialize_u32 visit_u32 u32;
+            deserialize_u64 visit_u64 u64;
+            deserialize_i8 visit_i8 i8;
+            deserialize_i16 visit_i16 i16;
+            deserialize_i32 visit_i32 i32;
+            deserialize_i64 visit_i64 i64;
+        }
+    };
+    ($($method:ident $visit:ident $type:ty;)*) => {$(
         fn $method<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-            match self.$read().and_then(|number| <$type>::try_from(number).ok()) {
+            match self.whole().and_then(|number| <$type>::try_from(number).ok()) {
                 Some(number) => visitor.$visit(number),
                 None => Err(self.not(&range_of(<$type>::MIN.into(), <$type>::MAX.into()))),
             }
@@ -160,16 +172,7 @@ impl<'de> Deserializer<'de> for Json<'de> {
         }
     }
 
-    whole_numbers! { whole:
-        deserialize_u8 visit_u8 u8;
-        deserialize_u16 visit_u16 u16;
-        deserialize_u32 visit_u32 u32;
-        deserialize_u64 visit_u64 u64;
-        deserialize_i8 visit_i8 i8;
-        deserialize_i16 visit_i16 i16;
-        deserialize_i32 visit_i32 i32;
-        deserialize_i64 visit_i64 i64;
-    }
+    whole_numbers! {}
 
     fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
         match self.0.as_f64() {
@@ -361,16 +364,7 @@ impl<'de> Deserializer<'de> for Text<'de> {
         visitor.visit_borrowed_str(self.0)
     }
 
-    whole_numbers! { whole:
-        deserialize_u8 visit_u8 u8;
-        deserialize_u16 visit_u16 u16;
-        deserialize_u32 visit_u32 u32;
-        deserialize_u64 visit_u64 u64;
-        deserialize_i8 visit_i8 i8;
-        deserialize_i16 visit_i16 i16;
-        deserialize_i32 visit_i32 i32;
-        deserialize_i64 visit_i64 i64;
-    }
+    whole_numbers! {}
 
     fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
         match self.0.parse::<f64>() {
