@@ -193,7 +193,7 @@ async fn show(daemon: &Daemon, args: &Args) -> Result<Value, CliError> {
 
 async fn traced_sample(lab: &Lab) -> Result<i64, CliError> {
     lab.store()
-        .newest_sample(Some(TRACED_SAMPLE), |_| true)
+        .newest_sample(Some(TRACED_SAMPLE))
         .await
         .map_err(|e| runtime::lab_error(e.into()))?
         .map(|s| s.id)

@@ -30,7 +30,7 @@ impl SimulatedRig {
     /// # Errors
     /// What the lab says.
     pub async fn add_samples(&self, lab: &Lab) -> Result<(), LabError> {
-        if lab.store().newest_sample(None, |_| true).await?.is_some() {
+        if lab.store().newest_sample(None).await?.is_some() {
             return Ok(());
         }
         let model = SimulatedSurface::Model {

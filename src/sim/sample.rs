@@ -63,14 +63,16 @@ pub struct TracedTable {
     floor: f64,
 }
 
-/// Names of the built-in samples; [`SimulatedSample::by_name`] makes them.
-pub const NAMES: [&str; 4] = ["polymer-10", "polymer-20", "polymer-05", "steel-15"];
+/// Names of the samples of the tests; [`SimulatedSample::by_name`] makes them.
+#[cfg(test)]
+pub(super) const NAMES: [&str; 4] = ["polymer-10", "polymer-20", "polymer-05", "steel-15"];
 
 const POLYMER: Material = Material::Dielectric {
     eta: 1.54,
     eta_std: 0.005,
 };
 
+#[cfg(test)]
 const STEEL: Material = Material::Conductor {
     eta: 2.9,
     k: 3.1,
@@ -96,8 +98,8 @@ impl SimulatedSample {
     }
 
     /// Rough steel, θr 15°, traced with polarisation.
-    #[must_use]
-    pub fn steel_15() -> SimulatedSample {
+    #[cfg(test)]
+    pub(super) fn steel_15() -> SimulatedSample {
         static TABLE: OnceLock<Arc<TracedTable>> = OnceLock::new();
         let table = TABLE.get_or_init(|| {
             Arc::new(TracedTable::read(
@@ -112,8 +114,8 @@ impl SimulatedSample {
     }
 
     /// Returns a sample by one of [`NAMES`].
-    #[must_use]
-    pub fn by_name(name: &str) -> Option<SimulatedSample> {
+    #[cfg(test)]
+    pub(super) fn by_name(name: &str) -> Option<SimulatedSample> {
         let plastic = |theta_r_deg, alpha| SimulatedSample::Model {
             variant: Variant::Sawtooth,
             surface: surface(theta_r_deg, alpha, alpha, 0.33),

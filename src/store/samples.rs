@@ -268,19 +268,15 @@ impl Store {
         })
     }
 
-    /// Returns the newest sample for which `like` is true; with `name`, only of this name.
+    /// Returns the newest sample; with `name`, the newest of this name.
     ///
     /// # Errors
     /// A database error; rows that cannot be read are skipped.
-    pub async fn newest_sample(
-        &self,
-        name: Option<&str>,
-        like: impl Fn(&Sample) -> bool,
-    ) -> Result<Option<Sample>, StoreError> {
+    pub async fn newest_sample(&self, name: Option<&str>) -> Result<Option<Sample>, StoreError> {
         let mut page = PageRequest::default();
         loop {
             let found = self.samples(name, page).await?;
-            if let Some(sample) = found.items.into_iter().find(&like) {
+            if let Some(sample) = found.items.into_iter().next() {
                 return Ok(Some(sample));
             }
             match found.next_cursor {
