@@ -17,13 +17,11 @@ export type AxisName = keyof openapi.AxesBody;
 export type Axis = Sent<openapi.AxisBody>;
 export type Rig = Sent<openapi.RigBody>;
 export type Preview = Sent<openapi.PreviewAnswer>;
-export type PreviewFrame = Preview['frames'][number];
 export type Jog = Sent<openapi.JogAnswer>;
 export type RefusedStages = Sent<openapi.StagesBody>;
 export type Material = openapi.MaterialBody;
 export type Sample = Omit<Sent<openapi.SampleBody>, 'material' | 'simulated' | 'created_at'> & { readonly material: Sent<openapi.MaterialBody>; readonly simulated: unknown };
 export type ScanState = openapi.ScanState;
-export type Plan = openapi.Plan;
 export type OperatorStep = openapi.OperatorBody;
 export type Imported = Sent<openapi.ImportBody>;
 export type Progress = Sent<openapi.ProgressBody>;
@@ -36,8 +34,7 @@ export type FrameRow = Pick<Sent<openapi.FrameBody>, 'id' | 'scan_id' | 'kind' |
   Partial<Pick<openapi.FrameBody, 'width_px' | 'height_px'>> & { readonly [K in 'mean_dn' | 'max_dn' | 'saturated_px']: number | null };
 
 export type Parameter = SentBut<openapi.FitParameter, 'profile' | 'bootstrap' | 'note' | 'degrees_of_freedom'>;
-export type RejectedFrame = openapi.FrameRejected;
-export type Finding = Sent<openapi.FitFinding>;
+type Finding = Sent<openapi.FitFinding>;
 export type LeftOut = Sent<openapi.WorkLeftOut>;
 export type Forecast = openapi.Forecast;
 export type JobState = openapi.TaskState;
@@ -100,36 +97,8 @@ export interface ScanJob extends Job {
   readonly request: { readonly specification?: Specification; readonly region?: string | null; /** The fit that a verdict rests on. */ readonly fit_id?: number | null };
 }
 
-interface Spread {
-  readonly median: number | null;
-  readonly p5: number | null;
-  readonly p95: number | null;
-  readonly std_median: number | null;
-  readonly std_shared: number | null;
-}
-
-/** The object of `ridged map --json`. */
-export interface MapResult extends ScanJob {
-  /** Pixels that were fitted. */
-  readonly pixels: number;
-  /** Pixels that were not reached within the time limit. */
-  readonly pixels_left_out?: number;
-  readonly pixels_with_value: number;
-  readonly parameters: Readonly<Record<string, Spread>>;
-  readonly lean_directions: readonly { readonly azimuth_deg: number; readonly share: number }[];
-  readonly defects: readonly {
-    readonly x_mm: number;
-    readonly y_mm: number;
-    readonly area_mm2: number;
-    readonly worst: string;
-    readonly deviations: readonly { readonly parameter: string; readonly value: number; readonly usual: number; readonly sigmas: number }[];
-  }[];
-  /** Pixels per flag, and the bit of each flag in `flags.tif`. */
-  readonly flags?: Readonly<Record<string, number>>;
-  readonly flag_bits?: Readonly<Record<string, number>>;
-  readonly files: readonly string[];
-  readonly warnings: readonly string[];
-}
+/** The object of `ridged map --json`; maps of older versions lack some fields. */
+export type MapResult = ScanJob & SentBut<openapi.MapResult, 'pixels_left_out' | 'flags' | 'flag_bits' | 'left_out'>;
 
 /** The object of `ridged contrast --json`. */
 export type ContrastResult = Sent<openapi.Contrast>;
@@ -137,41 +106,13 @@ export type ContrastResult = Sent<openapi.Contrast>;
 export type LimitPair = { readonly lower?: number; readonly upper?: number };
 
 /** Limits by quantity and the accepted risks, 0 to 0.5. */
-export interface Specification {
-  readonly name: string;
-  /** Allowed risks; 0.025 each where they are omitted. */
-  readonly decision?: { readonly max_false_accept_risk?: number; readonly max_false_reject_risk?: number };
-  readonly limits: Readonly<Record<string, LimitPair>>;
-  /** Plane that limits of angles refer to; either one if it is omitted. */
-  readonly reference_plane?: 'turntable' | 'sample' | null;
-}
+export type Specification = Omit<openapi.Specification, 'limits'> & { readonly limits: Readonly<Record<string, LimitPair>> };
 
-export type VerdictWord = 'pass' | 'fail' | 'cannot-tell';
+export type VerdictWord = openapi.VerdictWord;
 
-/** The object of `ridged judge --json`. */
-export interface VerdictResult extends ScanJob {
-  readonly verdict: VerdictWord;
-  readonly specification: string;
-  readonly region?: string | null;
-  readonly decision_rule: string;
-  readonly items: readonly {
-    readonly quantity: string;
-    readonly value: number | null;
-    readonly std: number | null;
-    readonly expanded: number | null;
-    /** Verdicts of older versions lack it. */
-    readonly coverage_factor?: number | null;
-    readonly lower: number | null;
-    readonly upper: number | null;
-    readonly acceptance_lower: number | null;
-    readonly acceptance_upper: number | null;
-    readonly conformance_probability: number | null;
-    readonly verdict: VerdictWord;
-    readonly reason: string;
-  }[];
-  /** What would decide the quantities that are not decided; verdicts of older versions lack it. */
-  readonly would_decide?: Readonly<Record<string, { readonly message: string }>>;
-}
+/** The object of `ridged judge --json`; verdicts of older versions lack some fields. */
+export type VerdictResult = ScanJob &
+  Omit<SentBut<openapi.Judgement, 'would_decide'>, 'items'> & { readonly items: readonly SentBut<openapi.JudgedItem, 'coverage_factor' | 'guard_band'>[]; readonly region?: string | null };
 
 /** How parts are measured. */
 export type Recipe = openapi.Recipe;
@@ -193,67 +134,19 @@ export interface Estimated {
   readonly std: number | null;
 }
 
-interface DirectionsSummary {
-  readonly greatest: number;
-  readonly percentile_99: number;
-  readonly mean: number;
-}
-
 /** The object of `ridged trace --json` with the daemon's fields; without a result it lacks most of them. */
-export interface Trace extends Job, Partial<Omit<TraceResult, keyof Job>> {
-  readonly request: {
-    readonly scene: unknown;
-    readonly photons?: number;
-    readonly max_seconds: number | null;
-    readonly target_error: number | null;
-    readonly compare: boolean;
-  };
-}
+export type Trace = Job & Partial<TraceResult> & { readonly request: Pick<Sent<openapi.TraceRequest>, 'scene' | 'max_seconds' | 'target_error' | 'compare'> & { readonly photons?: number } };
 
-/** A share of the light over several surfaces. */
-export interface Between {
-  readonly value: number;
-  readonly std: number;
-  readonly std_by_sampling: number;
-  readonly std_between_surfaces: number;
-}
-
-export interface TraceResult {
-  readonly photons: number;
-  readonly seconds: number;
-  /** Of the scene's own wavelength alone. */
-  readonly run_seconds: number;
-  readonly polarised: boolean;
-  readonly energy: Readonly<Record<'reflected' | 'transmitted' | 'absorbed' | 'truncated', Estimated>> & {
-    readonly by_interactions: Readonly<Record<string, Estimated>>;
+export type TraceResult = Pick<Sent<openapi.Trace>, 'photons' | 'polarised' | 'relative_error' | 'batches' | 'bins' | 'files' | 'warnings'> &
+  Partial<Pick<Sent<openapi.Trace>, 'surfaces' | 'notes' | 'ridge_angles' | 'comparison'>> & {
+    readonly seconds: number;
+    /** Only of the scene's own wavelength. */
+    readonly run_seconds: number;
+    readonly light: Omit<openapi.TraceLight, 'stokes'> & { readonly stokes: readonly [number, number, number, number] };
+    readonly energy: Readonly<Record<'reflected' | 'transmitted' | 'absorbed' | 'truncated', Estimated>> & {
+      readonly by_interactions: Readonly<Record<string, Estimated>>;
+    };
   };
-  readonly relative_error: number | null;
-  readonly batches: number;
-  /** Energies over several surfaces of the same statistics, where they were asked for. */
-  readonly surfaces?: { readonly count: number } & Readonly<Record<'reflected' | 'transmitted' | 'absorbed', Between>>;
-  /** What the standard errors are of, and what they are not. */
-  readonly notes?: readonly string[];
-  readonly ridge_angles?: readonly { readonly interface: number; readonly theta_r_deg: number }[];
-  readonly light: {
-    readonly theta_i_deg: number;
-    readonly phi_i_deg: number;
-    readonly wavelength_nm: number;
-    readonly stokes: readonly [number, number, number, number];
-  };
-  readonly bins: { readonly n_theta: number; readonly n_phi: number; readonly sides: readonly string[]; readonly numbers: readonly string[] };
-  readonly comparison?: {
-    readonly wavelengths_nm: readonly number[];
-    readonly mask: { readonly divisor: number; readonly error_max: number };
-    readonly adm: DirectionsSummary | null;
-    readonly mdm: DirectionsSummary | null;
-    readonly worst: { readonly theta_deg: number; readonly phi_deg: number; readonly mean: number; readonly std: number } | null;
-    readonly directions: number;
-    readonly too_dark: number;
-    readonly not_settled: number;
-  };
-  readonly files: readonly string[];
-  readonly warnings: readonly string[];
-}
 
 /** The file `plane.json` of a trace: the plane of incidence by the angle of reflection. */
 export interface TracePlane {
