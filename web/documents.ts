@@ -28,7 +28,7 @@ const escaped = (text: string): string => text.replaceAll('&', '&amp;').replaceA
 /** A text without its marks, for the title and the anchors. */
 const bare = (text: string): string => text.replace(/<[^>]*>/g, '').replaceAll('&amp;', '&').replaceAll('&lt;', '<').replaceAll('&gt;', '>').replaceAll('&quot;', '"').replaceAll('&#39;', "'");
 
-export interface Document {
+interface Document {
   readonly title: string;
   readonly html: string;
   readonly anchors: readonly string[];

@@ -2,7 +2,7 @@
 
 import type { Page } from 'playwright-core';
 
-export interface GridChoice {
+interface GridChoice {
   readonly sample: string;
   readonly grid: 'paper' | 'full' | 'custom';
   readonly tilts?: string;
@@ -19,7 +19,7 @@ export async function openPart(page: Page, name: string): Promise<void> {
   await page.getByRole('navigation', { name: 'Parts of the result' }).getByRole('link', { name, exact: true }).click();
 }
 
-export interface PartChoice {
+interface PartChoice {
   readonly sample: string;
   readonly recipe: string;
   readonly specification: string;

@@ -2,7 +2,7 @@
 
 import type { Accuracy, AccuracyPoint } from './types';
 
-export interface ErrorLine {
+interface ErrorLine {
   readonly method: string;
   readonly points: readonly AccuracyPoint[];
   /** Slope of log error over log seconds by least squares. Null for fewer than three points, a span below a factor of 3, or points that are not on a straight line. */

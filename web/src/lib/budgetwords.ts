@@ -2,7 +2,7 @@
 
 import { significant } from './format';
 
-export interface BudgetWords {
+interface BudgetWords {
   readonly name: string;
   readonly meaning: string;
 }

@@ -37,7 +37,7 @@ export function reachedAt(rows: readonly Certainty[], target: number): Certainty
   return known[beyond + 1] ?? null;
 }
 
-export interface LogarithmicScale {
+interface LogarithmicScale {
   readonly low: number;
   readonly high: number;
   /** Labelled marks: 1, 2 and 5 of each decade, or powers of ten if those are many. */
@@ -63,7 +63,7 @@ export function logarithmic(values: readonly (number | null)[]): LogarithmicScal
   return { low, high, marks: powers };
 }
 
-export interface TimeScale {
+interface TimeScale {
   readonly unit: 's' | 'min';
   /** Of one unit. */
   readonly seconds: number;

@@ -5,7 +5,7 @@ import type { Curves } from './types';
 /** Poses nearer than this are the same: stages read back within a few thousandths of a degree. */
 const SAME_DEG = 0.25;
 
-export interface ComparedPoint {
+interface ComparedPoint {
   readonly phi_s_deg: number;
   readonly signal: number;
   readonly sigma: number;

@@ -17,10 +17,10 @@ export interface CountStatistics {
   readonly autoHigh: number;
 }
 
-export const HISTOGRAM_BINS = 256;
+const HISTOGRAM_BINS = 256;
 
 /** Both ends of the axis of a histogram, DN; the upper one is not included. */
-export interface CountRange {
+interface CountRange {
   readonly from: number;
   readonly to: number;
 }

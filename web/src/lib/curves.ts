@@ -2,7 +2,7 @@
 
 import type { CurvePoint, Curves } from './types';
 
-export interface PanelCurve {
+interface PanelCurve {
   readonly variant: string;
   readonly phi_s_deg: readonly number[];
   readonly signal: readonly number[];

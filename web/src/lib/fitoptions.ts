@@ -18,7 +18,7 @@ export interface KnownRow {
   std: string;
 }
 
-export interface FitChoices {
+interface FitChoices {
   readonly loss: string;
   readonly judge: boolean;
   readonly profile: boolean;

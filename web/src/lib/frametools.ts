@@ -20,7 +20,7 @@ export interface Region {
   readonly bottom: number;
 }
 
-export interface RegionStatistics {
+interface RegionStatistics {
   /** Pixels that count. */
   readonly n: number;
   readonly mean: number;

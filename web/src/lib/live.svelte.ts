@@ -32,7 +32,7 @@ const RECONNECT_MS_MAX = 8000;
 /** Most running fits that are polled for their progress; the others are updated by their events. */
 const POLLED_MAX = 6;
 
-export interface Notice {
+interface Notice {
   readonly id: number;
   readonly text: string;
   /** A motion may be going on that should not. */

@@ -20,7 +20,7 @@ export const FLAGS: readonly (readonly [string, string, Rgb])[] = [
 ];
 export const GOOD_RGB: Rgb = [0, 153, 136];
 
-export type Bits = Readonly<Record<string, number>>;
+type Bits = Readonly<Record<string, number>>;
 
 /** Names of the flags of a pixel. */
 export function flagNames(value: number, bits: Bits): string[] {

@@ -33,7 +33,7 @@ export const newGrid = (): GridDraft => ({ grid: 'paper', tilts: '-20:5:20', azi
 
 export type GridField = 'tilts' | 'azimuths' | 'exposures' | 'repeats';
 
-export interface GridReading {
+interface GridReading {
   /** What is wrong, by field. */
   readonly faults: Partial<Record<GridField, string>>;
   /** The values that were read, as text. */

@@ -29,7 +29,7 @@ const DECADES = 4;
 type PlanePoint = NonNullable<TracePlane['points']>[number];
 
 /** What the ellipsometer reads in one direction for one state of the lamp; null where the trace has not settled a ratio. */
-export interface PlaneReading {
+interface PlaneReading {
   /** I, Q, U, V, sr⁻¹. */
   readonly stokes: readonly Estimated[];
   readonly dolp: Estimated | null;

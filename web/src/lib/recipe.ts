@@ -11,7 +11,7 @@ const NAME_MAX = 200;
 /** Bounds of an index n (of a plastic, of a metal), of κ and of a standard uncertainty. */
 const INDEX = { dielectric: [1.0001, 10], conductor: [0.01, 100], k: [0, 50], std: [0, 50] } as const;
 
-export interface RecipeDraft {
+interface RecipeDraft {
   name: string;
   note: string;
   /** Degrees; empty for no target. */

@@ -30,7 +30,7 @@ export interface Filters {
 export const NO_FILTERS: Filters = { search: '', sample: '', lot: '', tag: '', recipe: '', specification: '', verdict: '', state: '', from: '', to: '', theta_min: '', theta_max: '', latest: '', archived: '' };
 
 /** Order of the rows if the address names none: the newest scan first. */
-export const NEWEST_FIRST = '-scan_id';
+const NEWEST_FIRST = '-scan_id';
 
 /** Columns of a row of the list; without the others it is shorter. */
 export const ROW_FIELDS = 'scan_id,region,fit_id,part,lot,recipe,recipe_version,external_id,operator_name,origin,state,status,theta_r_deg,theta_r_deg_expanded,coverage_factor,verdict,verdict_matches,specification,created_at,tags,archived';

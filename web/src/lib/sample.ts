@@ -4,7 +4,7 @@ import { plain } from './format';
 import type { Material, Sample } from './types';
 
 /** `n 1.54`, `n 3.12, κ 3.33`. */
-export function indexWords(material: Material): string {
+function indexWords(material: Material): string {
   return `n ${plain(material.eta, 4)}${material.kind === 'conductor' ? `, κ ${plain(material.k, 4)}` : ''}`;
 }
 

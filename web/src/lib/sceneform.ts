@@ -7,7 +7,7 @@ import { METALS } from './newsample';
 import { typed } from './typed';
 
 export const SURFACES = { ridges: 'ridges', rough: 'rough, random heights', flat: 'flat and smooth' } as const;
-export type SurfaceChoice = keyof typeof SURFACES;
+type SurfaceChoice = keyof typeof SURFACES;
 
 /** Fields as typed; those that the chosen surface, material or layer does not have are ignored. */
 export interface SceneDraft {

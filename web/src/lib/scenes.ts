@@ -8,7 +8,7 @@ import { significant, withUncertainty } from './format';
 import { newScene, type SceneDraft } from './sceneform';
 import type { Estimated } from './types';
 
-export interface Example {
+interface Example {
   readonly name: string;
   readonly text: string;
   /** The fields that make it; null if the form cannot make it. */

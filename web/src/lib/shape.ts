@@ -16,7 +16,7 @@ export interface ShapeRequest {
 }
 
 /** Units as typed, for files that do not state them. */
-export interface ShapeUnits {
+interface ShapeUnits {
   readonly pitch: string;
   readonly unit: string;
 }

@@ -8,7 +8,7 @@ const NEWEST = 50;
 /** Of several regions of a part, the worst one counts. */
 const WORST: readonly VerdictWord[] = ['fail', 'cannot-tell', 'pass'];
 
-export interface RowVerdict {
+interface RowVerdict {
   readonly word: VerdictWord;
   /** Whether it judged the values of the newest fit. */
   readonly matches: boolean | null;

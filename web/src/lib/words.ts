@@ -2,7 +2,7 @@
 
 import type { Fit, JobKind, JobProgress, JobState, Parameter, Sample, Scan, ScanState, VerdictWord } from './types';
 
-export interface ParameterWords {
+interface ParameterWords {
   /** Symbol in plain text; the part after `_` becomes a subscript. */
   readonly symbol: string;
   readonly name: string;
@@ -64,7 +64,7 @@ export const PLANES: Readonly<Record<string, string>> = {
 export const isHeld = ({ value, std }: Pick<Parameter, 'value' | 'std'>): boolean => value !== null && std === null;
 
 /** What is known of a parameter beside the report. */
-export interface KnownOfParameter {
+interface KnownOfParameter {
   /** The request held it at a value. */
   readonly held?: boolean;
   /** The part is a metal, which has no such parameter. */

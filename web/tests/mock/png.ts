@@ -11,7 +11,7 @@ function chunk(type: string, body: Buffer): Buffer {
   return Buffer.concat([head, body, sum]);
 }
 
-export interface PngOptions {
+interface PngOptions {
   /** Row filter, 0 to 4; a function chooses by row. */
   readonly filter?: number | ((row: number) => number);
   readonly depth?: 8 | 16;

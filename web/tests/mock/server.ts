@@ -43,7 +43,7 @@ const MESSAGES: Record<string, string> = {
 };
 const SIZE_PX = 96;
 
-export interface MockSettings {
+interface MockSettings {
   /** Milliseconds per frame of a scan. */
   readonly frameMs: number;
   readonly dist: string;
