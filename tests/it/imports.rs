@@ -11,342 +11,122 @@ use std::path::{Path, PathBuf};
 use circles::Source;
 use code::Code;
 
+use crate::source_files::files;
+
 /// A module and the modules it may name. `*` means every module.
-const RULES: &[(&str, &[&str])] = &[
-    ("units", &[]),
-    ("access", &["words"]),
-    ("archive", &[]),
-    ("material", &[]),
-    ("frame", &["words"]),
-    ("clock", &[]),
-    ("colour", &[]),
-    ("deadline", &[]),
-    ("figures", &["colour"]),
-    ("jackknife", &["units", "geometry"]),
-    ("forecast", &[]),
-    ("job", &["words"]),
-    ("limits", &[]),
-    ("logging", &[]),
-    ("robust", &[]),
-    ("shard", &[]),
-    ("chart", &[]),
-    ("preview", &["frame", "robust"]),
-    ("wording", &[]),
-    ("words", &[]),
-    ("program", &[]),
-    ("version", &[]),
-    ("geometry", &["units"]),
-    ("observation", &["units", "geometry", "material"]),
-    ("model", &["units", "geometry", "material"]),
-    (
-        "trace",
-        &["units", "geometry", "material", "model", "shard", "wording"],
-    ),
-    ("heights", &["archive", "trace", "wording"]),
+const RULES: &[(&str, &str)] = &[
+    ("units", ""),
+    ("access", "words"),
+    ("archive", ""),
+    ("material", ""),
+    ("frame", "words"),
+    ("clock", ""),
+    ("colour", ""),
+    ("deadline", ""),
+    ("figures", "colour"),
+    ("jackknife", "units geometry"),
+    ("forecast", ""),
+    ("job", "words"),
+    ("limits", ""),
+    ("logging", ""),
+    ("robust", ""),
+    ("shard", ""),
+    ("chart", ""),
+    ("preview", "frame robust"),
+    ("wording", ""),
+    ("words", ""),
+    ("program", ""),
+    ("version", ""),
+    ("geometry", "units"),
+    ("observation", "units geometry material"),
+    ("model", "units geometry material"),
+    ("trace", "units geometry material model shard wording"),
+    ("heights", "archive trace wording"),
     (
         "fit",
-        &[
-            "deadline",
-            "units",
-            "geometry",
-            "jackknife",
-            "material",
-            "observation",
-            "model",
-            "robust",
-            "trace",
-            "wording",
-        ],
+        "deadline units geometry jackknife material observation model robust trace wording",
     ),
     (
         "series",
-        &[
-            "units", "geometry", "material", "archive", "frame", "limits", "wording",
-        ],
+        "units geometry material archive frame limits wording",
     ),
     (
         "tables",
-        &[
-            "units",
-            "geometry",
-            "heights",
-            "material",
-            "model",
-            "observation",
-            "robust",
-            "series",
-            "wording",
-        ],
+        "units geometry heights material model observation robust series wording",
     ),
     (
         "reduction",
-        &[
-            "units",
-            "geometry",
-            "material",
-            "observation",
-            "frame",
-            "series",
-            "wording",
-            "robust",
-        ],
+        "units geometry material observation frame series wording robust",
     ),
     (
         "analysis",
-        &[
-            "units",
-            "frame",
-            "geometry",
-            "material",
-            "observation",
-            "model",
-            "trace",
-            "fit",
-            "series",
-            "reduction",
-            "plan",
-            "wording",
-        ],
+        "units frame geometry material observation model trace fit series reduction plan wording",
     ),
-    ("comparison", &["fit", "wording"]),
-    ("repeatability", &["comparison", "fit", "wording"]),
+    ("comparison", "fit wording"),
+    ("repeatability", "comparison fit wording"),
     (
         "judge",
-        &[
-            "units",
-            "geometry",
-            "observation",
-            "model",
-            "contrast",
-            "fit",
-            "wording",
-        ],
+        "units geometry observation model contrast fit wording",
     ),
     (
         "contrast",
-        &[
-            "units",
-            "geometry",
-            "observation",
-            "model",
-            "forecast",
-            "wording",
-        ],
+        "units geometry observation model forecast wording",
     ),
     (
         "report",
-        &[
-            "figures",
-            "fit",
-            "frame",
-            "judge",
-            "material",
-            "repeatability",
-            "scan",
-            "series",
-            "wording",
-        ],
+        "figures fit frame judge material repeatability scan series wording",
     ),
     (
         "map",
-        &[
-            "units",
-            "colour",
-            "geometry",
-            "jackknife",
-            "material",
-            "observation",
-            "model",
-            "frame",
-            "series",
-            "reduction",
-            "fit",
-            "plan",
-            "robust",
-            "shard",
-        ],
+        "units colour geometry jackknife material observation model frame series reduction fit \
+         plan robust shard",
     ),
     (
         "cases",
-        &[
-            "units",
-            "geometry",
-            "material",
-            "observation",
-            "model",
-            "frame",
-            "series",
-            "reduction",
-        ],
+        "units geometry material observation model frame series reduction",
     ),
     (
         "check",
-        &[
-            "units",
-            "cases",
-            "frame",
-            "geometry",
-            "material",
-            "observation",
-            "model",
-            "trace",
-            "fit",
-            "series",
-            "reduction",
-            "map",
-        ],
+        "units cases frame geometry material observation model trace fit series reduction map",
     ),
-    (
-        "plan",
-        &[
-            "units", "frame", "geometry", "material", "model", "trace", "series",
-        ],
-    ),
+    ("plan", "units frame geometry material model trace series"),
     (
         "accuracy",
-        &[
-            "units",
-            "cases",
-            "figures",
-            "frame",
-            "geometry",
-            "material",
-            "observation",
-            "model",
-            "trace",
-            "fit",
-            "series",
-            "reduction",
-            "plan",
-            "map",
-            "analysis",
-            "forecast",
-            "scan",
-            "robust",
-        ],
+        "units cases figures frame geometry material observation model trace fit series \
+         reduction plan map analysis forecast scan robust",
     ),
-    (
-        "bench",
-        &["units", "geometry", "frame", "clock", "program", "words"],
-    ),
+    ("bench", "units geometry frame clock program words"),
     (
         "scan",
-        &[
-            "units", "geometry", "frame", "clock", "limits", "series", "bench", "forecast", "job",
-            "program", "wording", "words",
-        ],
+        "units geometry frame clock limits series bench forecast job program wording words",
     ),
     (
         "sim",
-        &[
-            "units", "geometry", "material", "model", "frame", "clock", "series", "bench", "scan",
-            "store", "lab", "wording",
-        ],
+        "units geometry material model frame clock series bench scan store lab wording",
     ),
     (
         "store",
-        &[
-            "access",
-            "units",
-            "geometry",
-            "material",
-            "observation",
-            "frame",
-            "clock",
-            "limits",
-            "series",
-            "reduction",
-            "fit",
-            "job",
-            "scan",
-            "version",
-            "wording",
-            "words",
-        ],
+        "access units geometry material observation frame clock limits series reduction fit job \
+         scan version wording words",
     ),
     (
         "lab",
-        &[
-            "access",
-            "units",
-            "geometry",
-            "material",
-            "observation",
-            "frame",
-            "clock",
-            "series",
-            "reduction",
-            "analysis",
-            "model",
-            "fit",
-            "bench",
-            "job",
-            "scan",
-            "store",
-            "contrast",
-            "judge",
-            "map",
-            "trace",
-            "chart",
-            "comparison",
-            "config",
-            "forecast",
-            "accuracy",
-            "heights",
-            "tables",
-            "preview",
-            "program",
-            "repeatability",
-            "report",
-            "robust",
-            "version",
-            "wording",
-        ],
+        "access units geometry material observation frame clock series reduction analysis model \
+         fit bench job scan store contrast judge map trace chart comparison config forecast \
+         accuracy heights tables preview program repeatability report robust version wording",
     ),
     (
         "api",
-        &[
-            "access",
-            "accuracy",
-            "units",
-            "geometry",
-            "material",
-            "observation",
-            "frame",
-            "clock",
-            "comparison",
-            "contrast",
-            "series",
-            "reduction",
-            "analysis",
-            "model",
-            "fit",
-            "forecast",
-            "job",
-            "scan",
-            "store",
-            "judge",
-            "lab",
-            "map",
-            "preview",
-            "repeatability",
-            "report",
-            "logging",
-            "trace",
-            "wording",
-        ],
+        "access accuracy units geometry material observation frame clock comparison contrast \
+         series reduction analysis model fit forecast job scan store judge lab map preview \
+         repeatability report logging trace wording",
     ),
     (
         "config",
-        &[
-            "units", "geometry", "material", "limits", "series", "bench", "scan", "wording",
-        ],
+        "units geometry material limits series bench scan wording",
     ),
-    (
-        "daemon",
-        &["access", "api", "clock", "config", "lab", "scan", "store"],
-    ),
-    ("cli", &["*"]),
+    ("daemon", "access api clock config lab scan store"),
+    ("cli", "*"),
 ];
 
 /// Modules that are pure: no I/O, no clock, no log, no runtime.
@@ -381,17 +161,12 @@ const IMPURE: &[&str] = &[
 /// What `api` may not name: it reaches the disk through `lab` and `store`.
 const DISK: &[&str] = &["std::fs", "tokio::fs", "File"];
 
-fn rust_files(folder: &Path) -> Vec<PathBuf> {
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).expect("src is readable") {
-        let path = entry.expect("src is readable").path();
-        if path.is_dir() {
-            files.extend(rust_files(&path));
-        } else if path.extension().is_some_and(|e| e == "rs") {
-            files.push(path);
-        }
-    }
-    files
+/// [`RULES`] by module.
+fn rules() -> BTreeMap<&'static str, Vec<&'static str>> {
+    let rules = RULES.iter();
+    rules
+        .map(|(module, named)| (*module, named.split_whitespace().collect()))
+        .collect()
 }
 
 /// Modules that a file names, `depth` levels below the crate: what follows `crate::`, or a chain of `super::` that leaves
@@ -504,8 +279,8 @@ fn module_of(path: &Path, src: &Path) -> String {
 
 /// The production code of every file of `src`: without comments and texts, and without what only
 /// tests compile.
-fn production_code(src: &Path) -> Vec<(PathBuf, String)> {
-    let files: Vec<(PathBuf, Code)> = rust_files(src)
+fn production_code() -> Vec<(PathBuf, String)> {
+    let files: Vec<(PathBuf, Code)> = files("src", &["rs"])
         .into_iter()
         .map(|path| {
             let text = std::fs::read_to_string(&path).expect("a source file is UTF-8");
@@ -527,9 +302,9 @@ fn production_code(src: &Path) -> Vec<(PathBuf, String)> {
 #[test]
 fn modules_name_only_whom_they_may() {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let rules: BTreeMap<&str, &[&str]> = RULES.iter().copied().collect();
+    let rules = rules();
     let mut broken = Vec::new();
-    for (path, code) in &production_code(&src) {
+    for (path, code) in &production_code() {
         let module = module_of(path, &src);
         if ["main", "lib"].contains(&module.as_str()) {
             continue;
@@ -577,7 +352,7 @@ fn modules_name_only_whom_they_may() {
 #[test]
 fn files_of_a_module_import_each_other_in_one_direction() {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let sources: BTreeMap<String, Source> = production_code(&src)
+    let sources: BTreeMap<String, Source> = production_code()
         .into_iter()
         .filter_map(|(path, code)| {
             let file = path.strip_prefix(&src).expect("the file is in src");
@@ -603,7 +378,7 @@ fn files_of_a_module_import_each_other_in_one_direction() {
 #[test]
 fn one_file_of_the_interface_knows_status_codes() {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let files: Vec<String> = production_code(&src)
+    let files: Vec<String> = production_code()
         .iter()
         .filter(|(_, code)| code.contains("StatusCode"))
         .map(|(path, _)| path.strip_prefix(&src).unwrap().display().to_string())
@@ -613,7 +388,7 @@ fn one_file_of_the_interface_knows_status_codes() {
 
 #[test]
 fn modules_name_each_other_in_one_direction() {
-    let rules: BTreeMap<&str, &[&str]> = RULES.iter().copied().collect();
+    let rules = rules();
     for module in rules.keys() {
         let (mut reached, mut ahead) = (BTreeSet::new(), vec![*module]);
         while let Some(next) = ahead.pop() {
@@ -630,7 +405,7 @@ fn modules_name_each_other_in_one_direction() {
 #[test]
 fn only_the_lab_writes_to_the_store() {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let files = production_code(&src);
+    let files = production_code();
     let in_store = files
         .iter()
         .filter(|(path, _)| module_of(path, &src) == "store");

@@ -35,6 +35,7 @@ mod shards;
 mod shell;
 mod simulate_rig;
 mod soak;
+mod source_files;
 mod stage;
 mod stage_care;
 mod stop;

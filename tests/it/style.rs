@@ -1,9 +1,10 @@
 //! The style sheet, executed: `docs/style.md` lists phrases and names to avoid; no comment, string, document or
 //! part of the page has one.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::imports::code::without_comments_and_texts;
+use crate::source_files::files;
 
 /// What is read beside Rust sources: documents, settings, the page and the Python package.
 const TEXTS: &[&str] = &[
@@ -31,35 +32,6 @@ fn listed(sheet: &str, kind: &str) -> Vec<String> {
     let (_, block) = sheet.split_once(&fence).expect("the sheet has the block");
     let (block, _) = block.split_once("```").expect("the block ends");
     block.lines().map(str::to_owned).collect()
-}
-
-/// The files of `place` (a file or a folder, relative to the repository) with one of these extensions.
-fn files(place: &str, extensions: &[&str]) -> Vec<PathBuf> {
-    fn collect(path: &Path, extensions: &[&str], found: &mut Vec<PathBuf>) {
-        if path.is_dir() {
-            for entry in std::fs::read_dir(path).expect("the folder is readable") {
-                collect(
-                    &entry.expect("an entry is readable").path(),
-                    extensions,
-                    found,
-                );
-            }
-        } else if path
-            .extension()
-            .is_some_and(|e| extensions.iter().any(|x| e == *x))
-        {
-            found.push(path.to_owned());
-        }
-    }
-    let mut found = Vec::new();
-    collect(
-        &Path::new(env!("CARGO_MANIFEST_DIR")).join(place),
-        extensions,
-        &mut found,
-    );
-    assert!(!found.is_empty(), "{place} has files to read");
-    found.sort();
-    found
 }
 
 /// Comments and strings of Rust source; everything else is blanks.

@@ -2,25 +2,16 @@
 
 use std::path::Path;
 
-fn sources(folder: &Path, text: &mut String) {
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            sources(&path, text);
-        } else if path.extension().is_some_and(|e| e == "rs") {
-            text.push_str(&std::fs::read_to_string(&path).unwrap());
-        }
-    }
-}
+use crate::source_files::files;
 
 /// The first cells of all rows of the tables of a page whose last cell names tests that exist.
 fn rows(page: &str) -> Vec<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let page = std::fs::read_to_string(root.join(page)).unwrap();
-    let mut code = String::new();
-    for folder in ["src", "tests/it"] {
-        sources(&root.join(folder), &mut code);
-    }
+    let sources = ["src", "tests/it"].map(|folder| files(folder, &["rs"]));
+    let code: String = (sources.iter().flatten())
+        .map(|path| std::fs::read_to_string(path).unwrap())
+        .collect();
     let mut first_cells = Vec::new();
     let mut in_table = false;
     for row in page.lines() {
