@@ -1,11 +1,11 @@
 //! Fits of the recorded series' noise-free radiances, to which stray light, a white reference and
 //! counting noise are added here: every parameter within its expanded uncertainty.
 
-use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
+use ridged::cases::{RECORDED_SERIES, RecordedSeries};
 use ridged::fit::report::{FitReport, Parameter, Status, VariantName};
 use ridged::fit::traced::TracingOptions;
 use ridged::fit::{FitOptions, VariantChoice, constraints, fit};
@@ -30,59 +30,27 @@ struct Bench {
     seed: u64,
 }
 
-fn folder(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("tests/data/series")
-        .join(name)
-}
-
-fn table(name: &str, file: &str) -> toml::Table {
-    let text = std::fs::read_to_string(folder(name).join(file)).expect("the series is there");
-    text.parse().expect("it is TOML")
-}
-
-fn number(table: &toml::Value, key: &str) -> f64 {
-    let value = table.get(key).and_then(toml::Value::as_float);
-    value.unwrap_or_else(|| panic!("{key} is a number"))
+fn series(name: &str) -> RecordedSeries {
+    let found = RECORDED_SERIES.into_iter().find(|s| s.name == name);
+    found.expect("the series is there")
 }
 
 fn observations(name: &str, bench: Bench) -> ObservationSet {
-    let manifest = table(name, "manifest.toml");
-    let (rig, sample) = (&manifest["rig"], &manifest["sample"]);
-    let angle = |key| Angle::from_deg(number(rig, key));
-    let geometry = RigGeometry {
-        theta_l: angle("theta_l_deg"),
-        light_azimuth: angle("light_azimuth_deg"),
-        azimuth_zero: angle("azimuth_zero_deg"),
-        cones: Cones::of_lamp(angle("light_angular_radius_deg")),
-    };
-    let material = if sample["kind"].as_str() == Some("conductor") {
-        Material::Conductor {
-            eta: number(sample, "eta"),
-            k: number(sample, "k"),
-            eta_std: number(sample, "eta_std"),
-            k_std: number(sample, "k_std"),
-        }
-    } else {
-        Material::Dielectric {
-            eta: number(sample, "index_of_refraction"),
-            eta_std: number(sample, "index_of_refraction_std"),
-        }
-    };
+    let series = series(name);
+    let manifest = series.manifest();
+    let geometry = manifest.rig_geometry();
+    let material = manifest.material();
     let mut random = rand_pcg::Pcg64::seed_from_u64(bench.seed);
     let mut noisy = |value: f64, relative: f64| {
         let sigma = relative * value + 1e-6;
         let draw: f64 = random.sample(StandardNormal);
         (value + sigma * draw, sigma)
     };
-    let mut csv = csv::Reader::from_path(folder(name).join("radiance.csv")).expect("the radiances");
     let mut samples = Vec::new();
-    for row in csv.records() {
-        let row = row.expect("a row");
-        let field = |k: usize| row[k].parse::<f64>().expect("a number");
-        let (signal, sigma) = noisy(field(3) + bench.stray_light, 1e-4);
+    for (pose, radiance) in series.radiances() {
+        let (signal, sigma) = noisy(radiance + bench.stray_light, 1e-4);
         samples.push(Observation {
-            pose: Pose::from_deg(field(0), field(1)),
+            pose,
             signal,
             sigma,
             shared: SharedErrors {
@@ -145,22 +113,26 @@ fn fitted(name: &str, bench: Bench, variant: VariantChoice) -> FitReport {
 
 /// The truth in the report's names, mounting and stray light included.
 fn truth(name: &str, bench: Bench) -> Vec<(&'static str, f64)> {
-    let truth = table(name, "truth.toml");
-    let (sample, mounting) = (&truth["sample"], &truth["mounting"]);
+    let series = series(name);
+    let optional = |section, key| series.true_number(section, key);
+    let number = |section, key| optional(section, key).expect("the truth has this number");
     let mut all = vec![
-        ("theta_r_deg", number(sample, "theta_r_deg")),
-        ("alpha_u", number(sample, "alpha_u")),
-        ("alpha_v", number(sample, "alpha_v")),
+        ("theta_r_deg", number("sample", "theta_r_deg")),
+        ("alpha_u", number("sample", "alpha_u")),
+        ("alpha_v", number("sample", "alpha_v")),
         ("scale", 1.0),
         ("background", bench.stray_light),
-        ("azimuth_offset_deg", number(mounting, "azimuth_offset_deg")),
+        (
+            "azimuth_offset_deg",
+            number("mounting", "azimuth_offset_deg"),
+        ),
         (
             "tilt_offset_deg",
-            number(mounting, "camera_tilt_zero_offset_deg"),
+            number("mounting", "camera_tilt_zero_offset_deg"),
         ),
     ];
-    if let Some(rho_d) = sample.get("rho_d_lambertian_equivalent") {
-        all.push(("rho_d", rho_d.as_float().expect("a number")));
+    if let Some(rho_d) = optional("sample", "rho_d_lambertian_equivalent") {
+        all.push(("rho_d", rho_d));
     }
     all
 }
@@ -198,15 +170,17 @@ fn check(name: &str, bench: Bench) {
 
 #[test]
 fn the_truth_lies_within_the_expanded_uncertainty_of_every_series() {
-    for name in ["polymer-10", "steel-15", "paper-rig-full"] {
-        for (seed, stray_light) in [(1, 0.0), (2, 0.004), (3, 0.02)] {
-            let bench = Bench {
-                stray_light,
-                white_reference: true,
-                seed,
-            };
-            check(name, bench);
-        }
+    for (name, seed, stray_light) in [
+        ("polymer-10", 1, 0.0),
+        ("steel-15", 2, 0.004),
+        ("paper-rig-full", 3, 0.02),
+    ] {
+        let bench = Bench {
+            stray_light,
+            white_reference: true,
+            seed,
+        };
+        check(name, bench);
     }
 }
 
