@@ -23,88 +23,8 @@ fn json(folder: &Path, args: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// Where a result says how wrong it may be, by command.
-const ANSWERS: &[(&[&str], &str)] = &[
-    (
-        &["fit", "SERIES/paper-rig-full"],
-        "/parameters/theta_r_deg/expanded",
-    ),
-    (
-        &["fit", "SERIES/paper-rig-full", "another-day"],
-        "/parameters/theta_r_deg/expanded",
-    ),
-    (
-        &["map", "SERIES/paper-rig-full", "--out", "map"],
-        "/parameters/theta_r_deg/std_median",
-    ),
-    (&["explain", "SERIES/paper-rig-full", "--map"], "/tolerance"),
-    (
-        &["judge", "SERIES/paper-rig-full", "--spec", "SPEC"],
-        "/items/0/expanded",
-    ),
-    (&["contrast", "SERIES/paper-rig-full"], "/model_error/value"),
-    (&["contrast"], "/model_error/value"),
-    (&["contrast", "--variant", "paper"], "/model_error/value"),
-    (
-        &[
-            "contrast",
-            "--variant",
-            "quadrature",
-            "--target-error",
-            "1e-3",
-        ],
-        "/model_error/value",
-    ),
-    (&["optimize", "--theta-c-deg", "0"], "/error/value"),
-    (&["trace", "scene.toml"], "/relative_error"),
-    (
-        &[
-            "trace",
-            "compare",
-            "scene.toml",
-            "--pixels",
-            "16",
-            "--error-max",
-            "10",
-        ],
-        "/angles/0/directions",
-    ),
-    (
-        &["trace", "ellipsometer", "scene.toml", "--angles-deg", "40"],
-        "/angles/0/points/0",
-    ),
-    (&["explain", "scene.toml"], "/tolerance"),
-    (&["explain", "SERIES/paper-rig-full"], "/tolerance"),
-    (
-        &[
-            "model-error",
-            "--theta-r-deg",
-            "10",
-            "--alpha",
-            "0.3",
-            "--paths",
-            "64",
-        ],
-        "/error/value",
-    ),
-    (
-        &[
-            "wear",
-            "--rounds",
-            "0",
-            "--burrs",
-            "--theta-r-min-deg",
-            "8",
-            "--theta-r-max-deg",
-            "10",
-            "--theta-r-step-deg",
-            "1",
-            "--paths",
-            "64",
-        ],
-        "/error/value",
-    ),
-];
+/// Folder of another scan of the same sample.
+const ANOTHER_DAY: &str = "another-day";
 
 /// Another scan of the same sample: the series without its last frame.
 fn another_day(series: &Path, folder: &Path) {
@@ -119,50 +39,73 @@ fn another_day(series: &Path, folder: &Path) {
     }
 }
 
-#[test]
-fn every_answer_says_how_wrong_what_it_cost_and_what_was_left_out() {
+/// Checks that the result of a command states its error, its run time, and what was left out.
+fn check(command: &str, error: &str) {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("scene.toml"), SCENE).unwrap();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let series = root.join("tests/data/series").display().to_string();
-    another_day(
-        &root.join("tests/data/series/paper-rig-full"),
-        &folder.path().join("another-day"),
-    );
-    let spec = root
-        .join("docs/examples/specification.toml")
-        .display()
-        .to_string();
-    for (args, error) in ANSWERS {
-        let args: Vec<String> = args
-            .iter()
-            .map(|a| a.replace("SERIES", &series).replace("SPEC", &spec))
-            .collect();
-        let args: Vec<&str> = args.iter().map(String::as_str).collect();
-        let answer = json(folder.path(), &args);
-        let wrong = answer.pointer(error);
-        assert!(
-            wrong.is_some_and(|x| !x.is_null()),
-            "{args:?} has no {error}"
-        );
-        let left_out = answer["left_out"].as_array();
-        let left_out = left_out.unwrap_or_else(|| panic!("{args:?} has no left_out"));
-        for entry in left_out {
-            let reported = |key: &str| entry[key].as_str().is_some_and(|text| !text.is_empty());
-            assert!(reported("what") && reported("why"), "{args:?}: {entry}");
-            assert!(entry.get("cost").is_some(), "{args:?}: {entry}");
-        }
-        let seconds = match answer["seconds"].as_f64() {
-            Some(seconds) => seconds,
-            None => answer["timing_s"]
-                .as_object()
-                .unwrap_or_else(|| panic!("{args:?} has neither seconds nor timing_s"))
-                .values()
-                .filter_map(Value::as_f64)
-                .sum(),
-        };
-        assert!(seconds > 0.0, "{args:?}: {seconds} s");
+    let series = root.join("tests/data/series");
+    if command.contains(ANOTHER_DAY) {
+        let copy = folder.path().join(ANOTHER_DAY);
+        another_day(&series.join("paper-rig-full"), &copy);
     }
+    let series = series.display().to_string();
+    let spec = root.join("docs/examples/specification.toml");
+    let spec = spec.display().to_string();
+    let args: Vec<String> = command
+        .split_whitespace()
+        .map(|a| a.replace("SERIES", &series).replace("SPEC", &spec))
+        .collect();
+    let args: Vec<&str> = args.iter().map(String::as_str).collect();
+    let answer = json(folder.path(), &args);
+    let wrong = answer.pointer(error);
+    assert!(wrong.is_some_and(|x| !x.is_null()), "no {error}");
+    let left_out = answer["left_out"].as_array().expect("it has left_out");
+    for entry in left_out {
+        let reported = |key: &str| entry[key].as_str().is_some_and(|text| !text.is_empty());
+        assert!(reported("what") && reported("why"), "{entry}");
+        assert!(entry.get("cost").is_some(), "{entry}");
+    }
+    let seconds = match answer["seconds"].as_f64() {
+        Some(seconds) => seconds,
+        None => answer["timing_s"]
+            .as_object()
+            .expect("it has seconds or timing_s")
+            .values()
+            .filter_map(Value::as_f64)
+            .sum(),
+    };
+    assert!(seconds > 0.0, "{seconds} s");
+}
+
+/// A test per command: where its result states the error.
+macro_rules! every_answer_states_its_error_its_cost_and_what_was_left_out {
+    ($($name:ident: $command:literal, $error:literal;)*) => {$(
+        #[test]
+        fn $name() {
+            check($command, $error);
+        }
+    )*};
+}
+
+every_answer_states_its_error_its_cost_and_what_was_left_out! {
+    fit: "fit SERIES/paper-rig-full", "/parameters/theta_r_deg/expanded";
+    fit_of_two: "fit SERIES/paper-rig-full another-day", "/parameters/theta_r_deg/expanded";
+    map: "map SERIES/paper-rig-full --out map", "/parameters/theta_r_deg/std_median";
+    explain_map: "explain SERIES/paper-rig-full --map", "/tolerance";
+    judge: "judge SERIES/paper-rig-full --spec SPEC", "/items/0/expanded";
+    contrast_of_series: "contrast SERIES/paper-rig-full", "/model_error/value";
+    contrast: "contrast", "/model_error/value";
+    contrast_of_paper: "contrast --variant paper", "/model_error/value";
+    contrast_by_quadrature: "contrast --variant quadrature --target-error 1e-3", "/model_error/value";
+    optimize: "optimize --theta-c-deg 0", "/error/value";
+    trace: "trace scene.toml", "/relative_error";
+    trace_compare: "trace compare scene.toml --pixels 16 --error-max 10", "/angles/0/directions";
+    ellipsometer: "trace ellipsometer scene.toml --angles-deg 40", "/angles/0/points/0";
+    explain_scene: "explain scene.toml", "/tolerance";
+    explain_series: "explain SERIES/paper-rig-full", "/tolerance";
+    model_error: "model-error --theta-r-deg 10 --alpha 0.3 --paths 64", "/error/value";
+    wear: "wear --rounds 0 --burrs --theta-r-min-deg 8 --theta-r-max-deg 10 --theta-r-step-deg 1 --paths 64", "/error/value";
 }
 
 #[test]
