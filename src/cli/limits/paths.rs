@@ -138,16 +138,24 @@ impl PathLimits {
         pilot: &dyn Fn(u64) -> Option<PilotResult>,
     ) -> Result<Option<Planned>, CliError> {
         let started = Instant::now();
-        let spent_s = || started.elapsed().as_secs_f64();
+        self.plan_timed(work, pilot, &|| started.elapsed().as_secs_f64())
+    }
+
+    /// Plans a run; `now` returns the time, s.
+    fn plan_timed(
+        &self,
+        work: &PathWork,
+        pilot: &dyn Fn(u64) -> Option<PilotResult>,
+        now: &dyn Fn() -> f64,
+    ) -> Result<Option<Planned>, CliError> {
+        let started_s = now();
+        let spent_s = || now() - started_s;
         let costly = |limit: f64| spent_s() > SECOND_PILOT * limit;
         let is_costly = || self.max_seconds.map_or(spent_s() > PILOTS_S, costly);
         let once = |paths: u64| {
-            let started = Instant::now();
+            let begun_s = now();
             let trial = pilot(paths)?;
-            let (each, all_s) = (
-                trial.surfaces.max(1) as f64,
-                started.elapsed().as_secs_f64(),
-            );
+            let (each, all_s) = (trial.surfaces.max(1) as f64, now() - begun_s);
             Some(Cost {
                 paths,
                 paths_s: (all_s - trial.apart_s).max(0.0) / each,
@@ -156,10 +164,10 @@ impl PathLimits {
             })
         };
         let timed = |paths: u64| {
-            let begun = Instant::now();
+            let begun_s = now();
             let mut best: Cost = once(paths)?;
             for _ in 1..REPEATS {
-                if begun.elapsed().as_secs_f64() > REPEATED_S || is_costly() {
+                if now() - begun_s > REPEATED_S || is_costly() {
                     break;
                 }
                 let again = once(paths)?;
@@ -352,10 +360,10 @@ mod tests {
     #[test]
     fn pilots_grow_until_the_cost_of_a_path_is_separable() {
         let asked = std::cell::RefCell::new(Vec::new());
+        let now_s = std::cell::Cell::new(0.0);
         let pilot = |paths: u64| {
             asked.borrow_mut().push(paths);
-            let nanoseconds = 60_000_000 + 20_000 * paths;
-            std::thread::sleep(std::time::Duration::from_nanos(nanoseconds));
+            now_s.set(now_s.get() + 0.06 + 20e-6 * paths as f64);
             Some(PilotResult {
                 surfaces: 1,
                 error: 0.1,
@@ -372,10 +380,11 @@ mod tests {
             paths: 1_000_000,
             may_miss_some: false,
         };
-        let planned = limits.plan(&work, &pilot).unwrap().unwrap();
-        assert_eq!(asked.borrow()[..3], [64, 512, 4096]);
-        // 6 s a turn, less what the surface takes, at 20 µs; other work on the machine makes them longer.
-        assert!((100_000..350_000).contains(&planned.paths), "{planned:?}");
+        let planned = limits.plan_timed(&work, &pilot, &|| now_s.get());
+        let planned = planned.unwrap().unwrap();
+        assert_eq!(*asked.borrow(), [64, 512, 4096]);
+        // 6 s a turn, less the pilots and what the surface takes, at 20 µs.
+        assert!((295_000..296_000).contains(&planned.paths), "{planned:?}");
     }
 
     #[test]
@@ -391,17 +400,19 @@ mod tests {
             may_miss_some,
         };
         let asked = std::cell::Cell::new(0);
+        let now_s = std::cell::Cell::new(0.0);
         let pilot = |_| {
             asked.set(asked.get() + 1);
-            std::thread::sleep(std::time::Duration::from_millis(2));
+            now_s.set(now_s.get() + 2e-3);
             Some(PilotResult {
                 surfaces: 2,
                 error: 0.1,
                 apart_s: 0.0,
             })
         };
-        assert!(limits.plan(&work(false), &pilot).is_err());
-        let planned = limits.plan(&work(true), &pilot).unwrap().unwrap();
+        let plan = |may_miss_some| limits.plan_timed(&work(may_miss_some), &pilot, &|| now_s.get());
+        assert!(plan(false).is_err());
+        let planned = plan(true).unwrap().unwrap();
         assert!(planned.forecast.cut_short && planned.paths == PATHS.0);
         assert_eq!(asked.get(), 2);
     }
