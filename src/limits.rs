@@ -69,6 +69,7 @@ impl Limit {
 }
 
 const ANGLE: &str = "expected an angle between 0° and 90°";
+const ANGLE_STD: &str = "write the standard uncertainty in degrees";
 const COUNT: &str = "expected a number between 1 and 65535";
 const FINITE: &str = "write a finite number";
 const FROM_0: &str = "write it from 0";
@@ -88,28 +89,14 @@ pub const LIGHT_AZIMUTH_DEG: Limit = Limit::within("light_azimuth_deg", -360.0, 
 /// Angle to add to the recorded φs for the azimuth of v.
 pub const AZIMUTH_ZERO_DEG: Limit = Limit::within("azimuth_zero_deg", -360.0, 360.0, TURN);
 /// Standard uncertainty of that angle; a larger one carries no information.
-pub const AZIMUTH_ZERO_STD_DEG: Limit = Limit::within(
-    "azimuth_zero_std_deg",
-    0.0,
-    180.0,
-    "write the standard uncertainty in degrees",
-);
+pub const AZIMUTH_ZERO_STD_DEG: Limit =
+    Limit::within("azimuth_zero_std_deg", 0.0, 180.0, ANGLE_STD);
 /// An azimuth of a recorded series. Other programs count full turns, so it may exceed 360°.
 pub const RECORDED_AZIMUTH: Limit = Limit::within("azimuth_deg", -1e6, 1e6, FINITE);
 /// Standard uncertainty of the inclination of the sample's mean plane to the turntable.
-pub const SAMPLE_WEDGE_STD_DEG: Limit = Limit::within(
-    "sample_wedge_std_deg",
-    0.0,
-    10.0,
-    "write the standard uncertainty in degrees",
-);
+pub const SAMPLE_WEDGE_STD_DEG: Limit = Limit::within("sample_wedge_std_deg", 0.0, 10.0, ANGLE_STD);
 /// Standard uncertainty of the angle between lamp and camera.
-pub const THETA_L_STD_DEG: Limit = Limit::within(
-    "theta_l_std_deg",
-    0.0,
-    10.0,
-    "write the standard uncertainty in degrees",
-);
+pub const THETA_L_STD_DEG: Limit = Limit::within("theta_l_std_deg", 0.0, 10.0, ANGLE_STD);
 /// Wavelength of the lamp, from the far ultraviolet to the far infrared.
 pub const WAVELENGTH_NM: Limit =
     Limit::within("wavelength_nm", 100.0, 1e5, "write it in nanometres");

@@ -226,18 +226,8 @@ fn profile(
     left_out: &mut Vec<LeftOut>,
 ) -> Result<Made, SceneError> {
     keys.only(&["path", "alpha_u", "alpha_v"])?;
-    let path = keys
-        .shape
-        .path
-        .as_deref()
-        .ok_or_else(|| keys.missing("path"))?;
-    let failed = |reason: String| SceneError::File {
-        number: keys.number,
-        path: path.to_owned(),
-        reason,
-    };
-    let map = load(path).map_err(failed)?;
-    let profile = map.profile().map_err(|e| failed(e.to_string()))?;
+    let map = keys.load(load)?;
+    let profile = map.profile().map_err(|e| keys.file_error(e.to_string()))?;
     let unit = map.height_unit_um.unwrap_or(1.0);
     left_out.extend(reading(&map, keys.number));
     let steps = profile.pieces().iter().map(|p| p.to - p.from);
@@ -256,17 +246,7 @@ fn file(
     left_out: &mut Vec<LeftOut>,
 ) -> Result<Made, SceneError> {
     keys.only(&["path", "pitch_um", "height_unit_um", "alpha_u", "alpha_v"])?;
-    let path = keys
-        .shape
-        .path
-        .as_deref()
-        .ok_or_else(|| keys.missing("path"))?;
-    let failed = |reason: String| SceneError::File {
-        number: keys.number,
-        path: path.to_owned(),
-        reason,
-    };
-    let map = load(path).map_err(failed)?;
+    let map = keys.load(load)?;
     // The scene overrides the file.
     let pitch = match (keys.shape.pitch_um, map.pitch_um) {
         (None, Some(pitch_um)) => pitch_um,
@@ -275,7 +255,7 @@ fn file(
     if let Some([u, v]) = map.spacing
         && (u / v - 1.0).abs() > 0.01
     {
-        return Err(failed(format!(
+        return Err(keys.file_error(format!(
             "its points are spaced {} along x and {} along y, which one pitch_um cannot state: name the columns with \
              their units, for example x_um y_um z_um",
             significant(u),
@@ -287,13 +267,13 @@ fn file(
         _ => keys.need("height_unit_um", keys.shape.height_unit_um)?,
     };
     if map.missing_share() > MISSING_MAX {
-        return Err(failed(format!(
+        return Err(keys.file_error(format!(
             "{} of {} points have no height: fill them or crop the map first",
             map.missing(),
             map.heights.len()
         )));
     }
-    let field = field_of(&map, pitch, unit).map_err(|r| failed(r.to_owned()))?;
+    let field = field_of(&map, pitch, unit).map_err(|r| keys.file_error(r.to_owned()))?;
     let (low, high) = field.range();
     let stored = f64::from(f32::EPSILON) * low.abs().max(high.abs());
     left_out.extend(lost_digits(
@@ -422,6 +402,25 @@ impl Keys<'_> {
             shape: self.shape.shape.clone(),
             key,
         }
+    }
+
+    /// Returns the error of the file that `path` names.
+    fn file_error(&self, reason: String) -> SceneError {
+        SceneError::File {
+            number: self.number,
+            path: self.shape.path.clone().unwrap_or_default(),
+            reason,
+        }
+    }
+
+    /// Reads the file that `path` names.
+    fn load(
+        &self,
+        load: &dyn Fn(&str) -> Result<HeightMap, String>,
+    ) -> Result<HeightMap, SceneError> {
+        let path = self.shape.path.as_deref();
+        let path = path.ok_or_else(|| self.missing("path"))?;
+        load(path).map_err(|reason| self.file_error(reason))
     }
 
     fn need(&self, key: &'static str, x: Option<f64>) -> Result<f64, SceneError> {
