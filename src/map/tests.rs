@@ -257,109 +257,6 @@ fn the_mount_beside_the_board_has_no_value() {
     );
 }
 
-#[test]
-fn a_scratch_file_changes_nothing_and_every_step_reports_progress_to_its_end() {
-    let place = tempfile::tempdir().unwrap();
-    let options = MapOptions {
-        memory_bytes_max: 0,
-        scratch: place.path().to_owned(),
-        ..MapOptions::default()
-    };
-    let source = series("checker");
-    let reported = Mutex::new(Vec::new());
-    let report = |p: Progress| reported.lock().unwrap().push(p);
-    let again = map(&source, &options, &report, &AtomicBool::new(false)).unwrap();
-    let reported = reported.into_inner().unwrap();
-    for stage in [Stage::Resampling, Stage::Fitting, Stage::Averaging] {
-        let mut steps = reported.iter().filter(|p| p.stage == stage);
-        assert!(steps.any(|p| p.done == p.total), "{stage:?}");
-    }
-    let first = checker();
-    for k in 0..FREE {
-        let pairs = first.layers.parameters[k]
-            .values
-            .iter()
-            .zip(&again.layers.parameters[k].values);
-        for (a, b) in pairs {
-            assert!(
-                a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan()),
-                "{a} {b}"
-            );
-        }
-    }
-    assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
-}
-
-/// A series with some corrupted frames.
-struct Spoilt<'a> {
-    series: &'a Series,
-    rows: Vec<FrameRow>,
-    spoil: fn(&FrameRow, usize, &mut u16),
-}
-
-impl FrameSource for Spoilt<'_> {
-    fn manifest(&self) -> &Manifest {
-        self.series.manifest()
-    }
-    fn rows(&self) -> &[FrameRow] {
-        &self.rows
-    }
-    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
-        let row = &self.rows[index];
-        let all = self.series.rows();
-        let original = all.iter().position(|r| r.file == row.file).unwrap();
-        let frame = self.series.read(original)?;
-        let mut pixels = frame.pixels_dn().to_vec();
-        for (p, dn) in pixels.iter_mut().enumerate() {
-            (self.spoil)(row, p, dn);
-        }
-        Ok(Frame::new(frame.width_px(), frame.height_px(), pixels).unwrap())
-    }
-}
-
-#[test]
-fn saturated_pixels_are_masked_pose_by_pose() {
-    let series = series("checker");
-    let source = Spoilt {
-        rows: series.rows().to_vec(),
-        series: &series,
-        // At one pose a block of the frame is saturated: the map must lose that observation, and not be wrong.
-        spoil: |row, p, dn| {
-            let (r, c) = (p / WIDTH, p % WIDTH);
-            let block = (60..100).contains(&r) && (60..100).contains(&c);
-            if row.kind == FrameKind::Sample
-                && row.theta_c_deg == 0.0
-                && row.phi_s_deg == 0.0
-                && block
-            {
-                *dn = 65535;
-            }
-        },
-    };
-    let spoilt = mapped(&source).unwrap();
-    let first = checker();
-    let middle = 80 * WIDTH + 80;
-    assert_eq!(first.layers.n_observations[middle], 24);
-    assert_eq!(spoilt.layers.n_observations[middle], 23);
-    assert_ne!(spoilt.layers.flags[middle] & layers::PARTLY_MASKED, 0);
-    for k in 0..FREE {
-        let at = |map: &Map| {
-            let layer = &map.layers.parameters[k];
-            (
-                f64::from(layer.values[middle]),
-                f64::from(layer.std[middle]),
-            )
-        };
-        let ((a, std_a), (b, std_b)) = (at(first), at(&spoilt));
-        // One observation less moves the value by a few times the standard deviation that it adds.
-        let added = (std_b * std_b - std_a * std_a).max(0.0).sqrt();
-        assert!(
-            away(k, b, a).abs() < 4.0 * added + 0.5 * std_a,
-            "{k}: {a} {b}"
-        );
-    }
-}
-
 /// The central part of a series' frames.
 struct Cropped {
     series: Series,
@@ -401,6 +298,121 @@ impl FrameSource for Cropped {
             })
             .collect();
         Ok(Frame::new(self.width, self.width, pixels).unwrap())
+    }
+}
+
+/// Pixels per row of the middle of the board, for tests that map it again: four tiles.
+const CROP: usize = 128;
+
+fn middle() -> Cropped {
+    Cropped::new(series("checker"), CROP as u32)
+}
+
+fn middle_mapped() -> &'static Map {
+    static MAP: OnceLock<Map> = OnceLock::new();
+    MAP.get_or_init(|| mapped(&middle()).unwrap())
+}
+
+#[test]
+fn a_scratch_file_changes_nothing_and_every_step_reports_progress_to_its_end() {
+    let place = tempfile::tempdir().unwrap();
+    let options = MapOptions {
+        memory_bytes_max: 0,
+        scratch: place.path().to_owned(),
+        ..MapOptions::default()
+    };
+    let source = middle();
+    let reported = Mutex::new(Vec::new());
+    let report = |p: Progress| reported.lock().unwrap().push(p);
+    let again = map(&source, &options, &report, &AtomicBool::new(false)).unwrap();
+    let reported = reported.into_inner().unwrap();
+    for stage in [Stage::Resampling, Stage::Fitting, Stage::Averaging] {
+        let mut steps = reported.iter().filter(|p| p.stage == stage);
+        assert!(steps.any(|p| p.done == p.total), "{stage:?}");
+    }
+    let first = middle_mapped();
+    for k in 0..FREE {
+        let pairs = first.layers.parameters[k]
+            .values
+            .iter()
+            .zip(&again.layers.parameters[k].values);
+        for (a, b) in pairs {
+            assert!(
+                a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan()),
+                "{a} {b}"
+            );
+        }
+    }
+    assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
+}
+
+/// A series with some corrupted frames.
+struct Spoilt<'a> {
+    series: &'a dyn FrameSource,
+    rows: Vec<FrameRow>,
+    spoil: fn(&FrameRow, usize, &mut u16),
+}
+
+impl FrameSource for Spoilt<'_> {
+    fn manifest(&self) -> &Manifest {
+        self.series.manifest()
+    }
+    fn rows(&self) -> &[FrameRow] {
+        &self.rows
+    }
+    fn read(&self, index: usize) -> Result<Frame, FrameReadError> {
+        let row = &self.rows[index];
+        let all = self.series.rows();
+        let original = all.iter().position(|r| r.file == row.file).unwrap();
+        let frame = self.series.read(original)?;
+        let mut pixels = frame.pixels_dn().to_vec();
+        for (p, dn) in pixels.iter_mut().enumerate() {
+            (self.spoil)(row, p, dn);
+        }
+        Ok(Frame::new(frame.width_px(), frame.height_px(), pixels).unwrap())
+    }
+}
+
+#[test]
+fn saturated_pixels_are_masked_pose_by_pose() {
+    let series = middle();
+    let source = Spoilt {
+        rows: series.rows().to_vec(),
+        series: &series,
+        // At one pose a block of the frame is saturated: the map must lose that observation, and not be wrong.
+        spoil: |row, p, dn| {
+            let (r, c) = (p / CROP, p % CROP);
+            let block = (26..46).contains(&r) && (82..102).contains(&c);
+            if row.kind == FrameKind::Sample
+                && row.theta_c_deg == 0.0
+                && row.phi_s_deg == 0.0
+                && block
+            {
+                *dn = 65535;
+            }
+        },
+    };
+    let spoilt = mapped(&source).unwrap();
+    let first = middle_mapped();
+    let inside = 36 * CROP + 92;
+    assert_eq!(first.layers.n_observations[inside], 24);
+    assert_eq!(spoilt.layers.n_observations[inside], 23);
+    assert_ne!(spoilt.layers.flags[inside] & layers::PARTLY_MASKED, 0);
+    for k in 0..FREE {
+        let at = |map: &Map| {
+            let layer = &map.layers.parameters[k];
+            (
+                f64::from(layer.values[inside]),
+                f64::from(layer.std[inside]),
+            )
+        };
+        let ((a, std_a), (b, std_b)) = (at(first), at(&spoilt));
+        // One observation less moves the value by a few times the standard deviation that it adds.
+        let added = (std_b * std_b - std_a * std_a).max(0.0).sqrt();
+        assert!(
+            away(k, b, a).abs() < 4.0 * added + 0.5 * std_a,
+            "{k}: {a} {b}"
+        );
     }
 }
 
@@ -507,7 +519,7 @@ fn a_map_that_ran_out_of_time_counts_its_missing_pixels_and_a_target_error_lists
         target_error: Some(1.0),
         ..MapOptions::default()
     };
-    let source = series("checker");
+    let source = middle();
     let asked = AtomicUsize::new(0);
     let late = || asked.fetch_add(1, Ordering::Relaxed) >= 2;
     let never = AtomicBool::new(false);
