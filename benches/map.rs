@@ -11,6 +11,8 @@ use std::time::Instant;
 
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput};
+use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
 use ridged::frame::{Frame, FrameKind};
 use ridged::geometry::{Pose, RigGeometry};
 use ridged::map::pixels::{Instructions, PixelFitter};
@@ -63,23 +65,6 @@ impl Measurement for CpuTime {
     }
 }
 
-/// A small generator whose numbers are the same everywhere.
-struct Noise(u64);
-
-impl Noise {
-    fn normal(&mut self) -> f64 {
-        let mut sum = -6.0;
-        for _ in 0..12 {
-            self.0 = self
-                .0
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            sum += (self.0 >> 11) as f64 / (1_u64 << 53) as f64;
-        }
-        sum
-    }
-}
-
 struct Pixels {
     fitter: PixelFitter,
     signal: Vec<f32>,
@@ -102,7 +87,7 @@ fn pixels(count: usize, tilts: usize, azimuths: usize) -> Pixels {
     }
     let n = poses.len();
     let fitter = PixelFitter::new(RigGeometry::IN_PLANE, PLASTIC, poses);
-    let mut noise = Noise(1);
+    let mut random = rand_pcg::Pcg64::seed_from_u64(1);
     let mut signal = Vec::with_capacity(count * n);
     let mut starts = Vec::with_capacity(count);
     let mut truths = Vec::with_capacity(count);
@@ -124,11 +109,10 @@ fn pixels(count: usize, tilts: usize, azimuths: usize) -> Pixels {
         let (truth, radiances) = &kinds[i % kinds.len()];
         let x = i as f64;
         truths.push(*truth);
-        signal.extend(
-            radiances
-                .iter()
-                .map(|l| (l + SIGMA * noise.normal()) as f32),
-        );
+        signal.extend(radiances.iter().map(|l| {
+            let noise: f64 = random.sample(StandardNormal);
+            (l + SIGMA * noise) as f32
+        }));
         starts.push([
             truth[0] + 0.05 * (0.3 * x).cos(),
             truth[1] + 0.3 * (0.7 * x).cos(),
