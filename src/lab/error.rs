@@ -147,11 +147,11 @@ pub enum LabError {
         "the disk is full: the scan needs up to {needed_mb} MB beside {reserve_mb} MB of reserve, {free_mb} MB are free; free some space or plan less"
     )]
     NoRoom {
-        /// Largest size of the frames.
+        /// Largest size of the frames, MB.
         needed_mb: u64,
-        /// Reserve that stays free.
+        /// Reserve that stays free, MB.
         reserve_mb: u64,
-        /// Free space.
+        /// Free space, MB.
         free_mb: u64,
     },
     /// There is not enough disk space for a series or a file.
@@ -161,11 +161,11 @@ pub enum LabError {
     NoRoomFor {
         /// What has no room: "the series".
         what: &'static str,
-        /// Its largest size.
+        /// Its largest size, MB.
         needed_mb: u64,
-        /// Reserve that stays free.
+        /// Reserve that stays free, MB.
         reserve_mb: u64,
-        /// Free space.
+        /// Free space, MB.
         free_mb: u64,
     },
     /// An import or export was cancelled.
@@ -259,7 +259,7 @@ pub enum LabError {
     /// An invalid value.
     #[error("{field}: {problem}")]
     Invalid {
-        /// Field.
+        /// Path of the field in the request, with dots.
         field: String,
         /// What is wrong and what is allowed.
         problem: String,

@@ -17,9 +17,9 @@ const SPEED_DEG_S_MAX: f64 = 1000.0;
 /// A request to begin, renew or end a jog.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JogRequest {
-    /// The axis.
+    /// The axis that moves; one axis at a time.
     pub axis: AxisName,
-    /// Speed and direction; 0 ends the jog.
+    /// Speed and direction, °/s; 0 ends the jog.
     pub speed_deg_s: f64,
     /// The jog to renew; `None` begins one.
     pub jog: Option<u64>,

@@ -59,15 +59,15 @@ pub struct PreviewView {
 pub struct PreviewFrame {
     /// Number of the frame, for its picture and its counts.
     pub id: u64,
-    /// Exposure.
+    /// Exposure time, s.
     pub exposure_s: f64,
     /// Start of the exposure in UTC.
     pub taken_at: time::OffsetDateTime,
     /// Size of the frame: columns, rows.
     pub size_px: (u32, u32),
-    /// Its figures.
+    /// Counts, histogram, focus and defect pixels.
     pub figures: Figures,
-    /// Its picture.
+    /// 8-bit picture of the frame.
     pub picture: Arc<Picture>,
 }
 

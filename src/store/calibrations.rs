@@ -14,11 +14,11 @@ pub struct NewCalibration {
     pub scan_id: i64,
     /// Rig and camera settings they are valid for.
     pub rig_id: i64,
-    /// Exposures.
+    /// Exposure times, s.
     pub exposures_s: Vec<f64>,
-    /// Tilts; empty for dark frames.
+    /// Camera tilts, degrees; empty for dark frames.
     pub theta_c_deg: Vec<f64>,
-    /// Frames.
+    /// Number of frames: exposures × tilts (1 for dark frames) × repeats.
     pub n_frames: u32,
 }
 
@@ -33,13 +33,13 @@ pub struct Calibration {
     pub scan_id: i64,
     /// Rig and camera settings they are valid for.
     pub rig_id: i64,
-    /// Exposures, ascending.
+    /// Exposure times, s, ascending.
     pub exposures_s: Vec<f64>,
-    /// Tilts, ascending; empty for dark frames.
+    /// Camera tilts, degrees, ascending; empty for dark frames.
     pub theta_c_deg: Vec<f64>,
-    /// Frames.
+    /// Number of frames: exposures × tilts (1 for dark frames) × repeats.
     pub n_frames: u32,
-    /// RFC 3339 UTC.
+    /// When it was added, RFC 3339 UTC.
     pub created_at: String,
 }
 

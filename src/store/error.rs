@@ -42,9 +42,9 @@ pub enum StoreError {
     /// The folder or a file in it cannot be used.
     #[error("{what} ({}) cannot be used: {why}{}", path.display(), way_out(why))]
     File {
-        /// What it is.
+        /// The file or folder as a noun with its article.
         what: &'static str,
-        /// Its path.
+        /// Where it is.
         path: PathBuf,
         /// The I/O error.
         why: io::Error,
@@ -109,9 +109,9 @@ pub enum StoreError {
     NoRoomToOpen {
         /// The data folder.
         folder: PathBuf,
-        /// Free space.
+        /// Free space, kB.
         free_kb: u64,
-        /// Needed space.
+        /// Needed space, kB.
         needed_kb: u64,
         /// What may be deleted.
         what: String,
@@ -140,9 +140,9 @@ pub enum StoreError {
     /// The state table forbids the change.
     #[error("scan {scan_id} is {current}; it cannot become {asked}")]
     StateConflict {
-        /// The scan.
+        /// Number of the scan.
         scan_id: i64,
-        /// Its state.
+        /// State of the scan.
         current: ScanState,
         /// The requested state.
         asked: ScanState,
@@ -198,7 +198,7 @@ pub enum StoreError {
         noun: &'static str,
         /// Its name.
         name: String,
-        /// The version.
+        /// The requested version.
         version: i64,
         /// The newest version.
         newest: i64,

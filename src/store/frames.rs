@@ -22,7 +22,7 @@ pub use files::{KeptFile, sha256_hex};
 pub struct NewShot {
     /// Scan it belongs to.
     pub scan_id: i64,
-    /// Index in the plan.
+    /// Number of the point in the plan, from 0.
     pub plan_index: u32,
     /// 0 for the first visit, 1 more for each retake.
     pub attempt: u32,
@@ -45,7 +45,7 @@ pub struct NewFrame {
     pub file: KeptFile,
     /// File name in a series.
     pub name: String,
-    /// Exposure time.
+    /// Exposure time, s.
     pub exposure_s: f64,
     /// Number of the repeat, from 0.
     pub repeat: u32,
@@ -62,17 +62,17 @@ pub struct ImportedFrame {
     pub file: KeptFile,
     /// File name in the series.
     pub name: String,
-    /// Kind.
+    /// What it shows.
     pub kind: FrameKind,
-    /// Tilt as recorded.
+    /// Camera tilt as recorded, degrees.
     pub theta_c_deg: f64,
-    /// Azimuth as recorded.
+    /// Sample azimuth as recorded, degrees.
     pub phi_s_deg: f64,
-    /// Exposure time.
+    /// Exposure time, s.
     pub exposure_s: f64,
-    /// Number of the repeat.
+    /// Number of the repeat, as recorded.
     pub repeat: u32,
-    /// As recorded.
+    /// Start of the exposure as recorded, in any form.
     pub timestamp: String,
     /// Content hash of the imported file, where it is not the stored PNG.
     pub original_sha256: Option<String>,
@@ -81,36 +81,36 @@ pub struct ImportedFrame {
 /// A stored frame.
 #[derive(Debug, Clone, PartialEq, FromRow)]
 pub struct FrameRecord {
-    /// Number.
+    /// Number, from 1, never reused.
     pub id: i64,
     /// Scan it belongs to.
     pub scan_id: i64,
     /// File name in a series.
     pub name: String,
-    /// Kind.
+    /// What it shows.
     #[sqlx(try_from = "String")]
     pub kind: FrameKind,
-    /// Tilt read back.
+    /// Camera tilt read back, degrees.
     pub theta_c_deg: f64,
-    /// Azimuth read back.
+    /// Sample azimuth read back, degrees.
     pub phi_s_deg: f64,
-    /// Exposure time.
+    /// Exposure time, s.
     pub exposure_s: f64,
     /// Number of the repeat, from 0.
     pub repeat: u32,
-    /// Start of the exposure, UTC.
+    /// Start of the exposure, RFC 3339 UTC; of an import, as recorded.
     pub timestamp: String,
-    /// Content hash and name of the file.
+    /// SHA-256 of the file, in hexadecimal; also its name.
     pub sha256: String,
-    /// Size of the file.
+    /// Size of the file, bytes.
     pub bytes: i64,
     /// Width of the image.
     pub width_px: u32,
     /// Height of the image.
     pub height_px: u32,
-    /// Mean count.
+    /// Mean of all counts, DN.
     pub mean_dn: f64,
-    /// Largest count.
+    /// Largest count, DN.
     pub max_dn: u16,
     /// Pixels at or above the saturation level.
     pub saturated_px: u32,

@@ -14,9 +14,9 @@ pub const KEY_AGE_MAX: Duration = Duration::from_secs(24 * 3600);
 pub struct KeptAnswer {
     /// HTTP status.
     pub status: u16,
-    /// Location header.
+    /// Value of the header Location, if it was sent.
     pub location: Option<String>,
-    /// Body.
+    /// Body of the answer, JSON.
     pub body: String,
 }
 
@@ -25,9 +25,9 @@ pub struct KeptAnswer {
 pub struct KeyedRequest<'a> {
     /// The caller: the key of another caller is another key.
     pub who: &'a str,
-    /// The key.
+    /// Value of the header Idempotency-Key.
     pub key: &'a str,
-    /// Hash of the request.
+    /// SHA-256 of method, address and body, in hexadecimal.
     pub sha256: &'a str,
 }
 

@@ -14,7 +14,7 @@ use crate::version::BUILD;
 /// A job to start.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewJob {
-    /// Kind.
+    /// Decides the form of `request` and of the result.
     pub kind: JobKind,
     /// Scan that it reads; only a trace has none.
     pub scan_id: Option<i64>,
@@ -24,7 +24,7 @@ pub struct NewJob {
     pub request: String,
     /// JSON of all options with their defaults, where they differ from the request.
     pub options: Option<String>,
-    /// Who started it.
+    /// Who started it: the name of a token, `local` or `daemon`.
     pub who: String,
 }
 
@@ -54,20 +54,20 @@ pub enum JobEnd {
 /// The columns of a completed fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitSummary {
-    /// The fitted observations.
+    /// Row of the fitted observations.
     pub set_id: i64,
     /// Chosen variant.
     pub variant: String,
     /// converged, at-bound, …
     pub status: String,
-    /// Ridge angle in degrees, where it is identifiable.
+    /// Ridge angle in degrees, if it is identifiable.
     pub theta_r_deg: Option<ShortValue>,
 }
 
 /// A stored job.
 #[derive(Debug, Clone, PartialEq, FromRow)]
 pub struct Job {
-    /// Kind.
+    /// Decides the form of `request` and `result`.
     #[sqlx(try_from = "String")]
     pub kind: JobKind,
     /// Number within the kind.
@@ -80,22 +80,22 @@ pub struct Job {
     pub sample_name: Option<String>,
     /// JSON of the request.
     pub request: String,
-    /// State.
+    /// Running, or how it ended.
     #[sqlx(try_from = "String")]
     pub state: JobState,
     /// Observations of a fit.
     pub set_id: Option<i64>,
-    /// JSON of the result.
+    /// JSON of the result; `None` without one.
     pub result: Option<String>,
     /// Stable word for the error that ended it.
     pub error_code: Option<String>,
     /// Cause and remedy.
     pub error_detail: Option<String>,
-    /// Who started it.
+    /// Who started it: the name of a token, `local` or `daemon`.
     pub who: String,
-    /// RFC 3339 UTC.
+    /// When it was accepted, RFC 3339 UTC.
     pub created_at: String,
-    /// RFC 3339 UTC.
+    /// When it ended, RFC 3339 UTC; `None` while it runs.
     pub ended_at: Option<String>,
 }
 
@@ -110,11 +110,11 @@ impl Job {
 /// Selects jobs of a kind.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct JobFilter {
-    /// Of any scan of this sample.
+    /// Only jobs of scans of this sample.
     pub sample_id: Option<i64>,
-    /// Of this scan.
+    /// Only jobs that read this scan.
     pub scan_id: Option<i64>,
-    /// In this state.
+    /// Only jobs in this state now.
     pub state: Option<JobState>,
     /// Fits with this chosen variant (requested, while there is none).
     pub variant: Option<String>,
@@ -122,9 +122,9 @@ pub struct JobFilter {
     pub status: Option<String>,
     /// Started at or after, RFC 3339 UTC.
     pub since: Option<String>,
-    /// Fits whose ridge angle is at least this.
+    /// Fits whose ridge angle is at least this, degrees.
     pub theta_r_deg_min: Option<f64>,
-    /// Fits whose ridge angle is at most this.
+    /// Fits whose ridge angle is at most this, degrees.
     pub theta_r_deg_max: Option<f64>,
 }
 

@@ -43,13 +43,13 @@ words! {
 /// The state of the queue since a change.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct QueueNow {
-    /// State.
+    /// Whether orders begin.
     pub state: QueueState,
     /// Reason for it, if a person did not ask for it.
     pub reason: Option<String>,
     /// Who changed it.
     pub who: String,
-    /// RFC 3339 UTC; `None` before the first change.
+    /// When it changed, RFC 3339 UTC; `None` before the first change.
     pub at: Option<String>,
 }
 
@@ -75,9 +75,9 @@ pub struct NewOrder {
 /// A stored order.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct QueueOrder {
-    /// Number.
+    /// Number, from 1, never reused.
     pub id: i64,
-    /// Place in the sequence.
+    /// Place in the sequence; smaller begins earlier.
     pub position: i64,
     /// Sample of the part.
     pub sample_id: i64,
@@ -95,7 +95,7 @@ pub struct QueueOrder {
     pub operator_name: Option<String>,
     /// Free text.
     pub note: Option<String>,
-    /// State.
+    /// Waiting, running, or how it ended.
     pub state: OrderState,
     /// Why it failed or waits again.
     pub reason: Option<String>,
@@ -105,7 +105,7 @@ pub struct QueueOrder {
     pub failures: i64,
     /// Who added it.
     pub who: String,
-    /// RFC 3339 UTC.
+    /// When it was added, RFC 3339 UTC.
     pub created_at: String,
 }
 

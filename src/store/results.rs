@@ -25,7 +25,7 @@ pub use rows::{ROW_BYTES_MAX, ResultRow, RowObject, csv_header};
 /// A page of results.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResultPage {
-    /// The rows.
+    /// At most as many as the query limits, in its order.
     pub rows: Vec<ResultRow>,
     /// Cursor of the next page; `None` at the end.
     pub next_cursor: Option<String>,

@@ -119,7 +119,7 @@ pub struct Sample {
     pub note: Option<String>,
     /// Rendered surface, for a simulated rig.
     pub simulated: Option<SimulatedSurface>,
-    /// RFC 3339 UTC.
+    /// When it was added, RFC 3339 UTC.
     pub created_at: String,
     /// Names that it had, oldest first.
     pub earlier_names: Vec<EarlierName>,
@@ -129,7 +129,7 @@ pub struct Sample {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{} parts have the name `{name}`: {}", ids.len(), in_words(ids))]
 pub struct AmbiguousPart {
-    /// The name.
+    /// The name that was asked for.
     pub name: String,
     /// Their numbers, ascending.
     pub ids: Vec<i64>,

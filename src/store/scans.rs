@@ -52,9 +52,9 @@ pub struct ScanPurpose {
 /// A scan to add.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewScan {
-    /// Sample.
+    /// Row of the part that is measured.
     pub sample_id: i64,
-    /// Rig; `None` for an import.
+    /// Row of the rig; `None` for an import.
     pub rig_id: Option<i64>,
     /// Name of the series in an export.
     pub name: String,
@@ -64,24 +64,24 @@ pub struct NewScan {
     pub manifest: String,
     /// An import's `frames.csv`, byte for byte.
     pub frames_csv: Option<String>,
-    /// Calibrations of other scans that this one uses.
+    /// Rows of the calibrations of other scans that this one uses.
     pub calibration_ids: Vec<i64>,
     /// What it is made for.
     pub purpose: ScanPurpose,
-    /// Who started it.
+    /// Who started it: the name of a token, `local` or `daemon`.
     pub who: String,
 }
 
 /// A stored scan with its latest state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
-    /// Number.
+    /// Number, from 1, never reused.
     pub id: i64,
-    /// Sample.
+    /// Row of the part that was measured.
     pub sample_id: i64,
     /// The sample's name.
     pub sample_name: String,
-    /// Rig; `None` for an import.
+    /// Row of the rig; `None` for an import.
     pub rig_id: Option<i64>,
     /// Rig or import.
     pub origin: Origin,
@@ -89,7 +89,7 @@ pub struct Scan {
     pub name: String,
     /// The plan; `None` for an import.
     pub plan: Option<Plan>,
-    /// State.
+    /// State after its newest event.
     pub state: ScanState,
     /// Reason for this state, unless it is the plan's own course.
     pub reason: Option<String>,
@@ -107,13 +107,13 @@ pub struct Scan {
     pub external_id: Option<String>,
     /// The order of the queue that it measures.
     pub order_id: Option<i64>,
-    /// Who started it.
+    /// Who started it: the name of a token, `local` or `daemon`.
     pub who: String,
-    /// RFC 3339 UTC.
+    /// When it was added, RFC 3339 UTC.
     pub created_at: String,
-    /// Time of its first action.
+    /// Time of its first action, RFC 3339 UTC.
     pub started_at: Option<String>,
-    /// Time of its present state.
+    /// Time of its present state, RFC 3339 UTC.
     pub state_at: String,
     /// Samples that it was assigned to, oldest first.
     pub earlier_samples: Vec<EarlierSample>,
@@ -132,13 +132,13 @@ impl Scan {
 /// Selects scans.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ScanFilter {
-    /// Of this sample.
+    /// Only scans of this part.
     pub sample_id: Option<i64>,
-    /// In this state.
+    /// Only scans in this state now.
     pub state: Option<ScanState>,
-    /// With this tag.
+    /// Only scans with this tag.
     pub tag: Option<String>,
-    /// Archived, or not.
+    /// Only archived scans, or only those that are not.
     pub archived: Option<bool>,
 }
 
