@@ -19,9 +19,9 @@ use crate::store::queue::{OrderState, QueueOrder, QueueState};
 /// A recipe or specification of an order. Its newest version at the start of the scan counts.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct DefinitionName {
-    /// Number.
+    /// Number of the recipe or specification.
     id: i64,
-    /// Name.
+    /// Name, unique among recipes or among specifications.
     name: String,
 }
 
@@ -40,7 +40,7 @@ pub struct OrderBody {
     sample_id: i64,
     /// Name of the part.
     part: String,
-    /// The recipe.
+    /// How the part is measured.
     recipe: DefinitionName,
     /// The specification; null if the part is not judged.
     specification: Option<DefinitionName>,
@@ -111,7 +111,7 @@ pub struct OrderCounts {
 /// The order whose scan has begun and has not ended.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct CurrentOrder {
-    /// The order.
+    /// Its part, recipe and state.
     order: OrderBody,
     /// State of its scan.
     scan_state: ScanState,

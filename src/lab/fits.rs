@@ -94,10 +94,10 @@ pub struct FitRequest {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Prior {
-    /// Value.
+    /// Value, in the unit of the parameter's name.
     #[schema(minimum = -1e30, maximum = 1e30)]
     pub value: f64,
-    /// Standard uncertainty.
+    /// Standard uncertainty (k = 1), in the same unit.
     #[schema(exclusive_minimum = 0, maximum = 1e300)]
     pub std: f64,
 }
