@@ -250,6 +250,22 @@ async fn a_phase_is_reported_done_whichever_run_took_its_last_point() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_resumed_scan_states_what_earlier_runs_did_before_its_first_point() {
+    let none = |settings: &mut RunnerSettings| settings.reference.every = 0;
+    for (done, share) in [
+        (&[][..], 0.0),
+        (&[0, 1, 2], 0.5),
+        (&[0, 1, 2, 3, 4, 5], 1.0),
+    ] {
+        let (_, reported) = run_with(grid(), done, [], |_| u64::MAX, none).await;
+        let first = reported.at_first.unwrap();
+        assert!((first.fraction - share).abs() < 0.15, "{done:?}: {first:?}");
+        let left_s = first.time_left_s.unwrap();
+        assert_eq!(left_s > 0.1, share < 1.0, "{done:?}: {left_s}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_point_is_begun_where_all_of_its_frames_have_room() {
     let room_for =
         |frames: u64| move |s: &RunnerSettings| s.disk_reserve_bytes + frames * s.frame_bytes_max;

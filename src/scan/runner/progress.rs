@@ -19,6 +19,16 @@ pub(super) struct ProgressState {
     pub at: Option<Pose>,
 }
 
+impl ProgressState {
+    /// States which part of the predicted time `total_s`, s, is done, and the time left at a pace: spent over predicted time.
+    fn state_share(&mut self, total_s: f64, pace: f64) {
+        if total_s > 0.0 {
+            self.progress.fraction = self.predicted_done_s / total_s;
+        }
+        self.progress.time_left_s = Some((total_s - self.predicted_done_s).max(0.0) * pace);
+    }
+}
+
 impl Runner<'_> {
     /// Returns the totals of the plan and of the points that earlier runs finished.
     pub(super) fn count_what_is_left(&mut self) -> ProgressState {
@@ -45,6 +55,8 @@ impl Runner<'_> {
                 totals.predicted_done_s += predicted;
             }
         }
+        // A resumed scan is as far as its points, also before its first new one.
+        totals.state_share(self.predicted_total_s, 1.0);
         totals
     }
 
@@ -64,22 +76,18 @@ impl Runner<'_> {
         if !accepted {
             return;
         }
-        let progress = &mut totals.progress;
-        progress.shots_done += 1;
-        progress.frames_done += shot.n_frames();
+        totals.progress.shots_done += 1;
+        totals.progress.frames_done += shot.n_frames();
         let in_turn_s = self.in_turn_s.get(&shot.index).copied();
         let done_s = totals.predicted_done_s + in_turn_s.unwrap_or(predicted);
         totals.predicted_done_s = done_s.min(self.predicted_total_s);
-        if self.predicted_total_s > 0.0 {
-            progress.fraction = totals.predicted_done_s / self.predicted_total_s;
-        }
         // Pace of this run so far; the first point has none.
-        let spent_s = progress.elapsed_s - self.run.elapsed_s;
+        let spent_s = totals.progress.elapsed_s - self.run.elapsed_s;
         let pace = if spent_s > 0.0 && totals.ideal_s > predicted {
             spent_s / (totals.ideal_s - predicted)
         } else {
             1.0
         };
-        progress.time_left_s = Some((self.predicted_total_s - totals.predicted_done_s) * pace);
+        totals.state_share(self.predicted_total_s, pace);
     }
 }

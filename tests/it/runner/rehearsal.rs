@@ -200,6 +200,8 @@ pub(super) struct Notebook {
     pub(super) accepted: Vec<u32>,
     /// Reported fraction minus the share of the points, at each relevant point.
     pub(super) ahead: Vec<f64>,
+    /// Progress at the first state.
+    pub(super) at_first: Option<Progress>,
     pub(super) phases: Vec<FrameKind>,
 }
 
@@ -209,10 +211,11 @@ impl Recorder for Notebook {
         next: ScanState,
         reason: Option<&'a str>,
         _: Option<OperatorAction>,
-        _: Progress,
+        progress: Progress,
     ) -> BoxFuture<'a, Result<(), RecordError>> {
         Box::pin(async move {
             self.states.push(next);
+            self.at_first.get_or_insert(progress);
             // A suspended scan resumes by itself.
             let suspended = reason.is_some_and(|reason| reason.starts_with("suspended"));
             if next == ScanState::Paused && !suspended {
@@ -376,6 +379,7 @@ pub(super) async fn run_with(
         shown: Arc::clone(&shown),
         accepted: Vec::new(),
         ahead: Vec::new(),
+        at_first: None,
         phases: Vec::new(),
     };
     let run = ScanRun {
