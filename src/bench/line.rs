@@ -109,6 +109,12 @@ impl PortLine {
         self.shared.closing.is_cancelled()
     }
 
+    /// The error of every command on a closed line.
+    #[must_use]
+    pub fn loss(&self) -> LineError {
+        self.shared.gone()
+    }
+
     /// Completes when the port of a closed line may be opened again.
     pub async fn closed(&self) {
         // Nothing is ever sent: this ends when the thread drops its sender.

@@ -246,7 +246,8 @@ struct Occupation {
     orders: Option<mpsc::Sender<CommandRequest>>,
     /// Who started the present activity.
     who: Option<Arc<str>>,
-    /// Why the last connection attempt failed.
+    /// Why the stages do not answer: the error of the last connection attempt, or the fault of the link or the stages for which
+    /// the scan raised an alarm since it last ran.
     problem: Option<(String, String)>,
     /// Why the last motion of a single axis failed; none once another motion starts.
     failure: Option<(String, String)>,

@@ -11,6 +11,7 @@ use super::hands::Hands;
 use super::{Occupation, publish};
 use crate::frame::FrameKind;
 use crate::scan::recorder::{RecordError, Recorder, Recovery, Visit};
+use crate::scan::visit::is_stage_code;
 use crate::scan::{Event, OperatorAction, Plan, Progress, ScanState};
 use crate::store::StoreError;
 use crate::store::calibrations::NewCalibration;
@@ -111,6 +112,9 @@ impl Recorder for LabRecorder {
             // Before the state: a client may confirm the step as soon as it sees the scan wait.
             if let Some(action) = operator {
                 self.hands.act(self.scan_id, action).await;
+            }
+            if next == ScanState::Running {
+                self.occupation.send_modify(|now| now.problem = None);
             }
             // First, so that a client that sees the scan end can get the rig.
             if next.is_end() || next == ScanState::Interrupted {
@@ -214,6 +218,10 @@ impl Recorder for LabRecorder {
 
     fn alarm<'a>(&'a mut self, code: &'a str, message: &'a str) -> BoxFuture<'a, ()> {
         Box::pin(async move {
+            if is_stage_code(code) {
+                let problem = Some((code.to_owned(), message.to_owned()));
+                self.occupation.send_modify(|now| now.problem = problem);
+            }
             let event = Event::Alarm {
                 code: code.into(),
                 message: message.into(),

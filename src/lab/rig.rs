@@ -108,13 +108,22 @@ impl Lab {
         let scan_state = scan.map(|scan| (scan.state, scan.reason));
         let (status, problem) = match status {
             Ok(status) => (Some(status), None),
-            // A scan that lost its stages waits for the operator and states the reason itself.
-            Err(LabError::Busy { .. }) => match &scan_state {
-                Some((ScanState::Paused, Some(reason))) => {
-                    (None, Some(("scan-paused".to_owned(), reason.clone())))
-                }
-                _ => (None, occupation.problem.clone()),
-            },
+            Err(LabError::Busy { .. }) => {
+                let lost = || {
+                    let lost = side.access.loss()?;
+                    Some((stage_code(&lost).to_owned(), lost.to_string()))
+                };
+                let problem = match (&scan_state, &occupation.problem) {
+                    // A scan that lost its stages waits for the operator and states the reason itself.
+                    (Some((ScanState::Paused, Some(reason))), Some((_, why))) if why == reason => {
+                        Some(("scan-paused".to_owned(), reason.clone()))
+                    }
+                    // A scan may be paused for another reason than its stages.
+                    (_, Some(problem)) => Some(problem.clone()),
+                    (_, None) => lost(),
+                };
+                (None, problem)
+            }
             Err(error) => (None, Some((error.code().to_owned(), error.to_string()))),
         };
         let axes = AxisName::ALL.map(|name| {

@@ -104,6 +104,15 @@ impl StageAccess {
         self.last().as_ref().is_some_and(Stage::is_closed)
     }
 
+    /// Returns why the last link was lost; `None` while it is open, and before the first.
+    #[must_use]
+    pub fn loss(&self) -> Option<StageError> {
+        self.last()
+            .as_ref()
+            .filter(|stage| stage.is_closed())
+            .map(Stage::loss)
+    }
+
     pub(super) async fn connect(&self) -> Result<Stage, StageError> {
         if let Some(stage) = self.stage() {
             return Ok(stage);

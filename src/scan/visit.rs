@@ -114,6 +114,12 @@ pub fn stage_code(error: &StageError) -> &'static str {
     }
 }
 
+/// Returns whether a code names a fault of the link or of the stages.
+#[must_use]
+pub fn is_stage_code(code: &str) -> bool {
+    code.starts_with("port-") || code.starts_with("stage-")
+}
+
 /// Time between two looks at the stage during an exposure.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// Frames that are discarded in a row before the point counts as failed.

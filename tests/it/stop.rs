@@ -183,6 +183,37 @@ async fn a_scan_that_lost_its_stage_leaves_the_port_to_the_stop() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_link_that_is_lost_in_a_pause_is_the_problem_of_the_rig_whatever_paused_the_scan() {
+    let faults = ScriptedFaults::new();
+    let seam = Arc::new(faults.clone());
+    let (lab, rig, _folder) = disturbed(|link| link.seam = seam).await;
+    rig.add_samples(&lab).await.unwrap();
+    let request = ScanRequest::of(2, small(&[0.0, 10.0], &[0.0]));
+    let scan = lab.start_scan(&request).await.unwrap();
+    let paused = async || {
+        loop {
+            match lab.store().scan(scan.id).await.unwrap().state {
+                ScanState::WaitingForOperator => lab.stop().await.unwrap(),
+                ScanState::Paused => return,
+                _ => tokio::time::sleep(Duration::from_millis(5)).await,
+            }
+        }
+    };
+    in_time(paused()).await;
+    faults.unplug();
+    // The first look finds that the link is lost; the second one finds it closed.
+    for _ in 0..2 {
+        let view = lab.rig().await.unwrap();
+        let (code, why) = view.problem.unwrap();
+        assert!(!view.connected);
+        assert_eq!(code, "stage-disconnected", "{why}");
+        assert!(why.contains("connection"), "{why}");
+    }
+    faults.plug_in();
+    lab.shut_down().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_resume_while_the_controller_is_silent_leaves_the_port_to_what_comes_next() {
     let bench = BenchInABox::impatient().await;
     let scan = bench.start(small(&[0.0, 10.0], &[0.0])).await;

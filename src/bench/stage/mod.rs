@@ -129,6 +129,12 @@ impl Stage {
         self.inner.line.is_closed()
     }
 
+    /// The error of everything that is asked of a closed stage.
+    #[must_use]
+    pub fn loss(&self) -> StageError {
+        self.inner.line.loss().into()
+    }
+
     /// Completes when the port of a closed stage may be opened again.
     pub async fn closed(&self) {
         self.inner.line.closed().await;
