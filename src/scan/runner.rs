@@ -249,6 +249,7 @@ impl<'a> Runner<'a> {
         if self.totals.progress.shots_done < self.totals.progress.shots_total {
             self.switch_lamp_on().await?;
         }
+        self.pause_if_asked().await?;
         for (i, step) in steps.iter().enumerate() {
             match step {
                 Step::Operator(action) => {
@@ -260,9 +261,6 @@ impl<'a> Runner<'a> {
                 }
                 Step::Shot(shot) => {
                     if !self.run.done.contains(&shot.index) {
-                        if self.state != ScanState::Running {
-                            self.enter(ScanState::Running, None).await?;
-                        }
                         self.totals.progress.phase = Some(shot.kind);
                         self.take(shot).await?;
                         self.decide(&steps).await?;
@@ -274,6 +272,7 @@ impl<'a> Runner<'a> {
                             Step::Shot(_) | Step::Operator(_) => None,
                         });
                         self.check_reference(next).await?;
+                        self.pause_if_asked().await?;
                     }
                     // An earlier run may have taken the last one and ended before it reported so.
                     let more = steps[i + 1..]
@@ -418,9 +417,10 @@ impl<'a> Runner<'a> {
         shot: &Shot,
         attempt: u32,
     ) -> Result<Option<Result<Visit, VisitError>>, Ending> {
-        let stage = match self.stage_for_a_move().await {
-            Ok(stage) => stage,
-            Err(error) => return Ok(Some(Err(VisitError::Stage(error)))),
+        let stage = match self.stage_for_a_move().await? {
+            Some(Ok(stage)) => stage,
+            Some(Err(error)) => return Ok(Some(Err(VisitError::Stage(error)))),
+            None => return Ok(None),
         };
         let settings = &self.run.settings;
         let clock = Arc::clone(&self.run.clock);
@@ -431,6 +431,7 @@ impl<'a> Runner<'a> {
             seen: &mut self.seen,
             clock: &*clock,
         };
+        let access = self.rig.access().clone();
         let camera = self.rig.camera.as_mut();
         let visit = visit::visit(&stage, camera, shot, attempt, context);
         let mut gaps = GapWatch::new(&*clock);
@@ -447,6 +448,7 @@ impl<'a> Runner<'a> {
             recorder: &mut *self.recorder,
             state: &mut self.state,
             progress: self.totals.progress,
+            access,
         };
         let cut = match orders.during(watched).await? {
             Ok(Ok(outcome)) => {
@@ -464,12 +466,8 @@ impl<'a> Runner<'a> {
             }
             Err(cut) => cut,
         };
-        if let Err(error) = stage.stop().await {
-            tracing::error!(%error, "the stop of a scan did not reach the stage: {error}");
-        }
-        // Not kept while the scan is paused.
         drop(stage);
-        self.totals.at = None;
+        self.stop_motion().await;
         self.cut_short(cut).await?;
         Ok(None)
     }

@@ -2,11 +2,14 @@
 
 mod rehearsal;
 
+use std::time::{Duration, Instant};
+
 use ridged::bench::AxisName;
+use ridged::bench::watched_value::WatchedValue;
 use ridged::frame::{FrameKind, FrameTag};
 use ridged::geometry::Pose;
 use ridged::scan::faults::Reaction;
-use ridged::scan::runner::RunnerSettings;
+use ridged::scan::runner::{RunnerSettings, ScanCommand};
 use ridged::scan::{ScanState, Shot, Step};
 use ridged::sim::world::AxisFault;
 use ridged::units::Angle;
@@ -232,6 +235,67 @@ async fn an_hour_between_stop_and_resume_is_nobodys_motion() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn orders_are_obeyed_while_the_stages_are_homed() {
+    let cues = [(0, Cue::Order(ScanCommand::Pause))];
+    let (end, reported) = run(samples(), &[], cues, |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed);
+    let begin = [ScanState::Running, ScanState::Pausing, ScanState::Paused];
+    assert_eq!(reported.states[..3], begin);
+    let (asked, paused) = (reported.at_states[1], reported.at_states[2]);
+    assert_eq!((asked.1, paused.0.shots_done), (Duration::ZERO, 0));
+    assert_eq!(reported.accepted, [0, 1, 2]);
+
+    let cues = [(0, Cue::Order(ScanCommand::Stop))];
+    let (end, reported) = run(samples(), &[], cues, |_| u64::MAX).await;
+    assert_eq!((end.state, reported.pauses), (ScanState::Completed, 1));
+    assert_eq!(reported.accepted, [0, 1, 2]);
+
+    let cues = [(0, Cue::Order(ScanCommand::Abort))];
+    let (_, reported) = run(samples(), &[], cues, |_| u64::MAX).await;
+    assert_eq!(reported.states, [ScanState::Running, ScanState::Aborted]);
+    assert_eq!(reported.at_states[1].1, Duration::ZERO);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_order_does_not_wait_for_a_program_that_a_condition_reads() {
+    let folder = tempfile::tempdir().unwrap();
+    let mark = folder.path().join("ran");
+    // It answers once, then hangs.
+    let script = format!(
+        "if [ -e {0} ]; then exec sleep 50; fi; : > {0}; echo 20",
+        mark.display()
+    );
+    let humidity = WatchedValue {
+        name: "humidity".into(),
+        command: ["sh", "-c", &script].map(String::from).to_vec(),
+        min: None,
+        max: Some(60.0),
+        hysteresis: 0.0,
+        timeout_s: 60.0,
+    };
+    let watch = |settings: &mut RunnerSettings| settings.suspend.watched = vec![humidity];
+    // Exposures longer than the time after which the program runs again.
+    let long = |(index, theta_c_deg)| match shot(index, FrameKind::Sample, theta_c_deg) {
+        Step::Shot(shot) => Step::Shot(Shot {
+            exposures_s: vec![6.0],
+            repeats: 1,
+            ..shot
+        }),
+        step => step,
+    };
+    let steps = [(0, 0.0), (1, 5.0)].map(long).to_vec();
+    let cues = [(1, Cue::OrderAfter(ScanCommand::Abort))];
+    let began = Instant::now();
+    let (end, reported) = run_with(steps, &[], cues, |_| u64::MAX, watch).await;
+    assert_eq!(
+        (end.state, reported.accepted.len()),
+        (ScanState::Aborted, 1)
+    );
+    let took = began.elapsed();
+    assert!(took < Duration::from_secs(40), "{took:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_phase_is_reported_done_whichever_run_took_its_last_point() {
     let steps = || {
         vec![
@@ -258,7 +322,7 @@ async fn a_resumed_scan_states_what_earlier_runs_did_before_its_first_point() {
         (&[0, 1, 2, 3, 4, 5], 1.0),
     ] {
         let (_, reported) = run_with(grid(), done, [], |_| u64::MAX, none).await;
-        let first = reported.at_first.unwrap();
+        let (first, _) = reported.at_states[0];
         assert!((first.fraction - share).abs() < 0.15, "{done:?}: {first:?}");
         let left_s = first.time_left_s.unwrap();
         assert_eq!(left_s > 0.1, share < 1.0, "{done:?}: {left_s}");
@@ -392,7 +456,7 @@ async fn a_scan_that_is_stopped_while_it_is_suspended_waits_for_a_person() {
     let set_point = |settings: &mut RunnerSettings| settings.tags.temperature_c = Some(-5.0);
     let cues = [
         (3, Cue::State(|tag| tag.temperature_c = Some(-2.0))),
-        (5, Cue::PressStop),
+        (5, Cue::Order(ScanCommand::Stop)),
         (6, Cue::State(|tag| tag.temperature_c = Some(-4.9))),
     ];
     let (end, reported) = run_with(grid(), &[], cues, |_| u64::MAX, set_point).await;

@@ -76,7 +76,7 @@ impl Trouble {
 impl Runner<'_> {
     /// Connects and homes the rig for a person who has just requested motion, until it is ready.
     pub(super) async fn make_ready(&mut self) -> Result<(), Ending> {
-        match self.ready(true).await {
+        match self.ready(true).await? {
             Ok(()) => Ok(()),
             Err(error) => {
                 let mut attempts = Attempts::default();
@@ -88,24 +88,67 @@ impl Runner<'_> {
         }
     }
 
-    /// Returns the connected stage. An axis whose position is doubted is homed first.
-    pub(super) async fn stage_for_a_move(&mut self) -> Result<Stage, StageError> {
-        if !self.doubted.is_empty() {
-            self.ready(false).await?;
+    /// Returns the connected stage; `None` where it was stopped and resumed. An axis whose position is doubted is homed first.
+    pub(super) async fn stage_for_a_move(
+        &mut self,
+    ) -> Result<Option<Result<Stage, StageError>>, Ending> {
+        if !self.doubted.is_empty()
+            && let Err(error) = self.ready(false).await?
+        {
+            return Ok(Some(Err(error)));
         }
-        self.rig.connect().await
+        let (orders, rig) = self.orders_and_rig();
+        match orders.during(rig.connect()).await? {
+            Ok(outcome) => Ok(Some(outcome)),
+            Err(cut) => {
+                self.cut_short(cut).await?;
+                Ok(None)
+            }
+        }
     }
 
-    /// Connects, and homes what has no trusted position.
-    pub(super) async fn ready(&mut self, by_a_person: bool) -> Result<(), StageError> {
+    /// Connects, and homes what has no trusted position. Orders are obeyed meanwhile: after a stop it begins again once a
+    /// person has resumed the scan.
+    pub(super) async fn ready(
+        &mut self,
+        mut by_a_person: bool,
+    ) -> Result<Result<(), StageError>, Ending> {
         let may_home = self.run.settings.faults.home_after_power_cycle;
-        let (rig, doubted) = (&mut *self.rig, &self.doubted);
-        let stage = rig.make_ready(doubted, by_a_person, may_home).await?;
-        let status = stage.status().await?;
-        self.doubted.clear();
-        self.move_times = stage.move_times();
-        self.totals.at = Some(status.pose());
-        Ok(())
+        loop {
+            let doubted = self.doubted.clone();
+            let (orders, rig) = self.orders_and_rig();
+            let made_ready = async {
+                let stage = rig.make_ready(&doubted, by_a_person, may_home).await?;
+                let status = stage.status().await?;
+                Ok::<_, StageError>((stage.move_times(), status.pose()))
+            };
+            match orders.during(made_ready).await? {
+                Ok(Ok((move_times, pose))) => {
+                    self.doubted.clear();
+                    self.move_times = move_times;
+                    self.totals.at = Some(pose);
+                    return Ok(Ok(()));
+                }
+                Ok(Err(error)) => return Ok(Err(error)),
+                Err(cut) => {
+                    self.stop_motion().await;
+                    self.pause_or_end(cut).await?;
+                    by_a_person = true;
+                }
+            }
+        }
+    }
+
+    /// Stops what an order has cut short.
+    pub(super) async fn stop_motion(&mut self) {
+        self.totals.at = None;
+        // Not kept while the scan is paused.
+        let stage = self.rig.access().stage();
+        if let Some(stage) = stage
+            && let Err(error) = stage.stop().await
+        {
+            tracing::error!(%error, "the stop of a scan did not reach the stage: {error}");
+        }
     }
 
     /// Reacts to a fault as the settings say until the rig is ready for another attempt at the point. `by_a_person`: a person has
@@ -166,7 +209,7 @@ impl Runner<'_> {
             if !stopped && !of_the_stages {
                 return Ok(Recovered::Again);
             }
-            match self.ready(by_a_person).await {
+            match self.ready(by_a_person).await? {
                 Ok(()) => {
                     attempts.linked();
                     return Ok(Recovered::Again);

@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-use super::{Ending, Runner};
-use crate::bench::stage::Flag;
+use super::{CommandRequest, Ending, Runner};
+use crate::bench::stage::{Flag, Stage};
 use crate::bench::watched_value::WatchedValue;
 use crate::bench::{AxisName, CaptureRequest};
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::scan::faults::Attempts;
-use crate::scan::recorder::Recovery;
+use crate::scan::recorder::{RecordError, Recovery};
 use crate::scan::state::ScanState;
 use crate::scan::tag_history::off_temperature;
 use crate::scan::visit::VisitError;
@@ -61,7 +61,15 @@ struct Condition {
 impl Runner<'_> {
     /// Pauses while a condition of the rig or of an external program asks for it.
     pub(super) async fn suspend_if_needed(&mut self, exposure_s: f64) -> Result<(), Ending> {
-        let Some(condition) = self.condition(false).await else {
+        let condition = loop {
+            match self.condition(false).await? {
+                // A pause that a person asked for comes first; a suspended scan would resume by itself.
+                Ok(Some(_)) if self.state == ScanState::Pausing => self.pause_if_asked().await?,
+                Ok(condition) => break condition,
+                Err(cut) => self.cut_short(cut).await?,
+            }
+        };
+        let Some(condition) = condition else {
             self.suspensions.overridden = None;
             return Ok(());
         };
@@ -99,16 +107,24 @@ impl Runner<'_> {
                 break true;
             }
             let now = self.run.clock.now();
-            self.look_at_temperature(exposure_s).await;
-            match self.condition(true).await {
-                Some(_) => calm_since = None,
-                None if now.saturating_sub(*calm_since.get_or_insert(now)) >= rules.calm
-                    && self.rig.access().may_move_unasked() =>
+            let condition = match self.look_at_temperature(exposure_s).await? {
+                Some(cut) => Err(cut),
+                None => self.condition(true).await?,
+            };
+            match condition {
+                Err(cut) => match self.is_resumed_by(cut).await? {
+                    true => break true,
+                    false => continue,
+                },
+                Ok(Some(_)) => calm_since = None,
+                Ok(None)
+                    if now.saturating_sub(*calm_since.get_or_insert(now)) >= rules.calm
+                        && self.rig.access().may_move_unasked() =>
                 {
                     self.enter(ScanState::Running, None).await?;
                     break false;
                 }
-                None => {}
+                Ok(None) => {}
             }
             if now.saturating_sub(started) > rules.longest {
                 let reason = format!(
@@ -138,7 +154,7 @@ impl Runner<'_> {
         };
         self.recorder.recovered(recovery).await;
         // Nothing is known of what happened meanwhile.
-        match self.ready(attended).await {
+        match self.ready(attended).await? {
             Ok(()) => Ok(()),
             Err(error) => {
                 let mut attempts = Attempts::default();
@@ -150,10 +166,77 @@ impl Runner<'_> {
         }
     }
 
-    /// Returns the first condition that holds. `is_back`: values have to be inside their limits by their hysteresis.
-    async fn condition(&mut self, is_back: bool) -> Option<Condition> {
-        let stage = self.rig.access().stage();
-        if let Some(stage) = stage
+    /// Returns the first condition that holds, or the order that came meanwhile. `is_back`: values have to be inside their
+    /// limits by their hysteresis.
+    async fn condition(
+        &mut self,
+        is_back: bool,
+    ) -> Result<Result<Option<Condition>, CommandRequest>, RecordError> {
+        let found = self.suspensions.off_temperature_c;
+        let wanted = self.run.settings.tags.temperature_c;
+        let now = self.run.clock.now();
+        let watched_at = self.suspensions.watched_at;
+        let is_recent = watched_at.is_some_and(|at| now.saturating_sub(at) < WATCH_EVERY);
+        let watched = match is_recent && !is_back {
+            true => Vec::new(),
+            false => self.run.settings.suspend.watched.clone(),
+        };
+        let look = Conditions {
+            stage: self.rig.access().stage(),
+            temperature_c: found.map(|found| (found, wanted.unwrap_or(found))),
+            watched,
+        };
+        let found = self.orders().during(look.first(is_back)).await?;
+        // A program that an order cut short has not answered.
+        if found.is_ok() && (!is_recent || is_back) {
+            self.suspensions.watched_at = Some(now);
+        }
+        Ok(found)
+    }
+
+    /// Reads the temperature from a frame that is not recorded, if it was off its set point. Returns the order that came
+    /// meanwhile.
+    async fn look_at_temperature(
+        &mut self,
+        exposure_s: f64,
+    ) -> Result<Option<CommandRequest>, RecordError> {
+        if self.suspensions.off_temperature_c.is_none() {
+            return Ok(None);
+        }
+        let request = CaptureRequest {
+            kind: FrameKind::Sample,
+            pose: self.totals.at.unwrap_or(Pose::from_deg(0.0, 0.0)),
+            exposure_s,
+            repeat: 0,
+        };
+        let (orders, rig) = self.orders_and_rig();
+        let captured = orders.during(rig.camera.capture(&request)).await?;
+        self.tags.interrupted();
+        match captured {
+            Ok(Ok(captured)) => {
+                let rules = &self.run.settings.tags;
+                let off = off_temperature(&captured.tag, rules, CALM_SHARE);
+                self.suspensions.note_temperature(off);
+                Ok(None)
+            }
+            // A camera that fails is a fault of the next point.
+            Ok(Err(_)) => Ok(None),
+            Err(cut) => Ok(Some(cut)),
+        }
+    }
+}
+
+/// Where conditions are looked for, in this order.
+struct Conditions {
+    stage: Option<Stage>,
+    /// Temperature of the sensor and its set point, °C, where they differ.
+    temperature_c: Option<(f64, f64)>,
+    watched: Vec<WatchedValue>,
+}
+
+impl Conditions {
+    async fn first(self, is_back: bool) -> Option<Condition> {
+        if let Some(stage) = self.stage
             // A stage that does not answer is a fault of the next move.
             && let Ok(status) = stage.status().await
         {
@@ -171,8 +254,7 @@ impl Runner<'_> {
                 }
             }
         }
-        if let Some(found) = self.suspensions.off_temperature_c {
-            let wanted = self.run.settings.tags.temperature_c.unwrap_or(found);
+        if let Some((found, wanted)) = self.temperature_c {
             return Some(Condition {
                 code: "camera-temperature",
                 what: format!(
@@ -180,38 +262,12 @@ impl Runner<'_> {
                 ),
             });
         }
-        let now = self.run.clock.now();
-        let watched_at = self.suspensions.watched_at;
-        if watched_at.is_some_and(|at| now.saturating_sub(at) < WATCH_EVERY) && !is_back {
-            return None;
-        }
-        self.suspensions.watched_at = Some(now);
-        for value in &self.run.settings.suspend.watched {
+        for value in &self.watched {
             if let Some(what) = value.problem(is_back).await {
                 let code = "external-condition";
                 return Some(Condition { code, what });
             }
         }
         None
-    }
-
-    /// Reads the temperature from a frame that is not recorded, if it was off its set point.
-    async fn look_at_temperature(&mut self, exposure_s: f64) {
-        if self.suspensions.off_temperature_c.is_none() {
-            return;
-        }
-        let request = CaptureRequest {
-            kind: FrameKind::Sample,
-            pose: self.totals.at.unwrap_or(Pose::from_deg(0.0, 0.0)),
-            exposure_s,
-            repeat: 0,
-        };
-        // A camera that fails is a fault of the next point.
-        if let Ok(captured) = self.rig.camera.capture(&request).await {
-            let rules = &self.run.settings.tags;
-            let off = off_temperature(&captured.tag, rules, CALM_SHARE);
-            self.suspensions.note_temperature(off);
-        }
-        self.tags.interrupted();
     }
 }

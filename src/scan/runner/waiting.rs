@@ -9,15 +9,18 @@ use crate::bench::stage::StageError;
 use crate::scan::event::{OperatorAction, Progress};
 use crate::scan::plan::Shot;
 use crate::scan::recorder::{RecordError, Recorder};
+use crate::scan::rig::Rig;
+use crate::scan::stage_access::StageAccess;
 use crate::scan::state::ScanState;
 use crate::scan::visit::VisitError;
 
-/// The orders to a busy scan, and what they change.
+/// The orders to a scan, and what they change.
 pub(super) struct Orders<'a> {
     pub commands: &'a mut mpsc::Receiver<CommandRequest>,
     pub recorder: &'a mut dyn Recorder,
     pub state: &'a mut ScanState,
     pub progress: Progress,
+    pub access: StageAccess,
 }
 
 impl Orders<'_> {
@@ -49,9 +52,17 @@ impl Orders<'_> {
         let next = match (request.command, *self.state) {
             (ScanCommand::Pause, ScanState::Running) => ScanState::Pausing,
             (ScanCommand::Resume, ScanState::Pausing) => ScanState::Running,
-            (ScanCommand::Stop | ScanCommand::Abort | ScanCommand::ShutDown, _) => {
+            (ScanCommand::Stop | ScanCommand::Pause, ScanState::Paused) => {
+                // A suspended scan no longer resumes by itself.
+                self.access.forbid_unasked_motion();
+                request.reply.send(Ok(ScanState::Paused)).ok();
+                return Ok(None);
+            }
+            (ScanCommand::Resume, ScanState::Paused)
+            | (ScanCommand::Stop | ScanCommand::Abort | ScanCommand::ShutDown, _) => {
                 return Ok(Some(request));
             }
+            // An operator step does not resume a pause: it may have been asked before a stop.
             _ => {
                 request.reply.send(Err(*self.state)).ok();
                 return Ok(None);
@@ -80,16 +91,23 @@ impl Runner<'_> {
 
     /// The orders to this scan, for work that needs nothing of the runner.
     pub(super) fn orders(&mut self) -> Orders<'_> {
-        Orders {
+        self.orders_and_rig().0
+    }
+
+    /// The orders to this scan, and the rig for the work that they may end.
+    pub(super) fn orders_and_rig(&mut self) -> (Orders<'_>, &mut Rig) {
+        let orders = Orders {
             commands: &mut *self.commands,
             recorder: &mut *self.recorder,
             state: &mut self.state,
             progress: self.totals.progress,
-        }
+            access: self.rig.access().clone(),
+        };
+        (orders, &mut *self.rig)
     }
 
     /// Pauses after the stop button until the scan is resumed; ends after the other orders.
-    async fn pause_or_end(&mut self, cut: CommandRequest) -> Result<(), Ending> {
+    pub(super) async fn pause_or_end(&mut self, cut: CommandRequest) -> Result<(), Ending> {
         match cut.command {
             ScanCommand::Stop => self.hold_with(VisitError::STOPPED, None, Some(cut)).await,
             order => self.end_by(order, cut).await,
@@ -205,21 +223,17 @@ impl Runner<'_> {
     /// Waits while the scan is paused; returns whether a person resumed it.
     pub(super) async fn is_resumed_within(&mut self, wait: Duration) -> Result<bool, Ending> {
         let clock = std::sync::Arc::clone(&self.run.clock);
-        let mut over = clock.sleep(wait);
-        loop {
-            let request = tokio::select! {
-                biased;
-                request = self.commands.recv() => request.unwrap_or_else(shut_down),
-                () = &mut over => return Ok(false),
-            };
-            if self.is_resumed_by(request).await? {
-                return Ok(true);
-            }
+        match self.orders().during(clock.sleep(wait)).await? {
+            Ok(()) => Ok(false),
+            Err(cut) => self.is_resumed_by(cut).await,
         }
     }
 
     /// Obeys an order to a paused scan; returns whether it resumed the scan.
-    async fn is_resumed_by(&mut self, request: CommandRequest) -> Result<bool, Ending> {
+    pub(super) async fn is_resumed_by(&mut self, request: CommandRequest) -> Result<bool, Ending> {
+        let Some(request) = self.orders().obey(request).await? else {
+            return Ok(false);
+        };
         match request.command {
             ScanCommand::Resume => {
                 self.rig.access().allow_unasked_motion();
@@ -227,20 +241,7 @@ impl Runner<'_> {
                 request.reply.send(Ok(self.state)).ok();
                 Ok(true)
             }
-            ScanCommand::Abort | ScanCommand::ShutDown => {
-                self.end_by(request.command, request).await
-            }
-            ScanCommand::Stop | ScanCommand::Pause => {
-                // A suspended scan no longer resumes by itself.
-                self.rig.access().forbid_unasked_motion();
-                request.reply.send(Ok(self.state)).ok();
-                Ok(false)
-            }
-            // An operator step does not resume a pause: it may have been asked before a stop.
-            ScanCommand::Continue | ScanCommand::Done(_) => {
-                request.reply.send(Err(self.state)).ok();
-                Ok(false)
-            }
+            order => self.end_by(order, request).await,
         }
     }
 

@@ -34,8 +34,10 @@ pub(super) enum Cue {
     Wake,
     /// Somebody presses stop while it exposes.
     Stop,
-    /// Somebody presses stop, and the frame comes all the same.
-    PressStop,
+    /// A person gives an order, and the frame comes all the same. For frame 0: before the run begins.
+    Order(ScanCommand),
+    /// A person gives an order once the point of this frame is recorded.
+    OrderAfter(ScanCommand),
     /// Its buffer is one frame behind from now on, and it states nothing about its frames.
     LagUntimed,
     /// Its buffer is one frame behind from now on; it states when each frame was exposed.
@@ -72,7 +74,11 @@ struct CuedCamera {
     state: Option<Statement>,
     /// Frames with the poses that they show.
     shown: Shown,
+    once_recorded: OnceRecorded,
 }
+
+/// The order that follows the point that is recorded next.
+type OnceRecorded = Arc<Mutex<Option<ScanCommand>>>;
 
 type Shown = Arc<Mutex<Vec<(Frame, Pose)>>>;
 
@@ -113,12 +119,11 @@ impl Camera for CuedCamera {
                 let failed = CameraError::Failed("the cable came off".into());
                 return Box::pin(std::future::ready(Err(failed)));
             }
-            Some(Cue::PressStop) => {
-                self.orders
-                    .try_send(command_request(ScanCommand::Stop))
-                    .ok()
-                    .unwrap();
+            Some(Cue::Order(order)) => {
+                let request = command_request(*order);
+                self.orders.try_send(request).ok().unwrap();
             }
+            Some(Cue::OrderAfter(order)) => *self.once_recorded.lock().unwrap() = Some(*order),
             Some(Cue::Stop) => {
                 self.orders
                     .try_send(command_request(ScanCommand::Stop))
@@ -200,8 +205,9 @@ pub(super) struct Notebook {
     pub(super) accepted: Vec<u32>,
     /// Reported fraction minus the share of the points, at each relevant point.
     pub(super) ahead: Vec<f64>,
-    /// Progress at the first state.
-    pub(super) at_first: Option<Progress>,
+    /// Progress and time at each state.
+    pub(super) at_states: Vec<(Progress, Duration)>,
+    once_recorded: OnceRecorded,
     pub(super) phases: Vec<FrameKind>,
 }
 
@@ -215,7 +221,7 @@ impl Recorder for Notebook {
     ) -> BoxFuture<'a, Result<(), RecordError>> {
         Box::pin(async move {
             self.states.push(next);
-            self.at_first.get_or_insert(progress);
+            self.at_states.push((progress, self.clock.now()));
             // A suspended scan resumes by itself.
             let suspended = reason.is_some_and(|reason| reason.starts_with("suspended"));
             if next == ScanState::Paused && !suspended {
@@ -238,6 +244,9 @@ impl Recorder for Notebook {
         visit: Visit,
         progress: Progress,
     ) -> BoxFuture<'_, Result<(), RecordError>> {
+        if let Some(order) = self.once_recorded.lock().unwrap().take() {
+            self.orders.try_send(command_request(order)).ok().unwrap();
+        }
         if visit.rejected.is_none() {
             let shown = self.shown.lock().unwrap();
             for taken in &visit.frames {
@@ -349,13 +358,18 @@ pub(super) async fn run_with(
     } = parts;
     change(&mut settings.runner);
     let link = devices.link().clone();
+    let mut cues: BTreeMap<u32, Cue> = cues.into_iter().collect();
+    if let Some(Cue::Order(order)) = cues.remove(&0) {
+        orders.try_send(command_request(order)).ok().unwrap();
+    }
+    let once_recorded = OnceRecorded::default();
     let camera = CuedCamera {
         camera: devices.camera,
         world: Arc::clone(&rig.world),
         uniform_dn: None,
         hangs: false,
         last: None,
-        cues: cues.into_iter().collect(),
+        cues,
         orders: orders.clone(),
         asked: 0,
         clock: Arc::clone(&stepped),
@@ -365,6 +379,7 @@ pub(super) async fn run_with(
         light: 1.0,
         state: None,
         shown: Arc::clone(&shown),
+        once_recorded: Arc::clone(&once_recorded),
     };
     let mut notebook = Notebook {
         clock: Arc::clone(&clock),
@@ -379,7 +394,8 @@ pub(super) async fn run_with(
         shown: Arc::clone(&shown),
         accepted: Vec::new(),
         ahead: Vec::new(),
-        at_first: None,
+        at_states: Vec::new(),
+        once_recorded: Arc::clone(&once_recorded),
         phases: Vec::new(),
     };
     let run = ScanRun {
