@@ -38,7 +38,7 @@ pub struct CappedLimit {
 
 impl CappedLimit {
     /// Counts above the black level at an exposure.
-    fn at(&self, exposure_s: f64) -> f64 {
+    pub(super) fn at(&self, exposure_s: f64) -> f64 {
         self.mean_dn_max + self.dark_dn_per_s * exposure_s
     }
 }
@@ -63,7 +63,7 @@ impl Confirmed {
             Rejected::FullSample { .. } => self.full_sample = true,
             Rejected::UnlitSample { .. } => self.unlit_sample = true,
             // Confirming does not repair these.
-            Rejected::SameFrame | Rejected::Otherwise(_) => {}
+            Rejected::SameFrame | Rejected::Disturbed(_) | Rejected::Otherwise(_) => {}
         }
     }
 }

@@ -10,8 +10,16 @@ const GRID: usize = 8;
 const MEDIAN_ERROR: f64 = 1.2533;
 /// Factor on the expected noise of a difference of two frames: the mean square over all blocks exceeds it once in 10⁸.
 const NOISE_FACTOR: f64 = 1.5;
-/// Share of full pixels from which a block says nothing.
+/// Share of full pixels from which the median of a block is not known.
 const FULL_SHARE_MAX: f64 = 0.25;
+/// Difference of two frames that always counts as none, counts: medians are whole numbers, and the black level drifts.
+const SAME_DN: f64 = 1.0;
+/// The same for frames without light, as a share of the counts that a frame under the cap may have.
+const SAME_DARK_SHARE: f64 = 0.1;
+/// Counts may follow the exposure to this power more or less: cameras are not linear.
+const SCALE_POWER: f64 = 2.0 / 3.0;
+/// Least factor by which counts may deviate from the exposure: lamps flicker.
+const SCALE_FACTOR_MIN: f64 = 1.5;
 
 /// A block in both frames: level and its standard error, each.
 type Pair = ((f64, f64), (f64, f64));
@@ -20,11 +28,13 @@ type Pair = ((f64, f64), (f64, f64));
 #[derive(Debug, Clone, PartialEq)]
 pub struct Look {
     exposure_s: f64,
+    /// Counts of a full pixel above the black level.
+    full_dn: f64,
     /// Median count of each block above the black level, and its standard error; `None` where the block is full.
     blocks: Vec<Option<(f64, f64)>>,
 }
 
-/// How two frames of one exposure differ, as shares of the brighter one's level.
+/// How two frames differ, as shares of the brighter one's level.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Difference {
     /// Change of the level.
@@ -68,7 +78,11 @@ impl Look {
                 blocks.push(block(&mut pixels, rules));
             }
         }
-        Look { exposure_s, blocks }
+        Look {
+            exposure_s,
+            full_dn: f64::from(rules.saturation_dn) - rules.black_level_dn,
+            blocks,
+        }
     }
 
     /// Exposure of the frame.
@@ -95,11 +109,93 @@ impl Look {
         sum > 10.0 * error && 2 * self.blocks.iter().flatten().count() > self.blocks.len()
     }
 
-    /// Compares with a later frame; `None` where exposure or size differ, or there is too little light.
+    /// Whether another frame has the same exposure.
+    pub(super) fn has_exposure_of(&self, other: &Look) -> bool {
+        self.exposure_s.to_bits() == other.exposure_s.to_bits()
+    }
+
+    /// Mean count above the black level; a full block counts as full.
+    pub(super) fn level_dn(&self) -> f64 {
+        let levels = self.blocks.iter();
+        let sum: f64 = levels
+            .map(|block| block.map_or(self.full_dn, |(dn, _)| dn))
+            .sum();
+        sum / self.blocks.len() as f64
+    }
+
+    /// Whether two frames show the same within `share` beyond noise, also where they show no light. A block that is full in both
+    /// is the same; one that is full in one of them must be half full in the other.
+    pub(super) fn agrees_with(&self, other: &Look, share: f64, rules: &FrameRules) -> bool {
+        if self.blocks.len() != other.blocks.len() {
+            return false;
+        }
+        let mut pairs: Vec<Pair> = Vec::new();
+        for blocks in std::iter::zip(&self.blocks, &other.blocks) {
+            match blocks {
+                (Some(a), Some(b)) => pairs.push((*a, *b)),
+                (None, None) => {}
+                (None, Some((dn, _))) | (Some((dn, _)), None) if 2.0 * dn > self.full_dn => {}
+                _ => return false,
+            }
+        }
+        if pairs.is_empty() {
+            return true;
+        }
+        let n = pairs.len() as f64;
+        let mean = |of: &dyn Fn(&Pair) -> f64| pairs.iter().map(of).sum::<f64>() / n;
+        let scale = mean(&|p| p.0.0).abs().max(mean(&|p| p.1.0).abs());
+        let total = mean(&|p| (p.1.0 - p.0.0).powi(2)).sqrt();
+        let noise = NOISE_FACTOR * mean(&|p| p.0.1.powi(2) + p.1.1.powi(2)).sqrt();
+        let always_dn = match self.is_comparable() && other.is_comparable() {
+            true => SAME_DN,
+            false => SAME_DN.max(SAME_DARK_SHARE * rules.capped.at(self.exposure_s)),
+        };
+        total <= share * scale + noise + always_dn
+    }
+
+    /// Whether the counts of two frames of one place have the ratio of their exposures, within a generous factor and the counts
+    /// that a frame under the cap may have. Full blocks may be any brighter.
+    pub(super) fn scales_with(&self, other: &Look, rules: &FrameRules) -> bool {
+        let (short, long) = match self.exposure_s <= other.exposure_s {
+            true => (self, other),
+            false => (other, self),
+        };
+        let ratio = long.exposure_s / short.exposure_s;
+        let factor = ratio.powf(SCALE_POWER).max(SCALE_FACTOR_MIN);
+        // Mean of the frame that may be too dark, and least mean of the other one, over the blocks where the first is known.
+        let means = |dark: &Look, bright: &Look| -> Option<(f64, f64)> {
+            let least_dn = FULL_SHARE_MAX * bright.full_dn;
+            let pairs: Vec<(f64, f64)> = std::iter::zip(&dark.blocks, &bright.blocks)
+                .filter_map(|(a, b)| Some(((*a)?.0, b.map_or(least_dn, |(dn, _)| dn))))
+                .collect();
+            let n = pairs.len() as f64;
+            let sum = |of: fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>();
+            (2 * pairs.len() > dark.blocks.len())
+                .then(|| (sum(|pair| pair.0) / n, sum(|pair| pair.1) / n))
+        };
+        let (short_dn, long_dn) = (
+            rules.capped.at(short.exposure_s),
+            rules.capped.at(long.exposure_s),
+        );
+        let long_is_too_dark = means(long, short)
+            .is_some_and(|(long, short)| long + long_dn < ratio / factor * (short - short_dn));
+        let long_is_too_bright = means(short, long)
+            .is_some_and(|(short, long)| long - long_dn > ratio * factor * (short + short_dn));
+        !(long_is_too_dark || long_is_too_bright)
+    }
+
+    /// Compares with a later frame of the same exposure; `None` where exposure or size differ, or there is too little light.
     pub(super) fn difference(&self, later: &Look) -> Option<Difference> {
-        let alike = self.exposure_s.to_bits() == later.exposure_s.to_bits()
-            && self.blocks.len() == later.blocks.len();
-        if !(alike && self.is_comparable() && later.is_comparable()) {
+        match self.has_exposure_of(later) {
+            true => self.compare(later),
+            false => None,
+        }
+    }
+
+    /// Compares with another frame, whatever its exposure; `None` where the sizes differ, or there is too little light.
+    pub(super) fn compare(&self, later: &Look) -> Option<Difference> {
+        let same_size = self.blocks.len() == later.blocks.len();
+        if !(same_size && self.is_comparable() && later.is_comparable()) {
             return None;
         }
         let pairs: Vec<Pair> = std::iter::zip(&self.blocks, &later.blocks)
@@ -195,6 +291,55 @@ mod tests {
             }
         });
         assert!(first.difference(&marked).unwrap().is_within(0.0));
+    }
+
+    #[test]
+    fn frames_agree_also_where_they_show_no_light_or_are_full() {
+        let even = |seed, dn: f64| look(seed, move |_, _| dn);
+        let agree = |a, b| even(1, a).agrees_with(&even(2, b), 0.01, &rules());
+        for dn in [0.0, 30.0, 1000.0, 60_000.0] {
+            assert!(agree(dn, dn) && !agree(dn, 500.0), "{dn}");
+        }
+        // A block at the edge of saturation.
+        assert!(agree(3795.0, 60_000.0));
+        assert!(!agree(0.0, 20.0));
+    }
+
+    #[test]
+    fn counts_follow_the_exposure_within_a_generous_factor() {
+        let taken = |exposure_s: f64, dn: f64| Look::of(&frame(1, |_, _| dn), exposure_s, &rules());
+        for (short_dn, long_dn, follows) in [
+            (1000.0, 2000.0, true),
+            // A camera that is not linear, and a lamp that flickers.
+            (1000.0, 1300.0, true),
+            (1000.0, 2900.0, true),
+            // The frames of the two exposures exchanged.
+            (2000.0, 1000.0, false),
+            (500.0, 2000.0, false),
+            // Little light: the black level is not known as well.
+            (0.0, 0.0, true),
+            (60.0, 20.0, true),
+            // A full frame may have had any light.
+            (3000.0, 60_000.0, true),
+            (60_000.0, 60_000.0, true),
+            (60_000.0, 300.0, false),
+            (0.0, 60_000.0, false),
+        ] {
+            let (short, long) = (taken(0.01, short_dn), taken(0.02, long_dn));
+            assert_eq!(
+                short.scales_with(&long, &rules()),
+                follows,
+                "{short_dn}, {long_dn}"
+            );
+            assert_eq!(
+                long.scales_with(&short, &rules()),
+                follows,
+                "{short_dn}, {long_dn}"
+            );
+        }
+        // Two frames of one exposure.
+        assert!(taken(0.01, 1000.0).scales_with(&taken(0.01, 800.0), &rules()));
+        assert!(!taken(0.01, 1000.0).scales_with(&taken(0.01, 300.0), &rules()));
     }
 
     #[test]

@@ -69,6 +69,9 @@ pub enum Rejected {
          without noise set read_noise_electrons_rms = 0)"
     )]
     SameFrame,
+    /// The stage moved or was pushed while the frames were taken.
+    #[error("{0}")]
+    Disturbed(String),
     /// Any other fault.
     #[error("{0}")]
     Otherwise(String),

@@ -328,23 +328,23 @@ impl<'a> Runner<'a> {
                 // It was stopped and resumed; the waiting time counts as no motion.
                 continue;
             };
-            visits += 1;
             let error = match outcome {
                 Ok(mut visit) => {
+                    self.note_temperature(&visit);
+                    if self.discards(&visit) {
+                        continue;
+                    }
+                    visits += 1;
                     let rules = &self.run.settings.frame;
                     let summary = FrameSummary::at(&visit, rules);
                     if visit.rejected.is_none() {
                         visit.rejected = self.history.fault(&summary, rules);
                     }
                     let looks = looks_of(&visit, rules);
-                    self.note_temperature(&visit);
-                    if shot.kind == FrameKind::Sample
-                        && visit.rejected.is_none()
-                        && !is_timed(&visit)
-                    {
-                        if self.discards_frames() {
-                            continue;
-                        }
+                    if visit.rejected.is_none() {
+                        visit.rejected = self.checks.as_dark(shot, &looks, rules);
+                    }
+                    if visit.rejected.is_none() && !is_timed(&visit) {
                         match self.confirm(shot, &looks).await? {
                             Confirmed::Yes => {}
                             Confirmed::No(why) => visit.rejected = Some(why),

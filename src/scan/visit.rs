@@ -242,7 +242,8 @@ pub(super) async fn visit(
         .or(pushed)
         .or(wrong)
         .or_else(|| fault(&frames, shot.kind, rules))
-        .or_else(|| unlit(&frames, shot.kind, rules));
+        .or_else(|| unlit(&frames, shot.kind, rules))
+        .or_else(|| disproportionate(&frames, rules));
     Ok(Visit {
         shot: shot.clone(),
         attempt,
@@ -294,7 +295,7 @@ fn displacement(stage: &Stage, arrived: Pose, now: &StageStatus) -> Option<Rejec
         .deg()
         .max(settings.phi_s.tolerance.deg());
     (now.theta_c.moving || now.phi_s.moving || drift > tolerance).then(|| {
-        Rejected::Otherwise(format!(
+        Rejected::Disturbed(format!(
             "the stage moved by {drift:.4}° while the frames were taken"
         ))
     })
@@ -329,7 +330,7 @@ fn disturbance(
                 }
                 FlagClass::Informational => {
                     if matches!(flag, Flag::Displaced | Flag::StallRecovered) {
-                        pushed = Some(Rejected::Otherwise(format!(
+                        pushed = Some(Rejected::Disturbed(format!(
                             "{axis} reported {flag} while the frames were taken ({})",
                             flag.meaning()
                         )));
@@ -360,6 +361,34 @@ fn unlit(frames: &[TakenFrame], kind: FrameKind, rules: &FrameRules) -> Option<R
             FrameKind::Dark | FrameKind::Flat => Rejected::Otherwise(unlit_message(percent)),
         }
     })
+}
+
+/// Returns what is wrong where the counts of the frames do not follow their exposures: a camera that returns a frame of another
+/// exposure, or does not set the exposure.
+fn disproportionate(frames: &[TakenFrame], rules: &FrameRules) -> Option<Rejected> {
+    // The first frame of each exposure: the oldest one of a camera whose buffer is behind.
+    let mut first = frames.iter().filter(|taken| taken.repeat == 0).peekable();
+    let look = |taken: &TakenFrame| Look::of(&taken.captured.frame, taken.exposure_s, rules);
+    let mut looks: Vec<Look> = Vec::new();
+    while let Some(taken) = first.next() {
+        if looks.is_empty() && first.peek().is_none() {
+            return None;
+        }
+        let next = look(taken);
+        if let Some(other) = looks.iter().find(|other| !other.scales_with(&next, rules)) {
+            return Some(Rejected::Otherwise(format!(
+                "the counts do not follow the exposure: {:.0} DN above the black level in {} s, but {:.0} DN in {} s; the \
+                 camera returned a frame of another exposure, or does not set the exposure: check its buffer and its \
+                 capture program",
+                other.level_dn(),
+                other.exposure_s(),
+                next.level_dn(),
+                next.exposure_s()
+            )));
+        }
+        looks.push(next);
+    }
+    None
 }
 
 /// Returns the position read back, in the turn of the plan: recorded angles are those of the plan.

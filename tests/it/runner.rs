@@ -10,11 +10,11 @@ use ridged::frame::{FrameKind, FrameTag};
 use ridged::geometry::Pose;
 use ridged::scan::faults::Reaction;
 use ridged::scan::runner::{RunnerSettings, ScanCommand};
-use ridged::scan::{ScanState, Shot, Step};
+use ridged::scan::{OperatorAction, ScanState, Shot, Step};
 use ridged::sim::world::AxisFault;
 use ridged::units::Angle;
 
-use rehearsal::{Cue, Statement, grid, run, run_with, samples, shot};
+use rehearsal::{Cue, Statement, grid, run, run_with, samples, shot, with_exposures};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn who_resumes_after_another_trouble_has_not_looked_at_a_black_sample() {
@@ -205,11 +205,11 @@ async fn a_rejected_or_discarded_image_does_not_count_when_it_comes_again() {
         (7, Cue::Hang),
         (8, Cue::Wake),
     ];
-    // The first image of a camera that states nothing is discarded, and comes again.
+    // The first four images of a camera that states nothing are discarded, and the last of them comes again.
     let discarded = vec![
         (1, Cue::State(|tag| *tag = FrameTag::default())),
-        (2, Cue::Hang),
-        (3, Cue::Wake),
+        (5, Cue::Hang),
+        (6, Cue::Wake),
     ];
     for (steps, cues, accepted, failures) in [
         (samples(), rejected, 3, "after 2 failures"),
@@ -344,7 +344,7 @@ async fn a_point_is_begun_where_all_of_its_frames_have_room() {
 async fn a_camera_that_is_one_frame_behind_gives_no_frame_of_another_pose() {
     // A check of the reference pose would refuse a camera that lags and does not state when it exposed.
     let none = |settings: &mut RunnerSettings| settings.reference.every = 0;
-    for (cue, timed) in [(Cue::Lag, true), (Cue::LagUntimed, false)] {
+    for (cue, timed) in [(Cue::Lag, true), (Cue::LagUntimed(1), false)] {
         let (end, reported) = run_with(grid(), &[], [(3, cue)], |_| u64::MAX, none).await;
         assert_eq!(end.state, ScanState::Completed, "timed: {timed}");
         assert!(
@@ -368,7 +368,7 @@ async fn a_camera_that_lags_gives_no_frame_of_where_something_else_moved_an_axis
     let moved = AxisFault::ForeignMove(Angle::from_deg(0.7));
     for exposure in 4..12 {
         let cues = [
-            (3, Cue::LagUntimed),
+            (3, Cue::LagUntimed(1)),
             (exposure, Cue::Cause(AxisName::ThetaC, moved)),
         ];
         let (end, reported) = run_with(grid(), &[], cues, |_| u64::MAX, none).await;
@@ -379,10 +379,10 @@ async fn a_camera_that_lags_gives_no_frame_of_where_something_else_moved_an_axis
 
 #[tokio::test(flavor = "multi_thread")]
 async fn one_stale_frame_with_other_noise_is_found_by_its_look() {
-    // Frames that confirm the first two points are the second and the fourth.
+    // Four frames are discarded; the sixth and the eighth confirm the first two points.
     let cues = [
         (1, Cue::State(|tag| *tag = FrameTag::default())),
-        (6, Cue::Stale),
+        (9, Cue::Stale),
     ];
     let (end, reported) = run(grid(), &[], cues, |_| u64::MAX).await;
     assert_eq!(end.state, ScanState::Completed);
@@ -390,6 +390,94 @@ async fn one_stale_frame_with_other_noise_is_found_by_its_look() {
     assert_eq!(reported.of_another_pose, Vec::<u32>::new());
     assert_eq!(reported.recoveries.len(), 1, "{:?}", reported.recoveries);
     assert!(reported.recoveries[0].message.contains("earlier pose"));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_camera_that_lags_gives_no_frame_of_another_exposure() {
+    let strict = |settings: &mut RunnerSettings| {
+        settings.reference.every = 0;
+        settings.faults.reactions.frames = Reaction::Abort;
+    };
+    for exposures_s in [&[0.01, 0.02][..], &[0.005, 0.01, 0.02]] {
+        // Behind since before the run: no frame has its exposure.
+        for lag in 1..=4 {
+            let cues = [(0, Cue::LagUntimed(lag))];
+            let steps = with_exposures(grid(), exposures_s);
+            let (end, reported) = run_with(steps, &[], cues, |_| u64::MAX, strict).await;
+            let case = format!("{lag} behind, {exposures_s:?}");
+            assert_eq!(end.state, ScanState::Failed, "{case}");
+            assert_eq!(reported.alarms, ["frames-rejected"], "{case}");
+            assert_eq!(reported.accepted, Vec::<u32>::new(), "{case}");
+        }
+    }
+    // Behind from some frame on.
+    for frame in 5..=18 {
+        let cues = [
+            (1, Cue::State(|tag| *tag = FrameTag::default())),
+            (frame, Cue::Lag),
+        ];
+        let steps = with_exposures(grid(), &[0.01, 0.02]);
+        let (_, reported) = run_with(steps, &[], cues, |_| u64::MAX, strict).await;
+        let wrong = (reported.of_another_kind, reported.of_another_pose);
+        assert_eq!(wrong, (Vec::new(), Vec::new()), "from frame {frame} on");
+    }
+    // A camera that is not behind is not hindered.
+    let cues = [(1, Cue::State(|tag| *tag = FrameTag::default()))];
+    let steps = with_exposures(grid(), &[0.01, 0.02]);
+    let (end, reported) = run_with(steps, &[], cues, |_| u64::MAX, strict).await;
+    assert_eq!(end.state, ScanState::Completed);
+    assert_eq!(reported.recoveries.len(), 0, "{:?}", reported.recoveries);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_camera_that_lags_gives_no_old_frame_of_any_kind() {
+    let none = |settings: &mut RunnerSettings| settings.reference.every = 0;
+    let once = |index, kind, theta_c_deg| match shot(index, kind, theta_c_deg) {
+        Step::Shot(shot) => Step::Shot(Shot { repeats: 1, ..shot }),
+        step => step,
+    };
+    for lag in 0..=4 {
+        let steps = vec![
+            Step::Operator(OperatorAction::CapLens),
+            once(0, FrameKind::Dark, 0.0),
+            Step::Operator(OperatorAction::PlaceWhiteReference),
+            once(1, FrameKind::Flat, 0.0),
+            once(2, FrameKind::Flat, 20.0),
+            Step::Operator(OperatorAction::PlaceSample),
+            once(3, FrameKind::Sample, 20.0),
+            once(4, FrameKind::Sample, 5.0),
+        ];
+        let cues = [(0, Cue::LagUntimed(lag))];
+        let (end, reported) = run_with(steps, &[], cues, |_| u64::MAX, none).await;
+        assert_eq!(
+            end.state,
+            ScanState::Completed,
+            "{lag}: {:?}",
+            reported.alarms
+        );
+        assert_eq!(reported.accepted, [0, 1, 2, 3, 4], "{lag}");
+        assert_eq!(reported.of_another_kind, Vec::<u32>::new(), "{lag}");
+        assert_eq!(reported.of_another_pose, Vec::<u32>::new(), "{lag}");
+        assert_eq!(reported.alarms, Vec::<String>::new(), "{lag}");
+        assert_eq!(reported.recoveries.is_empty(), lag == 0, "{lag}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_buffer_full_of_equal_old_frames_is_emptied_before_a_frame_counts() {
+    let none = |settings: &mut RunnerSettings| settings.reference.every = 0;
+    for lag in 1..=4 {
+        let cues = [(0, Cue::LagUntimed(lag))];
+        let (end, reported) = run_with(grid(), &[], cues, |_| u64::MAX, none).await;
+        assert_eq!(
+            end.state,
+            ScanState::Completed,
+            "{lag}: {:?}",
+            reported.alarms
+        );
+        assert_eq!(reported.accepted, [0, 1, 2, 3, 4, 5], "{lag}");
+        assert_eq!(reported.of_another_pose, Vec::<u32>::new(), "{lag}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -25,8 +25,9 @@ const SAME_POSE_SHARE: f64 = 0.01;
 const ALIKE_SHARE: f64 = 0.002;
 /// Points at the begin of a run, and after a fault of the camera, whose frames are confirmed by another one.
 const CONFIRMED_POINTS: u32 = 2;
-/// Frames that confirm one that looks like that of the pose before: more than a camera's buffer usually holds.
-const CONFIRMING_FRAMES: u32 = 4;
+/// Frames that a camera's buffer may hold: this number is discarded where they may be old, and confirms a frame that looks like
+/// one of the place before.
+const BUFFERED_FRAMES_MAX: u32 = 4;
 /// Poses that were confirmed to look like the pose before, after which the scan no longer confirms such frames.
 const ALIKE_POSES_MAX: u32 = 3;
 /// Times that the points of one block are taken again before the scan pauses.
@@ -45,15 +46,17 @@ struct Seen {
 pub(super) struct Checks {
     /// Points since the last check of the reference, in the order taken.
     block: Vec<Seen>,
-    /// The last accepted point of the sample.
-    last: Option<Seen>,
+    /// The last accepted point, of any kind.
+    last: Option<(Shot, Vec<Look>)>,
+    /// The dark frames of this run that were accepted last.
+    dark: Vec<Look>,
     /// Points whose frames still have to be confirmed.
     to_confirm: u32,
-    /// Poses that looked like the one before and were confirmed.
+    /// Points of the present kind that looked like the one before and were confirmed.
     alike: u32,
-    /// Whether the next frames of a camera that does not state when it exposed them may be older than the run, or than its
-    /// last fault.
-    may_be_old: bool,
+    /// Frames to discard of a camera that does not state when it exposed them: they may be older than the run, or than its last
+    /// fault.
+    to_discard: u32,
     /// Change of the light over all checks, and whether it was reported.
     drift: f64,
     drift_reported: bool,
@@ -64,9 +67,10 @@ impl Checks {
         Checks {
             block: Vec::new(),
             last: None,
+            dark: Vec::new(),
             to_confirm: CONFIRMED_POINTS,
             alike: 0,
-            may_be_old: true,
+            to_discard: BUFFERED_FRAMES_MAX,
             drift: 0.0,
             drift_reported: false,
         }
@@ -75,7 +79,50 @@ impl Checks {
     /// A visit failed, or its frames were rejected: the next frames may be those, or older ones.
     pub(super) fn doubt_the_camera(&mut self) {
         self.to_confirm = CONFIRMED_POINTS;
-        self.may_be_old = true;
+        self.to_discard = BUFFERED_FRAMES_MAX;
+    }
+
+    /// Whether frames look like those of the last point, which was elsewhere or of another kind. The exposures do not count: a
+    /// camera whose buffer is behind returns the frame of another one.
+    fn looks_like_the_last(&self, shot: &Shot, looks: &[Look]) -> bool {
+        let Some((last, seen)) = &self.last else {
+            return false;
+        };
+        let moved = (last.kind, last.target) != (shot.kind, shot.target);
+        let alike = |look: &Look| {
+            let mut differences = seen.iter().filter_map(|seen| seen.compare(look));
+            differences.any(|found| found.is_within(ALIKE_SHARE))
+        };
+        moved && looks.iter().any(alike)
+    }
+
+    /// Returns what is wrong with a white reference that is not brighter than the dark frames of its longest exposure.
+    pub(super) fn as_dark(
+        &self,
+        shot: &Shot,
+        looks: &[Look],
+        rules: &FrameRules,
+    ) -> Option<Rejected> {
+        if shot.kind != FrameKind::Flat {
+            return None;
+        }
+        let by_exposure = |a: &&Look, b: &&Look| a.exposure_s().total_cmp(&b.exposure_s());
+        let longest = looks.iter().max_by(by_exposure)?;
+        let dark = self
+            .dark
+            .iter()
+            .find(|dark| dark.has_exposure_of(longest))?;
+        let is_brighter = longest.level_dn() > dark.level_dn()
+            && !longest.agrees_with(dark, SAME_POSE_SHARE, rules);
+        (!is_brighter).then(|| {
+            Rejected::Otherwise(format!(
+                "the white reference is no brighter than the dark frames ({:.0} DN and {:.0} DN above the black level in {} s); \
+                 check lamp and lens cap, and whether the camera returned an old frame",
+                longest.level_dn(),
+                dark.level_dn(),
+                longest.exposure_s()
+            ))
+        })
     }
 }
 
@@ -108,40 +155,39 @@ fn comparable(looks: &[Look]) -> Option<&Look> {
 }
 
 impl Runner<'_> {
-    /// Returns whether the frames of this visit, of a camera that does not state when it exposed them, have to be discarded:
-    /// its buffer may have held them since before the run, or since a fault.
-    pub(super) fn discards_frames(&mut self) -> bool {
-        std::mem::take(&mut self.checks.may_be_old)
+    /// Returns whether the frames of this visit have to be discarded: the buffer of a camera that does not state when it exposed
+    /// them may have held them since before the run, or since a fault. What they show does not matter.
+    pub(super) fn discards(&mut self, visit: &Visit) -> bool {
+        let disturbed = matches!(visit.rejected, Some(Rejected::Disturbed(_)));
+        let left = self.checks.to_discard;
+        if left == 0 || disturbed || is_timed(visit) {
+            return false;
+        }
+        let frames = u32::try_from(visit.frames.len()).unwrap_or(u32::MAX);
+        self.checks.to_discard = left.saturating_sub(frames);
+        true
     }
 
-    /// Confirms frames that may be those of an earlier pose by further frames at the same pose.
+    /// Confirms frames that may be those of an earlier point by further frames at the same place. They are taken in the reverse
+    /// order of exposures: the frames of a camera whose buffer is behind then have other exposures than before.
     pub(super) async fn confirm(
         &mut self,
         shot: &Shot,
         looks: &[Look],
     ) -> Result<Confirmed, Ending> {
-        let Some(first) = comparable(looks) else {
-            return Ok(Confirmed::Yes);
-        };
-        let moved = self
-            .checks
-            .last
-            .as_ref()
-            .filter(|last| last.shot.target != shot.target);
-        let is_alike = moved.is_some_and(|last| {
-            let differences = last.looks.iter().filter_map(|look| look.difference(first));
-            differences
-                .into_iter()
-                .any(|found| found.is_within(ALIKE_SHARE))
-        });
+        let is_alike = self.checks.looks_like_the_last(shot, looks);
         let alike = is_alike && self.checks.alike < ALIKE_POSES_MAX;
-        let frames = match (alike, self.checks.to_confirm > 0) {
-            (true, _) => CONFIRMING_FRAMES,
+        let mut left = match (alike, self.checks.to_confirm > 0) {
+            (true, _) => BUFFERED_FRAMES_MAX,
             (false, true) => 1,
             (false, false) => return Ok(Confirmed::Yes),
         };
-        let probe = probe_of(shot, first.exposure_s());
-        for _ in 0..frames {
+        let probe = Shot {
+            exposures_s: shot.exposures_s.iter().rev().copied().collect(),
+            repeats: 1,
+            ..shot.clone()
+        };
+        while left > 0 {
             let again = match self.visit(&probe, 0).await? {
                 None => return Ok(Confirmed::Stopped),
                 Some(Err(error)) => return Ok(Confirmed::Failed(error)),
@@ -152,10 +198,17 @@ impl Runner<'_> {
                     looks_of(&visit, &self.run.settings.frame)
                 }
             };
-            let difference = again.first().and_then(|again| first.difference(again));
-            if !difference.is_some_and(|found| found.is_within(SAME_POSE_SHARE)) {
-                return Ok(Confirmed::No(Rejected::Otherwise(lagging(difference))));
+            let rules = &self.run.settings.frame;
+            for again in &again {
+                let mut same = looks.iter().filter(|first| first.has_exposure_of(again));
+                if let Some(first) =
+                    same.find(|first| !first.agrees_with(again, SAME_POSE_SHARE, rules))
+                {
+                    let why = lagging(first, again);
+                    return Ok(Confirmed::No(Rejected::Otherwise(why)));
+                }
             }
+            left = left.saturating_sub(u32::try_from(again.len()).unwrap_or(u32::MAX).max(1));
         }
         self.checks.to_confirm = self.checks.to_confirm.saturating_sub(1);
         if alike {
@@ -166,17 +219,25 @@ impl Runner<'_> {
 
     /// Remembers an accepted point for the checks to come.
     pub(super) fn remember_look(&mut self, shot: &Shot, looks: Vec<Look>, predicted_s: f64) {
-        if shot.kind != FrameKind::Sample || shot.target.is_none() {
-            return;
+        let checks = &mut self.checks;
+        if checks
+            .last
+            .as_ref()
+            .is_some_and(|last| last.0.kind != shot.kind)
+        {
+            checks.alike = 0;
         }
-        let seen = Seen {
-            shot: shot.clone(),
-            looks,
-            predicted: Duration::try_from_secs_f64(predicted_s).unwrap_or_default(),
-        };
-        self.checks.last = Some(seen.clone());
-        if self.run.settings.reference.every > 0 {
-            self.checks.block.push(seen);
+        if shot.kind == FrameKind::Dark {
+            checks.dark.clone_from(&looks);
+        }
+        checks.last = Some((shot.clone(), looks.clone()));
+        let covered = shot.kind == FrameKind::Sample && shot.target.is_some();
+        if covered && self.run.settings.reference.every > 0 {
+            checks.block.push(Seen {
+                shot: shot.clone(),
+                looks,
+                predicted: Duration::try_from_secs_f64(predicted_s).unwrap_or_default(),
+            });
         }
     }
 
@@ -393,13 +454,14 @@ fn probe_of(shot: &Shot, exposure_s: f64) -> Shot {
     }
 }
 
-fn lagging(difference: Option<Difference>) -> String {
-    let by = difference.map_or_else(
-        || "one of them shows no light".to_owned(),
+fn lagging(first: &Look, again: &Look) -> String {
+    let by = first.difference(again).map_or_else(
+        || "one of them shows no light, or is full".to_owned(),
         |found| format!("they differ by {}", percent(found.total)),
     );
     format!(
-        "two frames of one pose do not show the same ({by}): the camera returned a frame of an earlier pose, or the light \
-         flickers; check the camera's buffer and the lamp (frames that state exposure_start are checked without this)"
+        "two frames of one pose and exposure do not show the same ({by}): the camera returned a frame of an earlier pose or of \
+         another exposure, or the light flickers; check the camera's buffer and the lamp (frames that state exposure_start \
+         are checked without this)"
     )
 }

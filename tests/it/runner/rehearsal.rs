@@ -1,6 +1,6 @@
 //! Runs of the runner with cues for camera, axes and people, and what a recorder notes of them.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use ridged::scan::recorder::{RecordError, Recorder, Recovery, Visit};
 use ridged::scan::runner::{self, CommandRequest, RunEnd, RunnerSettings, ScanCommand, ScanRun};
 use ridged::scan::{OperatorAction, Progress, Rig, ScanState, Shot, Step};
 use ridged::sim::rig::{SimulatedRig, Simulation};
-use ridged::sim::world::{AxisFault, World};
+use ridged::sim::world::{AxisFault, OnTable, World};
 use tokio::sync::{mpsc, oneshot};
 
 /// What the camera states differently.
@@ -38,9 +38,10 @@ pub(super) enum Cue {
     Order(ScanCommand),
     /// A person gives an order once the point of this frame is recorded.
     OrderAfter(ScanCommand),
-    /// Its buffer is one frame behind from now on, and it states nothing about its frames.
-    LagUntimed,
-    /// Its buffer is one frame behind from now on; it states when each frame was exposed.
+    /// Its buffer is this number of frames behind from now on, and it states nothing about its frames. For frame 0: the buffer
+    /// holds frames of another pose when the run begins.
+    LagUntimed(usize),
+    /// Its buffer is one frame behind from now on.
     Lag,
     /// This one frame shows the pose before with new noise; it states nothing about its frames.
     Stale,
@@ -66,8 +67,10 @@ struct CuedCamera {
     orders: mpsc::Sender<CommandRequest>,
     asked: u32,
     clock: Arc<SteppedClock>,
-    lags: bool,
-    buffered: Option<Captured>,
+    /// Frames that it is behind.
+    lag: usize,
+    /// The newest frames that it took, oldest first.
+    buffer: VecDeque<Captured>,
     stale: bool,
     /// Share of the light that the lamp gives.
     light: f64,
@@ -77,10 +80,57 @@ struct CuedCamera {
     once_recorded: OnceRecorded,
 }
 
+/// Frames that the buffer of the camera holds.
+const BUFFER: usize = 8;
+
+impl CuedCamera {
+    /// Notes what a frame shows.
+    fn note(&self, captured: &Captured, exposure_s: f64) {
+        let world = &self.world;
+        let kind = match (world.lens_capped(), world.on_table()) {
+            (true, _) => FrameKind::Dark,
+            (false, OnTable::WhiteReference) => FrameKind::Flat,
+            (false, _) => FrameKind::Sample,
+        };
+        self.shown.lock().unwrap().push(Truth {
+            frame: captured.frame.clone(),
+            pose: world.pose_now(),
+            exposure_s,
+            kind,
+        });
+    }
+
+    /// Fills the buffer with frames of a pose that no test visits.
+    async fn fill_buffer(&mut self, frames: usize) {
+        let pose = Pose::from_deg(35.0, 0.0);
+        self.world.set_pose(pose);
+        let request = CaptureRequest {
+            kind: FrameKind::Sample,
+            pose,
+            exposure_s: 0.02,
+            repeat: 0,
+        };
+        for _ in 0..frames {
+            let captured = self.camera.capture(&request).await.unwrap();
+            self.note(&captured, request.exposure_s);
+            self.buffer.push_back(captured);
+        }
+        self.world.set_pose(Pose::from_deg(0.0, 0.0));
+    }
+}
+
 /// The order that follows the point that is recorded next.
 type OnceRecorded = Arc<Mutex<Option<ScanCommand>>>;
 
-type Shown = Arc<Mutex<Vec<(Frame, Pose)>>>;
+type Shown = Arc<Mutex<Vec<Truth>>>;
+
+/// A frame and what it shows.
+struct Truth {
+    frame: Frame,
+    pose: Pose,
+    exposure_s: f64,
+    kind: FrameKind,
+}
 
 impl Camera for CuedCamera {
     fn describe(&self) -> String {
@@ -98,11 +148,11 @@ impl Camera for CuedCamera {
             Some(Cue::Full) => self.uniform_dn = Some(u16::MAX),
             Some(Cue::Hang) => self.hangs = true,
             Some(Cue::Wake) => self.hangs = false,
-            Some(Cue::LagUntimed) => {
-                self.lags = true;
+            Some(Cue::LagUntimed(frames)) => {
+                self.lag = *frames;
                 self.state = Some(|tag| *tag = FrameTag::default());
             }
-            Some(Cue::Lag) => self.lags = true,
+            Some(Cue::Lag) => self.lag = 1,
             Some(Cue::Stale) => self.stale = true,
             Some(Cue::Fade(share)) => self.light = *share,
             Some(Cue::State(state)) => self.state = Some(*state),
@@ -162,17 +212,12 @@ impl Camera for CuedCamera {
                 captured.frame = Frame::new(width, height, noisy.collect()).unwrap();
             }
             self.last = Some(captured.frame.clone());
-            self.shown
-                .lock()
-                .unwrap()
-                .push((captured.frame.clone(), self.world.pose_now()));
-            let fresh = captured.clone();
-            if self.lags
-                && let Some(behind) = self.buffered.replace(fresh)
-            {
-                captured = behind;
-            } else if !self.lags {
-                self.buffered = Some(captured.clone());
+            self.note(&captured, request.exposure_s);
+            self.buffer.push_back(captured.clone());
+            let newest = self.buffer.len() - 1;
+            captured = self.buffer[newest.saturating_sub(self.lag)].clone();
+            if newest >= BUFFER {
+                self.buffer.pop_front();
             }
             if let Some(state) = self.state {
                 state(&mut captured.tag);
@@ -200,6 +245,9 @@ pub(super) struct Notebook {
     pub(super) withdrawn: Vec<Vec<u32>>,
     /// Accepted points with a frame that shows another pose.
     pub(super) of_another_pose: Vec<u32>,
+    /// Accepted points with a frame of another kind or another exposure.
+    pub(super) of_another_kind: Vec<u32>,
+    world: Arc<World>,
     pub(super) pauses: u32,
     shown: Shown,
     pub(super) accepted: Vec<u32>,
@@ -216,12 +264,24 @@ impl Recorder for Notebook {
         &'a mut self,
         next: ScanState,
         reason: Option<&'a str>,
-        _: Option<OperatorAction>,
+        operator: Option<OperatorAction>,
         progress: Progress,
     ) -> BoxFuture<'a, Result<(), RecordError>> {
         Box::pin(async move {
             self.states.push(next);
             self.at_states.push((progress, self.clock.now()));
+            if let Some(action) = operator {
+                self.world.cap_lens(action == OperatorAction::CapLens);
+                match action {
+                    OperatorAction::CapLens => {}
+                    OperatorAction::PlaceWhiteReference => {
+                        self.world.place(OnTable::WhiteReference)
+                    }
+                    OperatorAction::PlaceSample => self.world.place(OnTable::Sample),
+                }
+                let done = command_request(ScanCommand::Continue);
+                self.orders.try_send(done).ok().unwrap();
+            }
             // A suspended scan resumes by itself.
             let suspended = reason.is_some_and(|reason| reason.starts_with("suspended"));
             if next == ScanState::Paused && !suspended {
@@ -250,12 +310,17 @@ impl Recorder for Notebook {
         if visit.rejected.is_none() {
             let shown = self.shown.lock().unwrap();
             for taken in &visit.frames {
-                let frame = shown
+                let truth = shown
                     .iter()
-                    .find(|(frame, _)| *frame == taken.captured.frame);
-                let apart = frame.map(|(_, pose)| (pose.theta_c - visit.pose.theta_c).abs().deg());
-                if apart.is_some_and(|deg| deg > 0.1) {
-                    self.of_another_pose.push(visit.shot.index);
+                    .find(|truth| truth.frame == taken.captured.frame);
+                let Some(truth) = truth else { continue };
+                let index = visit.shot.index;
+                let apart = (truth.pose.theta_c - visit.pose.theta_c).abs().deg();
+                if apart > 0.1 && visit.shot.target.is_some() {
+                    self.of_another_pose.push(index);
+                }
+                if truth.kind != visit.shot.kind || truth.exposure_s != taken.exposure_s {
+                    self.of_another_kind.push(index);
                 }
             }
             drop(shown);
@@ -329,6 +394,18 @@ pub(super) fn grid() -> Vec<Step> {
     (0..6).map(step).collect()
 }
 
+/// The same points with these exposures.
+pub(super) fn with_exposures(steps: Vec<Step>, exposures_s: &[f64]) -> Vec<Step> {
+    let change = |step| match step {
+        Step::Shot(shot) => Step::Shot(Shot {
+            exposures_s: exposures_s.to_vec(),
+            ..shot
+        }),
+        step => step,
+    };
+    steps.into_iter().map(change).collect()
+}
+
 /// Runs steps to their end.
 pub(super) async fn run(
     steps: Vec<Step>,
@@ -359,11 +436,12 @@ pub(super) async fn run_with(
     change(&mut settings.runner);
     let link = devices.link().clone();
     let mut cues: BTreeMap<u32, Cue> = cues.into_iter().collect();
-    if let Some(Cue::Order(order)) = cues.remove(&0) {
+    let first = cues.remove(&0);
+    if let Some(Cue::Order(order)) = first {
         orders.try_send(command_request(order)).ok().unwrap();
     }
     let once_recorded = OnceRecorded::default();
-    let camera = CuedCamera {
+    let mut camera = CuedCamera {
         camera: devices.camera,
         world: Arc::clone(&rig.world),
         uniform_dn: None,
@@ -373,14 +451,19 @@ pub(super) async fn run_with(
         orders: orders.clone(),
         asked: 0,
         clock: Arc::clone(&stepped),
-        lags: false,
-        buffered: None,
+        lag: 0,
+        buffer: VecDeque::new(),
         stale: false,
         light: 1.0,
         state: None,
         shown: Arc::clone(&shown),
         once_recorded: Arc::clone(&once_recorded),
     };
+    if let Some(Cue::LagUntimed(frames)) = first {
+        camera.lag = frames;
+        camera.state = Some(|tag| *tag = FrameTag::default());
+        camera.fill_buffer(frames).await;
+    }
     let mut notebook = Notebook {
         clock: Arc::clone(&clock),
         orders,
@@ -390,6 +473,8 @@ pub(super) async fn run_with(
         recoveries: Vec::new(),
         withdrawn: Vec::new(),
         of_another_pose: Vec::new(),
+        of_another_kind: Vec::new(),
+        world: Arc::clone(&rig.world),
         pauses: 0,
         shown: Arc::clone(&shown),
         accepted: Vec::new(),
