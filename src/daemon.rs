@@ -14,7 +14,7 @@ use crate::access::Secret;
 use crate::api::{self, Access, RenderMetrics, server};
 use crate::clock::{Clock, SystemClock, WallWatch};
 use crate::config::HooksSection;
-use crate::lab::{Hooks, Lab, RigParts};
+use crate::lab::{Hooks, Lab, LabError, RigParts};
 use crate::scan::RecordedEvent;
 use crate::store::StoreError;
 use crate::store::disk::Disk;
@@ -123,13 +123,15 @@ impl Daemon {
     }
 
     /// Ends the daemon: rig first, then connections, then the store.
-    pub async fn end(self) {
+    ///
+    /// # Errors
+    /// [`LabError::NotStopped`]: the stages could not be reached and may be moving; everything else is done.
+    pub async fn end(self) -> Result<(), LabError> {
         /// Time for open answers; a client that does not read its answer must not hold the daemon.
         const DRAIN: Duration = Duration::from_secs(3);
         std::fs::remove_file(&self.notice).ok();
         std::fs::remove_file(&self.secret).ok();
-        // The log has stages that could not be stopped.
-        self.lab.rest().await.ok();
+        let stopped = self.lab.rest().await;
         if let Some(hooks) = self.hooks {
             hooks.finish().await;
         }
@@ -139,6 +141,7 @@ impl Daemon {
             abort.abort();
         }
         self.lab.store().close().await;
+        stopped.map_err(|source| LabError::NotStopped { source })
     }
 }
 

@@ -128,9 +128,9 @@ async fn demo(args: Args) -> Result<(), CliError> {
             false => ended,
         },
     };
-    daemon.end().await;
+    let ended = daemon.end().await;
     operator.abort();
-    outcome
+    outcome.and(ended.map_err(runtime::lab_error))
 }
 
 async fn listen(port: Option<u16>) -> Result<Sockets, CliError> {

@@ -163,18 +163,18 @@ async fn serve(args: Args) -> Result<(), CliError> {
     let lab = daemon.lab.clone();
     let again = interrupt::signals().map_err(CliError::no_result)?;
     let mut ending = pin!(daemon.end());
-    tokio::select! {
-        () = &mut ending => {}
+    let ended = tokio::select! {
+        ended = &mut ending => ended,
         () = again => {
-            // A stop that fails is in the log.
+            // The end reports stages that cannot be stopped.
             lab.stop().await.ok();
-            ending.await;
+            ending.await
         }
-    }
+    };
     if let Some(operator) = operator {
         operator.abort();
     }
-    Ok(())
+    ended.map_err(runtime::lab_error)
 }
 
 /// Returns where to listen. An option replaces its setting.

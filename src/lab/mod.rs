@@ -621,6 +621,8 @@ impl Lab {
     /// # Errors
     /// The stages could not be reached and may be moving; everything else is done.
     pub async fn rest(&self) -> Result<(), StageError> {
+        /// How long an end repeats a stop that is not confirmed. The system kills a service that does not end.
+        const STOP_AT_END_FOR: Duration = Duration::from_secs(10);
         let mut stopped = Ok(());
         if let Some(side) = &self.inner.rig {
             side.sink.ending.cancel();
@@ -639,7 +641,7 @@ impl Lab {
                     answer.await.ok();
                 }
             }
-            stopped = side.access.stop_what_may_move().await;
+            stopped = side.access.stop_within(STOP_AT_END_FOR).await;
             // Taken first: a handle that is still here when the owner ends means that it panicked.
             let owner = side
                 .owner

@@ -6,9 +6,13 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::{Duration, Instant};
 
 use crate::bench::port::PortAddress;
 use crate::bench::stage::{Notices, Stage, StageError, StageIdentity, StageLink};
+
+/// Time between two attempts at a stop that is not confirmed. In real time, as the port answers.
+const STOP_AGAIN_AFTER: Duration = Duration::from_millis(500);
 
 /// The link to the stages, shared by the runner and all clients that may stop them; cheap to clone.
 #[derive(Clone)]
@@ -244,6 +248,20 @@ impl StageAccess {
         let stage = self.connect().await?;
         // Another task may have connected and started a motion.
         stage.stop().await
+    }
+
+    /// As [`StageAccess::stop_what_may_move`], again and again until it succeeds, for about `limit` of real time.
+    ///
+    /// # Errors
+    /// The last one.
+    pub async fn stop_within(&self, limit: Duration) -> Result<(), StageError> {
+        let began = Instant::now();
+        loop {
+            match self.stop_what_may_move().await {
+                Err(_) if began.elapsed() < limit => tokio::time::sleep(STOP_AGAIN_AFTER).await,
+                outcome => return outcome,
+            }
+        }
     }
 
     /// Stops the stages if a link is open or was lost; leaves a port alone that was never opened. Logs a failure.

@@ -6,9 +6,12 @@ use std::time::Duration;
 
 use axum::body::Body;
 use futures::FutureExt;
+use ridged::api::Access;
+use ridged::api::server::{self, ListenSettings};
 use ridged::bench::AxisName::{PhiS, ThetaC};
 use ridged::bench::port::{NoFaults, Port, PortAddress, PortError, PortSeam};
 use ridged::clock::{Clock, ScaledClock, SteppedClock};
+use ridged::daemon::Daemon;
 use ridged::lab::{Lab, LabError, RigParts, ScanRequest};
 use ridged::scan::event::RigActivity;
 use ridged::scan::plan::{DarkRequest, FlatRequest};
@@ -132,6 +135,30 @@ async fn a_daemon_that_ends_stops_what_it_lost() {
     let (_faults, lab, rig, _folder) = lost_in_motion().await;
     lab.shut_down().await;
     assert!(!rig.world.is_moving());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_daemon_that_ends_repeats_its_stop_and_reports_stages_that_may_be_moving() {
+    // More than one stop with its retries is lost.
+    let (faults, lab, rig, _folder) = lost_in_motion().await;
+    faults.on("stop", LineFault::LoseCommand, 6);
+    lab.rest().await.unwrap();
+    assert!(!rig.world.is_moving());
+    lab.store().close().await;
+
+    let (faults, lab, rig, _folder) = lost_in_motion().await;
+    faults.unplug();
+    let settings = ListenSettings::loopback("127.0.0.1:0");
+    let sockets = server::listen(&settings).await.unwrap();
+    let access = Access::of_folder(lab.store().folder());
+    let daemon = Daemon::start(lab.clone(), sockets, access).unwrap();
+    let ended = daemon.end().await.unwrap_err().to_string();
+    assert!(ended.contains("may be moving"), "{ended}");
+    assert!(
+        ended.contains("use the hardware emergency switch"),
+        "{ended}"
+    );
+    assert!(rig.world.is_moving());
 }
 
 #[tokio::test(flavor = "multi_thread")]

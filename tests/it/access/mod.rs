@@ -132,7 +132,7 @@ impl Served {
     }
 
     pub async fn end(self) {
-        self.daemon.end().await;
+        self.daemon.end().await.unwrap();
         self.bench.end().await;
     }
 }

@@ -382,7 +382,7 @@ async fn files_with_secrets_are_readable_by_their_owner_only() {
         let text = String::from_utf8_lossy(&text);
         assert!(!text.contains(&tokens.admin), "{}", path.display());
     }
-    served.daemon.end().await;
+    served.daemon.end().await.unwrap();
     assert!(!folder.join(SECRET_FILE).exists());
     served.bench.end().await;
 }
