@@ -437,7 +437,12 @@ impl Owner {
         motion: Option<i64>,
         outcome: Result<(), StageError>,
     ) {
-        let status = stage.status().await.ok();
+        let is_stopped = matches!(outcome, Err(StageError::Stopped));
+        // A stopped axis has no position before it is at rest.
+        let status = match is_stopped && stage.at_rest().await.is_err() {
+            true => None,
+            false => stage.status().await.ok(),
+        };
         let failure = outcome
             .as_ref()
             .err()
@@ -454,7 +459,7 @@ impl Owner {
         if let Err(error) = &outcome {
             self.access.forbid_unasked_motion();
             rig.let_go_if_lost(error);
-            if !matches!(error, StageError::Stopped) {
+            if !is_stopped {
                 let alarm = Event::Alarm {
                     code: crate::scan::visit::stage_code(error).into(),
                     message: error.to_string(),

@@ -642,6 +642,7 @@ impl Lab {
                 }
             }
             stopped = side.access.stop_within(STOP_AT_END_FOR).await;
+            side.access.end_standing_stop();
             // Taken first: a handle that is still here when the owner ends means that it panicked.
             let owner = side
                 .owner

@@ -2,7 +2,8 @@
 //!
 //! The link is owned here. [`StageAccess::let_go`] closes it for every handle, wherever it is held, and connecting waits
 //! until the port of the last link is closed. So the daemon never finds a port in use by itself.
-//! [`StageAccess::stop`] stops the connected stage. It connects first if the link is lost or was never opened.
+//! [`StageAccess::stop`] stops the connected stage. It connects first if the link is lost or was never opened. A stop that is not
+//! confirmed stands: it is sent again until the stages confirm it, or until a person requests motion.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -31,6 +32,10 @@ struct Inner {
     /// Whether the daemon may move the axes by itself: a person has requested motion, and since then neither a person nor a
     /// fault of the stages has stopped them.
     may_move_unasked: AtomicBool,
+    /// Number of motions that a person has requested so far.
+    motions_requested: AtomicU64,
+    /// The number of requested motions at the stop that stands; `None` while none does.
+    standing_stop: Mutex<Option<u64>>,
     /// Where the controllers answered last, if not on the port of the settings.
     found_on: Mutex<Option<PortAddress>>,
     controllers: Mutex<Controllers>,
@@ -55,6 +60,8 @@ impl StageAccess {
                 opening: tokio::sync::Mutex::new(()),
                 stops: AtomicU64::new(0),
                 may_move_unasked: AtomicBool::new(false),
+                motions_requested: AtomicU64::new(0),
+                standing_stop: Mutex::default(),
                 found_on: Mutex::default(),
                 controllers: Mutex::default(),
                 notices: Notices::default(),
@@ -92,8 +99,9 @@ impl StageAccess {
         self.inner.may_move_unasked.load(Ordering::SeqCst)
     }
 
-    /// A person has requested motion.
+    /// A person has requested motion. A stop that stands ends.
     pub fn allow_unasked_motion(&self) {
+        self.inner.motions_requested.fetch_add(1, Ordering::SeqCst);
         self.inner.may_move_unasked.store(true, Ordering::SeqCst);
     }
 
@@ -230,13 +238,69 @@ impl StageAccess {
         }
     }
 
-    /// Stops both axes at once and waits until they stand still.
+    /// Stops both axes at once and waits until they stand still. A stop that fails stands: it is sent again in the background.
     ///
     /// # Errors
     /// [`StageError`] if the stages could not be reached: they may be moving.
     pub async fn stop(&self) -> Result<(), StageError> {
+        let requested = self.motions_requested();
         // Before the stop is sent: a motion checks this count last.
         self.inner.stops.fetch_add(1, Ordering::SeqCst);
+        let stopped = self.stop_once().await;
+        if stopped.is_err() {
+            self.stand(requested);
+        }
+        stopped
+    }
+
+    fn motions_requested(&self) -> u64 {
+        self.inner.motions_requested.load(Ordering::SeqCst)
+    }
+
+    fn standing_stop(&self) -> MutexGuard<'_, Option<u64>> {
+        let standing = &self.inner.standing_stop;
+        standing.lock().expect("no holder of this lock panics")
+    }
+
+    /// Lets a stop that was not confirmed stand, unless a person has requested motion since then.
+    fn stand(&self, requested: u64) {
+        let was_standing = self.standing_stop().replace(requested).is_some();
+        if !was_standing {
+            tokio::spawn(self.clone().repeat_stop());
+        }
+    }
+
+    /// Stops what a scan has cut short. A stop that fails stands, and is in the log.
+    pub(super) async fn stop_connected(&self) {
+        let requested = self.motions_requested();
+        if let Some(stage) = self.stage()
+            && let Err(error) = stage.stop().await
+        {
+            tracing::error!(%error, "the stop of a scan did not reach the stage: {error}");
+            self.stand(requested);
+        }
+    }
+
+    /// Sends the stop that stands until it is confirmed, or until a person requests motion.
+    async fn repeat_stop(self) {
+        loop {
+            tokio::time::sleep(STOP_AGAIN_AFTER).await;
+            {
+                let mut standing = self.standing_stop();
+                if *standing != Some(self.motions_requested()) {
+                    *standing = None;
+                    return;
+                }
+            }
+            if self.stop_once().await.is_ok() {
+                *self.standing_stop() = None;
+                tracing::warn!("the stop that had failed has reached the stages; they are at rest");
+                return;
+            }
+        }
+    }
+
+    async fn stop_once(&self) -> Result<(), StageError> {
         if let Some(stage) = self.stage() {
             match stage.stop().await {
                 // The port is closed; the axes continue their last motion.
@@ -248,6 +312,11 @@ impl StageAccess {
         let stage = self.connect().await?;
         // Another task may have connected and started a motion.
         stage.stop().await
+    }
+
+    /// Ends a stop that stands: the daemon ends.
+    pub fn end_standing_stop(&self) {
+        self.inner.motions_requested.fetch_add(1, Ordering::SeqCst);
     }
 
     /// As [`StageAccess::stop_what_may_move`], again and again until it succeeds, for about `limit` of real time.

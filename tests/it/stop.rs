@@ -131,6 +131,41 @@ async fn a_stop_reaches_what_moves_on_after_its_link_was_lost() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_stop_that_is_lost_on_the_line_is_sent_again_until_the_axes_are_at_rest() {
+    let faults = ScriptedFaults::new();
+    let seam = Arc::new(faults.clone());
+    // Slowly enough that the axis still moves once a stop and its retries are lost.
+    let clock: Arc<dyn Clock> = Arc::new(ScaledClock::new(2.0));
+    let (lab, rig, _folder) = disturbed_on(clock, |link| link.seam = seam).await;
+    let mut events = lab.events();
+    lab.home(PhiS).await.unwrap();
+    idle(&mut events).await;
+    let moving = lab.move_axis(PhiS, Angle::from_deg(350.0)).await.unwrap();
+    let until_moving = async |moves: bool| {
+        let waiting = async {
+            while rig.world.is_moving() != moves {
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+        };
+        let waited = tokio::time::timeout(Duration::from_secs(60), waiting).await;
+        assert!(waited.is_ok(), "moving: {}", !moves);
+    };
+    until_moving(true).await;
+    faults.on("stop", LineFault::LoseCommand, 4);
+    let refused = lab.stop().await.unwrap_err();
+    assert!(matches!(refused, LabError::NotStopped { .. }), "{refused}");
+    until_moving(false).await;
+    let at = rig.world.pose_now().phi_s.deg();
+    assert!(at < 340.0, "it arrived at {at}°");
+    // Before it was at rest, it had no position.
+    let motion = lab.motion(moving, Duration::from_secs(60)).await.unwrap();
+    let pose = motion.unwrap().pose;
+    let apart = pose.map_or(0.0, |pose| (pose.phi_s.deg() - at).abs());
+    assert!(apart < 0.5, "{pose:?} instead of {at}°");
+    lab.shut_down().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_daemon_that_ends_stops_what_it_lost() {
     let (_faults, lab, rig, _folder) = lost_in_motion().await;
     lab.shut_down().await;

@@ -155,13 +155,21 @@ impl Stage {
         let addresses = self.inner.settings.addresses();
         let heard = self.inner.line.stop(&addresses).await;
         // Wait even if one axis did not answer: the other one may still come to rest.
-        let rest = futures::join!(
+        let rest = self.at_rest().await;
+        heard?;
+        rest
+    }
+
+    /// Waits until both axes are at rest after a stop.
+    ///
+    /// # Errors
+    /// [`StageError`] if a device does not answer, or does not come to rest.
+    pub async fn at_rest(&self) -> Result<(), StageError> {
+        let (theta_c, phi_s) = futures::join!(
             self.inner.theta_c.await_rest(),
             self.inner.phi_s.await_rest()
         );
-        heard?;
-        rest.0?;
-        rest.1
+        theta_c.and(phi_s)
     }
 
     /// Takes over what the last connection knew of devices that kept their reference: how their encoders stood to their

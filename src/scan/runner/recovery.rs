@@ -142,13 +142,7 @@ impl Runner<'_> {
     /// Stops what an order has cut short.
     pub(super) async fn stop_motion(&mut self) {
         self.totals.at = None;
-        // Not kept while the scan is paused.
-        let stage = self.rig.access().stage();
-        if let Some(stage) = stage
-            && let Err(error) = stage.stop().await
-        {
-            tracing::error!(%error, "the stop of a scan did not reach the stage: {error}");
-        }
+        self.rig.access().stop_connected().await;
     }
 
     /// Reacts to a fault as the settings say until the rig is ready for another attempt at the point. `by_a_person`: a person has
