@@ -41,7 +41,7 @@ pub fn from_starts(
     cancel: &AtomicBool,
 ) -> Option<(Minimum, StartReport)> {
     let mut search = Search::new(starts.first()?, 0, Tuning::DEFAULT, cancel);
-    search.descend_from(problem, problem, starts);
+    search.descend_from(problem, problem, starts, false);
     let report = search.report();
     search.best().cloned().map(|best| (best, report))
 }
@@ -99,11 +99,11 @@ impl<'p> Search<'p> {
         seed
     }
 
-    /// Descends from `count` starts that the bright spot suggests and refines their different ends.
+    /// Descends from `count` starts that the bright spot suggests and refines their different ends, whatever the time limit.
     pub(super) fn quick(&mut self, problem: &Problem<'_>, count: usize) {
         let nominal = problem.with_nominal_index();
         let found = starts(&nominal, self.fallback, count, self.next_seed());
-        self.descend_from(problem, &nominal, &found);
+        self.descend_from(problem, &nominal, &found, false);
     }
 
     /// Adds the ends of rough descents. The `most` different ones among those that could still win are refined; `near`

@@ -45,18 +45,20 @@ impl Search<'_> {
         let nominal = problem.with_nominal_index();
         let count = self.affordable(&nominal, count);
         let starts = drawn::starts(&nominal, self.fallback, count, self.next_seed());
-        self.descend_from(problem, &nominal, &starts);
+        self.descend_from(problem, &nominal, &starts, true);
     }
 
     /// Descends from starts on a problem without a free index and refines their different ends on `problem`. Each start
-    /// counts once at its end.
+    /// counts once at its end. `limited`: none begins after the time limit.
     pub(super) fn descend_from(
         &mut self,
         problem: &Problem<'_>,
         nominal: &Problem<'_>,
         starts: &[Values],
+        limited: bool,
     ) {
-        let (evaluations, late) = (self.tuning.evaluations as usize, || self.over());
+        let evaluations = self.tuning.evaluations as usize;
+        let late = || limited && self.over();
         let mut ends = descend(nominal, starts, evaluations, &late, self.cancel);
         if nominal.free().len() < problem.free().len() {
             for end in &mut ends {
