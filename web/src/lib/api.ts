@@ -173,9 +173,12 @@ export const api = {
   queue: (): Promise<Queue> => get('/queue'),
   /** Orders that run or wait, in sequence. */
   queueOrders: (): Promise<QueueOrder[]> => getAll('/queue/orders'),
+  failedOrders: (): Promise<QueueOrder[]> => getAll('/queue/orders?state=failed'),
   addOrders: (orders: readonly NewOrder[]): Promise<unknown> => post('/queue/orders', { orders }),
   /** Moves an order to a place among those that wait, from 1. */
   moveOrder: (id: number, to: number): Promise<unknown> => post(`/queue/orders/${id}/move`, { to }),
+  /** Lets a failed order wait again, as the next one. */
+  retryOrder: (id: number): Promise<unknown> => post(`/queue/orders/${id}/retry`),
   removeOrder: (id: number): Promise<unknown> => post(`/queue/orders/${id}`, undefined, 'DELETE'),
   /** Starts the queue, or resumes a paused one. */
   startQueue: (): Promise<unknown> => post('/queue/start'),

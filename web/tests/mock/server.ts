@@ -532,13 +532,14 @@ export class MockDaemon {
       }
       return send(201, { items: this.orders.slice(-1), next_cursor: null });
     }
-    if (path === '/queue/orders') return list(this.orders.filter((o) => o['state'] === 'waiting'));
-    const orderMatch = /^\/queue\/orders\/(\d+)(?:\/move)?$/.exec(path);
+    if (path === '/queue/orders') return list(this.orders.filter((o) => o['state'] === (url.searchParams.get('state') ?? 'waiting')));
+    const orderMatch = /^\/queue\/orders\/(\d+)(?:\/(move|retry))?$/.exec(path);
     if (orderMatch) {
       const order = this.orders.find((o) => o['id'] === Number(orderMatch[1]));
       if (!order) return problem(404, 'not-found', `there is no order ${orderMatch[1]}`);
       if (method === 'DELETE') order['state'] = 'removed';
-      else this.orders = [order, ...this.orders.filter((o) => o !== order)];
+      else if (orderMatch[2] === 'retry' && order['state'] !== 'failed') return problem(409, 'state-conflict', `order ${orderMatch[1]} is ${String(order['state'])}`);
+      else this.orders = [Object.assign(order, { state: 'waiting' }), ...this.orders.filter((o) => o !== order)];
       return send(200, order);
     }
     const queueMatch = /^\/queue\/(start|stop|pause)$/.exec(path);

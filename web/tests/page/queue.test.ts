@@ -32,6 +32,22 @@ describe('the queue', () => {
     expect(posts().at(-1)).toBe('/queue/start');
   });
 
+  it('shows a failed order with its reason, and lets it wait again or removes it', async () => {
+    const order = { lot: '4', external_id: null, scan_id: null, recipe: { id: 1, name: 'PX-1204' }, specification: null };
+    daemon.orders.push({ ...order, id: 1, part: 'A-1', sample_id: 1, state: 'failed', reason: 'the part has no material', scan_id: 3 }, { ...order, id: 2, part: 'A-2', sample_id: 2, state: 'failed', reason: 'aborted' });
+    await page.goto(url);
+    const failed = page.getByTestId('failed-orders');
+    await failed.getByText('The part has no material.').waitFor();
+    await page.getByRole('heading', { name: '2 failed orders' }).waitFor();
+    expect(await failed.getByRole('link', { name: 'Scan 3' }).getAttribute('href')).toBe('#/result/3');
+    await failed.getByRole('button', { name: 'Retry A-1' }).click();
+    await page.getByTestId('queue').getByRole('button', { name: 'Move A-1 up' }).waitFor();
+    expect(posts()).toEqual(['/queue/orders/1/retry']);
+    await failed.getByRole('button', { name: 'Remove A-2' }).click();
+    await failed.waitFor({ state: 'detached' });
+    expect(daemon.orders.map((o) => o['state'])).toEqual(['waiting', 'removed']);
+  });
+
   it('keeps a note with its order, and a scan that is started has it', async () => {
     daemon.recipes.add({ name: 'PX-1204', plan: { preset: 'paper' } });
     await page.goto(url);
