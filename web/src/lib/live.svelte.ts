@@ -365,6 +365,18 @@ class Live {
     });
   }
 
+  #takeRig(rig: Rig): void {
+    this.rig = rig;
+    this.rigProblem = rig.connected ? null : (rig.problem?.detail ?? 'The stages are not connected.');
+  }
+
+  /** Reads the rig now: the daemon then connects stages that are neither connected nor in use. Returns whether they are connected. */
+  async reconnect(): Promise<boolean> {
+    const rig = await api.rig();
+    this.#takeRig(rig);
+    return rig.connected;
+  }
+
   async #pollRig(): Promise<void> {
     if (this.#stopped) return;
     if (this.#rigAsked) {
@@ -377,8 +389,7 @@ class Live {
     this.#rigAgain = false;
     this.looks += 1;
     try {
-      this.rig = await api.rig();
-      this.rigProblem = this.rig.connected ? null : (this.rig.problem?.detail ?? 'The stages are not connected.');
+      this.#takeRig(await api.rig());
     } catch (error) {
       this.rigProblem = spoken(error);
       if (error instanceof Problem && error.status === 0) this.link = 'lost';

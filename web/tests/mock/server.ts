@@ -433,7 +433,11 @@ export class MockDaemon {
       return;
     }
     const list = (items: unknown[]): void => send(200, { items, next_cursor: null });
-    if (path === '/rig') return send(200, this.#rig());
+    if (path === '/rig') {
+      // A reading connects stages that are not in use.
+      if (this.plugged && this.#rig()['scan_id'] === null) this.connected = true;
+      return send(200, this.#rig());
+    }
     const lookMatch = /^\/rig\/preview\/(\d+)\/image\.png$/.exec(path);
     if (lookMatch) return send(200, picture(Number(lookMatch[1])), 'image/png');
     if (path === '/rig/preview') {
@@ -441,8 +445,8 @@ export class MockDaemon {
       this.looks += 1;
       return send(200, lookThrough(this.looks, body['exposures_s'] as number[], Number(body['suggest'] ?? 1)));
     }
-    // Stop and home reconnect a lost link if the stages can be connected.
-    if (method === 'POST' && path.startsWith('/rig/') && !this.connected) {
+    // Orders reconnect a lost link if the stages can be connected.
+    if (method === 'POST' && (path.startsWith('/rig/') || path === '/scans') && !this.connected) {
       if (!this.plugged) return problem(503, 'port-missing', 'the serial port /dev/ttyUSB0 does not exist: plug the stage in or correct [bench] port');
       this.connected = true;
     }
