@@ -37,7 +37,17 @@ interface Notice {
   readonly text: string;
   /** A motion may be going on that should not. */
   readonly severe: boolean;
+  /** The scan of which it says that it is paused; the notice goes when that scan continues or ends. */
+  readonly paused: number | null;
 }
+
+/** An alarm with the number of times that it came in the same words; `id` and `at` are of the last time. */
+export interface ShownAlarm extends Alarm {
+  readonly times: number;
+}
+
+/** Most alarms that are kept after they were seen. */
+const PAST_MAX = 200;
 
 class Live {
   link = $state<Link>('connecting');
@@ -59,9 +69,14 @@ class Live {
   moreFits = $state(false);
   /** The scan whose fits were read in addition to the newest of all. */
   fitsOfScan = $state<number | null>(null);
-  alarms = $state.raw<readonly Alarm[]>([]);
-  /** Those that were dismissed. */
-  pastAlarms = $state.raw<readonly Alarm[]>([]);
+  /** Those that are true as far as the page knows, until they are dismissed. */
+  alarms = $state.raw<readonly ShownAlarm[]>([]);
+  /** Those that were dismissed, or that ended. */
+  pastAlarms = $state.raw<readonly ShownAlarm[]>([]);
+  /** Numbers and times of all alarms so far: a replay after a lost link may repeat one. */
+  readonly #alarmsCome = new Set<string>();
+  /** Scans that were seen paused since a notice said so. */
+  readonly #pausedScans = new Set<number>();
   #incidents = $state.raw<ReadonlyMap<number, number>>(new Map());
   /** Frames of events since the page was opened, by scan. */
   freshFrames = $state.raw<readonly FrameRow[]>([]);
@@ -128,10 +143,24 @@ class Live {
     }
   }
 
-  notify(text: string, severe = false): void {
+  notify(text: string, { severe = false, paused = null }: { readonly severe?: boolean; readonly paused?: number | null } = {}): void {
     if (this.notices.some((n) => n.text === text)) return;
     this.#noticeId += 1;
-    this.notices = [...this.notices, { id: this.#noticeId, text, severe }].slice(-4);
+    const all = [...this.notices, { id: this.#noticeId, text, severe, paused }];
+    const plain = all.filter((n) => !n.severe).slice(-4);
+    this.notices = all.filter((n) => n.severe || plain.includes(n));
+  }
+
+  /** Removes notices that a scan is paused once it continues or ends. Its state may come after the notice. */
+  #settleNotices(): void {
+    this.notices = this.notices.filter(({ paused }) => {
+      if (paused === null) return true;
+      const scan = this.scan(paused);
+      if (scan?.state === 'paused') this.#pausedScans.add(paused);
+      const over = scan === null || !isActive(scan) || (scan.state !== 'paused' && this.#pausedScans.has(paused));
+      if (over) this.#pausedScans.delete(paused);
+      return !over;
+    });
   }
 
   dismissNotice(id: number): void {
@@ -148,8 +177,23 @@ class Live {
   }
 
   dismissAlarm(id: number): void {
-    this.pastAlarms = [...this.pastAlarms, ...this.alarms.filter((a) => a.id === id)];
-    this.alarms = this.alarms.filter((a) => a.id !== id);
+    this.#passAlarms((alarm) => alarm.id === id);
+  }
+
+  #passAlarms(ended: (alarm: ShownAlarm) => boolean): void {
+    const past = this.alarms.filter(ended);
+    if (past.length === 0) return;
+    this.pastAlarms = [...this.pastAlarms, ...past].slice(-PAST_MAX);
+    this.alarms = this.alarms.filter((alarm) => !past.includes(alarm));
+  }
+
+  /** The same words again are one alarm. */
+  #takeAlarm(alarm: Alarm): void {
+    const own = `${alarm.id} ${alarm.at}`;
+    if (this.#alarmsCome.has(own)) return;
+    this.#alarmsCome.add(own);
+    const same = this.alarms.find((a) => a.code === alarm.code && a.message === alarm.message && a.scan_id === alarm.scan_id);
+    this.alarms = [...this.alarms.filter((a) => a !== same), { ...alarm, times: (same?.times ?? 0) + 1 }];
   }
 
   /** Does not wait for any other request. A key can be pressed by mistake, so the page says what it did. */
@@ -158,9 +202,9 @@ class Live {
     const moving = scan?.state === 'running' || this.rig?.activity === 'moving' || this.rig?.activity === 'homing';
     try {
       await api.stop();
-      if (byKey && moving) this.notify(`The key Esc stopped both axes.${scan ? ' The scan is paused. Press Resume to continue it.' : ''}`);
+      if (byKey && moving) this.notify(`The key Esc stopped both axes.${scan ? ' The scan is paused. Press Resume to continue it.' : ''}`, { paused: scan?.id ?? null });
     } catch (error) {
-      this.notify(`The stop did not reach the stages. Use the rig’s emergency switch. ${spoken(error)}`, true);
+      this.notify(`The stop did not reach the stages. Use the rig’s emergency switch. ${spoken(error)}`, { severe: true });
     } finally {
       void this.#pollRig();
     }
@@ -179,6 +223,7 @@ class Live {
     this.loaded = true;
     // An event that arrived during the request may be newer than its answer.
     for (const [id, n] of this.#scanEvents) if (before.get(id) !== n) await this.reloadScan(id);
+    this.#settleNotices();
   }
 
   async reloadScan(id: number): Promise<void> {
@@ -193,6 +238,7 @@ class Live {
     const others = this.scans.filter((s) => s.id !== id);
     this.aside = [...this.aside.filter((s) => s.id !== id), ...(scan.archived ? [scan] : [])];
     this.scans = scan.archived ? others : [...others, scan].sort((a, b) => b.id - a.id);
+    this.#settleNotices();
   }
 
   /** A scan that was read, archived or not. */
@@ -310,10 +356,13 @@ class Live {
       if (job.of === 'fit') void this.reloadFit(job.number).catch(() => undefined);
       else this.jobsChanged += 1;
     });
-    on<{ scan_id: number | null }>('recovered', (event) => this.#countIncident(event.scan_id));
+    on<{ scan_id: number | null; code: string }>('recovered', (event) => {
+      this.#countIncident(event.scan_id);
+      this.#passAlarms((alarm) => alarm.scan_id === event.scan_id && alarm.code === event.code);
+    });
     on<Alarm>('alarm', (alarm) => {
       this.#countIncident(alarm.scan_id);
-      if (!this.alarms.some((a) => a.id === alarm.id)) this.alarms = [...this.alarms, alarm].slice(-5);
+      this.#takeAlarm(alarm);
       void this.#pollRig();
     });
   }
@@ -323,6 +372,8 @@ class Live {
     this.#showFrames();
     this.#scanEvents.set(event.scan_id, (this.#scanEvents.get(event.scan_id) ?? 0) + 1);
     const known = this.scans.find((s) => s.id === event.scan_id);
+    // It runs again: what stopped it is over.
+    if (event.state === 'running' && (known?.state === 'paused' || known?.state === 'interrupted')) this.#passAlarms((alarm) => alarm.scan_id === event.scan_id);
     if (!known || !isActive({ ...known, state: event.state })) {
       void this.reloadScan(event.scan_id).catch(() => undefined);
       return;
@@ -330,6 +381,7 @@ class Live {
     const { state, reason, operator } = event;
     const progress = event.progress ?? known.progress;
     this.scans = this.scans.map((s) => (s === known ? { ...s, state, reason, operator, progress } : s));
+    this.#settleNotices();
     void this.#pollRig();
   }
 

@@ -189,6 +189,39 @@ describe('faults', () => {
     expect(await page.getByText('The tilt axis stalled at 12.3°.').count()).toBe(0);
   });
 
+  it('keeps every alarm until it is seen or has ended, and counts those in the same words', async () => {
+    daemon.frameMs = 100;
+    await page.goto(url);
+    await chooseSample();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    await page.getByRole('button', { name: 'Continue' }).click();
+    const alarms = page.locator('.messages').getByText('Alarm,');
+    for (let n = 1; n <= 7; n++) daemon.event('alarm', { code: 'disk-low', message: `the disk has ${n} MB left`, scan_id: null });
+    await expect.poll(() => alarms.count()).toBe(7);
+    for (let n = 0; n < 4; n++) daemon.event('alarm', { code: 'no-frame', message: 'the camera sent no frame', scan_id: 1 });
+    await page.locator('.messages').getByText(/, ×4\./).waitFor();
+    expect(await alarms.count()).toBe(8);
+    // Another fault of the scan is over once it recovered.
+    daemon.event('alarm', { code: 'lamp-dim', message: 'the lamp is dim', scan_id: 1 });
+    await page.getByText('The lamp is dim.').waitFor();
+    daemon.event('recovered', { code: 'lamp-dim', message: 'the lamp is as before', scan_id: 1, took_s: 2, points: [], attended: false });
+    await page.getByText('The lamp is dim.').waitFor({ state: 'detached' });
+    expect(await alarms.count()).toBe(8);
+    // A stop by key says that the scan is paused, until it is not.
+    await page.getByRole('button', { name: 'Continue' }).waitFor();
+    await page.getByRole('button', { name: 'Continue' }).click();
+    await page.getByText('scanning').waitFor();
+    await page.keyboard.press('Escape');
+    const stopped = page.getByText('The scan is paused. Press Resume to continue it.');
+    await stopped.waitFor();
+    await page.getByText('scan paused', { exact: true }).waitFor();
+    expect(await stopped.count()).toBe(1);
+    await page.getByRole('button', { name: 'Resume' }).click();
+    await stopped.waitFor({ state: 'detached' });
+    // What stopped the scan is over when it runs again.
+    await expect.poll(() => alarms.count()).toBe(7);
+  });
+
   it('reconnects to a restarted daemon and shows what happened meanwhile', async () => {
     await page.goto(url);
     await page.getByText('at rest').waitFor();
