@@ -222,6 +222,32 @@ describe('faults', () => {
     await expect.poll(() => alarms.count()).toBe(7);
   });
 
+  it('keeps the plots if one reading fails, says so, and reads again', async () => {
+    daemon.addScan(1, 'paper');
+    let fail = false;
+    await page.route('**/observations*', (route) => (fail ? route.fulfill({ status: 500, json: { code: 'internal', detail: 'the store is busy' } }) : route.continue()));
+    await page.goto(`${url}/#/result/1`);
+    await page.locator('[data-testid=curves] canvas').first().waitFor();
+    fail = true;
+    // The scan changes its state, so that its observations are read again.
+    daemon.scans[0]!.body.state = 'aborted';
+    daemon.event('scan', { scan_id: 1, sample_id: 1, state: 'aborted', reason: null, operator: null, progress: null });
+    const stale = page.getByTestId('stale');
+    await stale.getByText('The last reading failed; the plots show the one before. The store is busy.').waitFor();
+    expect(await page.locator('[data-testid=curves] canvas').count()).toBeGreaterThan(0);
+    fail = false;
+    await stale.getByRole('button', { name: 'Read again' }).click();
+    await stale.waitFor({ state: 'detached' });
+    // A link that is live again reads by itself.
+    fail = true;
+    daemon.scans[0]!.body.state = 'completed';
+    daemon.event('scan', { scan_id: 1, sample_id: 1, state: 'completed', reason: null, operator: null, progress: null });
+    await stale.waitFor();
+    fail = false;
+    daemon.dropStreams();
+    await stale.waitFor({ state: 'detached' });
+  });
+
   it('reconnects to a restarted daemon and shows what happened meanwhile', async () => {
     await page.goto(url);
     await page.getByText('at rest').waitFor();
