@@ -47,10 +47,10 @@ export const ownLease = {
   forget: (): void => sessionStorage.removeItem('ridged-lease'),
 };
 
-let askForLogin = (): void => undefined;
+let askForLogin = (_code: string): void => undefined;
 
-/** Calls `then` when the daemon asks for a token. */
-export function whenLoginIsNeeded(then: () => void): void {
+/** Calls `then` with the code of the refusal when the daemon asks for a token. */
+export function whenLoginIsNeeded(then: (code: string) => void): void {
   askForLogin = then;
 }
 
@@ -73,8 +73,9 @@ export async function ask(path: string, init: RequestInit = {}): Promise<Respons
   }
   if (response.ok) return response;
   const body: unknown = await response.json().catch(() => null);
-  if (response.status === 401) askForLogin();
-  throw problemOf(response.status, body, `the daemon answered ${response.status} ${response.statusText}`);
+  const problem = problemOf(response.status, body, `the daemon answered ${response.status} ${response.statusText}`);
+  if (response.status === 401) askForLogin(problem.code);
+  throw problem;
 }
 
 export async function get<T>(path: string, signal?: AbortSignal): Promise<T> {

@@ -10,11 +10,16 @@ class SessionState {
   /** Null until the daemon has answered. */
   user = $state.raw<Session | null>(null);
   loginNeeded = $state(false);
+  /** Whether a login that was valid is not any more, without a log-out. */
+  ended = $state(false);
   /** True once the daemon was asked, whatever it answered. */
   asked = $state(false);
+  #leaving = false;
 
   start(): void {
-    whenLoginIsNeeded(() => {
+    whenLoginIsNeeded((code) => {
+      // A cookie that is refused was valid once.
+      if (!this.#leaving && (this.user !== null || (!this.loginNeeded && code === 'wrong-token'))) this.ended = true;
       this.user = null;
       this.loginNeeded = true;
     });
@@ -29,12 +34,20 @@ class SessionState {
   /** Throws what the daemon refuses. */
   async login(token: string): Promise<void> {
     this.user = await api.login(token);
+    this.ended = false;
     this.loginNeeded = false;
   }
 
   async logout(): Promise<void> {
+    this.#leaving = true;
     await api.logout().catch(() => undefined);
     await this.#ask();
+    this.#leaving = false;
+  }
+
+  /** Whether requests have an answer: the daemon was asked who uses the page, and needs no login. */
+  get open(): boolean {
+    return this.asked && !this.loginNeeded;
   }
 
   async #ask(): Promise<void> {

@@ -134,6 +134,12 @@ export class MockDaemon {
     await new Promise<void>((resolve) => this.#server.close(() => resolve()));
   }
 
+  /** Revokes the token of the session: its events end, too. */
+  revoke(): void {
+    this.#session = null;
+    this.dropStreams();
+  }
+
   dropStreams(): void {
     this.#streams.forEach((stream) => stream.end());
     this.#streams.clear();

@@ -30,6 +30,31 @@ it('asks for a token, refuses a wrong one, and shows who is logged in', async ()
   expect(page.url()).not.toContain('ridged_');
 });
 
+it('says that the session has ended after its token was revoked, and not that the daemon cannot be reached', async () => {
+  daemon.tokens.set('ridged_anna', { who: 'anna', role: 'operator' });
+  await page.goto(url);
+  await page.getByRole('heading', { name: 'Log in to ridged' }).waitFor();
+  // A first visit has no session that could end, and asks for nothing but who uses the page.
+  expect(await page.getByText('Your session has ended').count()).toBe(0);
+  expect(daemon.reads).toEqual(['/session']);
+  await loggedIn('ridged_anna');
+  await page.getByText('at rest').waitFor();
+  daemon.revoke();
+  await page.getByText('Your session has ended, or the token was revoked.').waitFor();
+  await page.waitForTimeout(1000);
+  expect(await page.getByText('The daemon cannot be reached.').count()).toBe(0);
+  await loggedIn('ridged_wrong');
+  await page.getByText('The token is not valid, or was revoked.').waitFor();
+  // The next try needs no click.
+  await expect.poll(() => page.locator('input[type=password]').evaluate((field) => field === document.activeElement)).toBe(true);
+  daemon.tokens.set('ridged_anna', { who: 'anna', role: 'operator' });
+  await loggedIn('ridged_anna');
+  await page.getByText('at rest').waitFor();
+  await page.getByRole('button', { name: 'Log out' }).click();
+  await page.getByRole('heading', { name: 'Log in to ridged' }).waitFor();
+  expect(await page.getByText('Your session has ended').count()).toBe(0);
+});
+
 it('shows who holds the rig and takes it over after a confirmation only', async () => {
   daemon.holder = { who: 'bert', name: 'night run', until: new Date(Date.now() + 60_000).toISOString() };
   await page.goto(`${url}/#/rig`);
