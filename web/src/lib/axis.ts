@@ -22,3 +22,11 @@ export function roundMarks(low: number, high: number, most: number): Marks {
 export function labelRoom(labels: readonly string[]): number {
   return Math.max(46, Math.ceil(10 + 6.6 * Math.max(0, ...labels.map((label) => label.length))));
 }
+
+/** Zero and two marks on each side of it, at a round number and at its half: the axis shows its scale on both sides. */
+export function symmetricMarks(reach: number): readonly number[] {
+  if (!(reach > 0) || !Number.isFinite(reach)) return [0];
+  const power = 10 ** Math.floor(Math.log10(reach));
+  const top = power * ([8, 6, 4, 2, 1].find((f) => f * power <= reach * (1 + 1e-9)) ?? 1);
+  return [-top, -top / 2, 0, top / 2, top];
+}

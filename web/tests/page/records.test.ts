@@ -167,6 +167,8 @@ describe('two scans', () => {
     await row.waitFor();
     // By the records angles and model are the same, so only counting and reference remain.
     expect((await row.innerText()).replace(/\s+/g, ' ')).toContain('0.0500° ± 0.0060° 8.27 differ');
+    // The list is that of the command: gain and stray light are in it.
+    expect(await page.getByTestId('differences').locator('tbody tr').evaluateAll((rows) => rows.map((r) => (r as HTMLElement).dataset['row']))).toEqual(['theta_r_deg', 'alpha_u', 'alpha_v', 'rho_d', 'scale', 'background', 'azimuth_offset_deg', 'tilt_offset_deg']);
     await expect.poll(() => page.getByTestId('compared-curves').locator('canvas').count()).toBe(10);
     expect(await text('[data-testid=compare]')).toContain('same error in both scans: 2');
     // With independent errors the same difference is not significant: U of each is 0.085°.

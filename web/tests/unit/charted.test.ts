@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { labelRoom, roundMarks } from '../../src/lib/axis';
+import { labelRoom, roundMarks, symmetricMarks } from '../../src/lib/axis';
 import { dueSentence, signalSentences } from '../../src/lib/charted';
 import type { ResultChart } from '../../src/lib/types';
 
@@ -39,6 +39,13 @@ describe('marks of an axis', () => {
     expect(roundMarks(0, 0.0121, 2)).toEqual({ at: [0, 0.01], decimals: 2 });
     expect(roundMarks(-30, 120, 5)).toEqual({ at: [0, 50, 100], decimals: 0 });
     expect(roundMarks(5, 5, 4).at).toEqual([5]);
+  });
+
+  it('about zero are two on each side, within the ends', () => {
+    for (const [reach, top] of [[0.0115, 0.01], [0.0199, 0.01], [0.0201, 0.02], [3.9, 2], [8, 8], [99, 80]] as const) {
+      expect(symmetricMarks(reach)).toEqual([-1, -0.5, 0, 0.5, 1].map((share) => expect.closeTo(share * top, 12) as number));
+    }
+    expect(symmetricMarks(0)).toEqual([0]);
   });
 });
 
