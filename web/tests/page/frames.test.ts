@@ -35,6 +35,28 @@ describe('observations', () => {
   });
 });
 
+describe('the frames of a scan', () => {
+  it('are being read until they are: none is said to be missing', async () => {
+    daemon.addScan(1, 'full');
+    let answer = (): void => undefined;
+    const held = new Promise<void>((go) => (answer = go));
+    await page.route('**/api/v1/scans/1/frames*', async (route) => {
+      await held;
+      await route.continue();
+    });
+    await page.goto(`${url}/#/result/1/frames`);
+    await page.getByText('Reading 336 frames …').waitFor();
+    expect(await page.getByText('No frames yet.').count()).toBe(0);
+    answer();
+    const poses = page.getByTestId('poses');
+    await poses.waitFor();
+    // On a phone the grid of poses is cut off, with a shadow at its end.
+    await page.setViewportSize({ width: 390, height: 800 });
+    expect(await poses.evaluate((table) => table.parentElement?.classList.contains('cued'))).toBe(true);
+    if (process.env['SHOTS'] !== undefined) await poses.locator('..').screenshot({ path: `${process.env['SHOTS']}/poses.png` });
+  });
+});
+
 describe('a map', () => {
   it('is not started with an invalid time limit', async () => {
     daemon.addScan(1, 'paper');
