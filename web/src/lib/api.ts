@@ -40,7 +40,10 @@ export const PREFIX = '/api/v1';
 /** A fit has about 20 kB, so a store of thousands is read page by page. */
 const FITS_PER_PAGE = 100;
 
-/** The lease of this page. It ends with its tab. */
+/** Seconds from the last request of this page to the end of its lease. A page in the background asks once a minute at least. */
+export const LEASE_S = 150;
+
+/** The lease of this page, which a reload keeps. */
 export const ownLease = {
   id: (): string | null => sessionStorage.getItem('ridged-lease'),
   keep: (id: string): void => sessionStorage.setItem('ridged-lease', id),
@@ -146,7 +149,7 @@ export const api = {
   login: (token: string): Promise<Session> => post('/session', { token }),
   logout: (): Promise<unknown> => post('/session', undefined, 'DELETE'),
   lease: (): Promise<LeaseState> => get('/lease'),
-  takeLease: (name: string, take_over: boolean): Promise<LeaseTaken> => post('/lease', { name, take_over }),
+  takeLease: (name: string, take_over: boolean): Promise<LeaseTaken> => post('/lease', { name, take_over, seconds: LEASE_S }),
   returnLease: (): Promise<unknown> => post('/lease', undefined, 'DELETE'),
 
   rig: (): Promise<Rig> => get('/rig'),

@@ -1,4 +1,4 @@
-// The lease of the rig: who holds it, and the lease of this page. It is renewed while the page is open.
+// The lease of the rig: who holds it, and the lease of this page. Every request of the page renews it, and it ends soon after the page.
 
 import { api, ownLease } from './api';
 import { live } from './live.svelte';
@@ -13,6 +13,8 @@ class LeaseState {
   /** Whether this page holds the rig by its lease. */
   own = $state(false);
   #asked = 0;
+  /** The user who holds the rig by this page. */
+  #user: string | null = null;
 
   /** Another caller that this user would disturb; null if there is none. */
   get other(): Holder | null {
@@ -27,8 +29,15 @@ class LeaseState {
     this.#asked = Date.now();
     const state = await api.lease().catch(() => null);
     if (state === null) return;
+    const user = session.user?.who ?? 'local';
+    // A press of Give back has forgotten it before; another user never had it.
+    if (this.own && !state.own && ownLease.id() !== null && this.#user === user) {
+      const { holder } = state;
+      live.notify(holder === null ? 'The lease of this page has ended.' : `${holder.who === user ? 'Another page or program of yours' : holder.who} took the rig over from you.`);
+    }
     this.holder = state.holder;
     this.own = state.own;
+    this.#user = state.own ? user : null;
     if (!state.own) ownLease.forget();
   }
 

@@ -134,6 +134,13 @@ export class MockDaemon {
     await new Promise<void>((resolve) => this.#server.close(() => resolve()));
   }
 
+  /** Another caller takes the rig over. */
+  takeOver(who: string, name: string): void {
+    this.#lease = null;
+    this.holder = { who, name, until: null };
+    this.event('order', { who, order: `lease \`${name}\` taken over`, scan_id: null });
+  }
+
   /** Revokes the token of the session: its events end, too. */
   revoke(): void {
     this.#session = null;

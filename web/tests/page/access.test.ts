@@ -65,10 +65,30 @@ it('shows who holds the rig and takes it over after a confirmation only', async 
   expect(posts()).not.toContain('/lease');
   await page.getByRole('button', { name: 'Take over from bert' }).click();
   await page.getByText('This page holds the rig.').waitFor();
-  expect(daemon.requests.find((r) => r.path === '/lease')?.body).toEqual({ name: 'page of local', take_over: true });
+  expect(daemon.requests.find((r) => r.path === '/lease')?.body).toEqual({ name: 'page of local', take_over: true, seconds: 150 });
   await expect.poll(() => home.isDisabled()).toBe(false);
   await page.getByRole('button', { name: 'Give back' }).click();
   await page.getByRole('button', { name: 'Hold the rig' }).waitFor();
+});
+
+it('keeps its lease over a reload, and says who took the rig over', async () => {
+  await page.goto(`${url}/#/rig`);
+  const hold = page.getByRole('button', { name: 'Hold the rig' });
+  expect(await hold.getAttribute('title')).toBe('Only this page gives orders until it gives the rig back, or for 2 min 30 s after it was closed');
+  await hold.click();
+  await page.getByText('This page holds the rig.').waitFor();
+  await page.reload();
+  await page.getByText('This page holds the rig.').waitFor();
+  daemon.takeOver('bob', 'night run');
+  await page.getByRole('alert').getByText('bob took the rig over from you.').waitFor();
+  await page.getByText('holds the rig: night run').waitFor();
+  // What a person gives back was not taken.
+  await page.getByRole('button', { name: 'Take over …' }).click();
+  await page.getByRole('button', { name: 'Take over from bob' }).click();
+  await page.getByRole('button', { name: 'Close' }).click();
+  await page.getByRole('button', { name: 'Give back' }).click();
+  await hold.waitFor();
+  expect(await page.getByText('took the rig over').count()).toBe(0);
 });
 
 it('starts no scan while another caller holds the rig, and says who does', async () => {
