@@ -2,7 +2,7 @@
 
 import { expect, it } from 'vitest';
 
-import { chooseSample, daemon, page, posts, text, url } from './stage';
+import { chooseSample, daemon, fill, page, posts, text, url, VIEWS } from './stage';
 
 async function loggedIn(token: string): Promise<void> {
   await page.locator('input[type=password]').fill(token);
@@ -111,6 +111,28 @@ it('starts no scan while another caller holds the rig, and says who does', async
   daemon.refusals.set('POST /scans', { status: 409, body: { code: 'lease-held', detail: 'bert holds the rig (`take_over` of POST /api/v1/lease)', holder: { who: 'bert', name: 'night run', until: until.toISOString() } } });
   await start.click();
   await page.getByRole('alert').getByText(`${held} Wait, or take the rig over in the view Rig.`).waitFor();
+});
+
+it('offers to a viewer only what a viewer may do', async () => {
+  daemon.tokens.set('ridged_vera', { who: 'vera', role: 'viewer' });
+  fill();
+  daemon.due.push({ what: 'check-standard', part: 'CS-1', last_at: null, due_at: null, is_due: true });
+  const refused: string[] = [];
+  await page.goto(url);
+  await loggedIn('ridged_vera');
+  await page.getByText('Your role is viewer: it reads results. To measure a part, log in with a token of the role operator.').waitFor();
+  const deeds = /^(Start scan|Add to queue|Calibrate only|Start the queue|Rename …|New part|New recipe|New specification|Change|Archive|Other part …|Fit|Fit again|Judge|Map every pixel|Measure contrast|Save|Import|Trace|Home|Move|Take a look|Hold the rig)$/;
+  for (const [view, words] of VIEWS) {
+    await page.goto(`${url}/#/${view}`);
+    await page.locator('main').getByText(view === 'lab' ? 'Virtual ellipsometer' : words, { exact: false }).first().waitFor();
+    for (const button of await page.locator('main button:visible:enabled').all()) {
+      const name = (await button.innerText()).trim();
+      if (deeds.test(name)) refused.push(`${view}: ${name}`);
+    }
+  }
+  expect(refused).toEqual([]);
+  // Neither did the page ask for what the role is refused, such as an estimate.
+  expect(daemon.requests.map((r) => `${r.method} ${r.path}`)).toEqual(['POST /session']);
 });
 
 it('offers no lease to a viewer', async () => {
