@@ -22,7 +22,7 @@ export function emptyRows(): LimitRow[] {
 export function rowProblem(row: LimitRow): string | null {
   const [lower, upper] = [typed(row.lower), typed(row.upper)];
   if (Number.isNaN(lower) || Number.isNaN(upper)) return 'give a number or leave it empty';
-  if (lower !== null && upper !== null && lower >= upper) return 'the lower limit is not below the upper';
+  if (lower !== null && upper !== null && lower >= upper) return lower > upper ? 'the lower limit is above the upper one' : 'the lower and the upper limit are the same';
   return null;
 }
 

@@ -125,7 +125,7 @@ describe('a map', () => {
     }
     await expect.poll(() => text(shares)).toBe('pass 100.0 % fail 0.0 % cannot tell 0.0 % of 240 pixels of the region');
     await page.getByLabel('Upper limit, °').fill('9');
-    await page.getByText('Limits: the lower limit is not below the upper.').waitFor();
+    await page.getByText('Limits: the lower limit is above the upper one.').waitFor();
     expect(await page.getByTestId('map-shares').count()).toBe(0);
     await quantity.selectOption({ label: 'roughness along the ridges' });
     await page.getByTestId('map-picture').waitFor();

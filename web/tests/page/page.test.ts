@@ -148,6 +148,18 @@ describe('faults', () => {
     expect(posts()).toEqual(['/rig/axes/theta_c/home', '/scans']);
   });
 
+  it('says of a specification that its limits are the wrong way round', async () => {
+    await page.goto(`${url}/#/setup`);
+    await page.getByRole('button', { name: 'New specification' }).click();
+    const form = page.getByTestId('specification-form');
+    await form.getByLabel(/^Name/).fill('drawing 8');
+    await form.getByLabel('ridge angle: lower limit').fill('11');
+    await form.getByLabel('ridge angle: upper limit').fill('9');
+    await form.getByRole('button', { name: 'Save the specification' }).click();
+    await form.getByRole('alert').getByText('Ridge angle: the lower limit is above the upper one.').waitFor();
+    expect(posts()).toEqual([]);
+  });
+
   it('says beside the field that an exposure is unusual', async () => {
     await page.goto(url);
     await chooseSample();

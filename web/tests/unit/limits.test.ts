@@ -27,7 +27,8 @@ describe('a specification', () => {
   it('is null without a limit or with an invalid one', () => {
     expect(specificationOf('x', emptyRows())).toBeNull();
     expect(specificationOf('x', [row('rho_d', '0.25', ''), row('alpha_u', 'a', '')])).toBeNull();
-    expect(rowProblem(row('rho_d', '2', '1'))).toBe('the lower limit is not below the upper');
+    expect(rowProblem(row('rho_d', '2', '1'))).toBe('the lower limit is above the upper one');
+    expect(rowProblem(row('rho_d', '2', '2'))).toBe('the lower and the upper limit are the same');
     expect(specificationOf('x', [row('rho_d', '2', '1')])).toBeNull();
   });
 
