@@ -34,7 +34,7 @@ describe('the camera', () => {
     await openCamera();
     await chooseSample();
     await page.getByRole('button', { name: 'Suggest exposures' }).click();
-    await page.getByText('Set for the next scan: 35 ms and 0.1 s.').waitFor();
+    await page.getByText('Set for the next scan: 35 ms and 100 ms.').waitFor();
     expect(await page.getByLabel('Exposures, ms').inputValue()).toBe('35, 100');
     expect(await page.getByTestId('exposure-warning').count()).toBe(0);
     await page.getByRole('button', { name: 'Start scan' }).click();
