@@ -5,6 +5,12 @@ import { plain, when } from './format';
 import type { Holder } from './types';
 import { KNOWABLE } from './words';
 
+/** Names of the axes in messages of the daemon, outside paths and longer names. */
+const AXES = /(?<![\w./])(theta_c|phi_s)(?![\w/]|\.\w)/g;
+
+/** A text with the symbols of the axes, as the page writes them. */
+export const withSymbols = (text: string): string => text.replace(AXES, (name) => (name === 'theta_c' ? 'θc' : 'φs'));
+
 /** What is wrong with one value of a request. */
 export interface FieldProblem {
   /** Path of the value: `plan.theta_c_deg[2]`. */

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 
-import { faultWords, problemOf, sentence, spoken } from '../../src/lib/problems';
+import { faultWords, problemOf, sentence, spoken, withSymbols } from '../../src/lib/problems';
 
 describe('problemOf', () => {
   it('shows the detail of a problem without fields, and keeps its code', () => {
@@ -58,5 +58,12 @@ describe('faultWords', () => {
   it('calls a parameter by its name, and a field without a name by its path', () => {
     expect(faultWords([{ field: 'fix.rho_d', message: 'lies between 0 and 1' }])).toBe('Diffuse reflectance: lies between 0 and 1.');
     expect(faultWords([{ field: 'new.thing', message: 'is missing' }])).toBe('new.thing: is missing.');
+  });
+});
+
+describe('names of the axes', () => {
+  it('are the symbols of the page in a message, and stay as they are in paths and longer names', () => {
+    expect(withSymbols('theta_c stalled at 12.3°; home phi_s.')).toBe('θc stalled at 12.3°; home φs.');
+    for (const text of ['plan.theta_c_deg[1]', 'axes.theta_c.limit', '/rig/axes/phi_s/home', 'theta_c.limit_min_deg']) expect(withSymbols(text)).toBe(text);
   });
 });
