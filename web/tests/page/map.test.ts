@@ -95,6 +95,7 @@ describe('a map', () => {
     await page.getByLabel('Colours of ridge angle from').press('Enter');
     await expect.poll(() => text('[data-testid=map-bar]')).toContain('9.900°');
     const handle = page.getByRole('slider', { name: 'Lowest colour, °' });
+    for (const slider of await page.getByRole('slider').all()) expect((await slider.boundingBox())?.height).toBeGreaterThanOrEqual(24);
     await handle.focus();
     await page.keyboard.press('ArrowRight');
     await expect.poll(async () => Number.parseFloat(await text('[data-testid=map-bar]'))).toBeGreaterThan(9.9);
