@@ -4,6 +4,27 @@ import { beforeEach, describe, expect, it } from 'vitest';
 
 import { daemon, page, posts, text, url } from './stage';
 
+describe('the fit of another scan in the address', () => {
+  it('is said to be one, beside the newest of this scan', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    daemon.addFit(daemon.addScan(2, 'paper'));
+    await page.goto(`${url}/#/result/2/fit/1`);
+    await page.getByTestId('missing').getByText('Fit 1 is not one of scan 2.').waitFor();
+    expect(await page.getByText('Not fitted yet').count()).toBe(0);
+    await page.getByRole('link', { name: 'its newest, fit 2' }).click();
+    await page.locator('[data-parameter=theta_r_deg]').waitFor();
+    expect(await page.getByTestId('missing').count()).toBe(0);
+  });
+
+  it('has no words about a model error if the model has none', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    Object.assign(daemon.fits[0] ?? {}, { model_discrepancy: 0 });
+    await page.goto(`${url}/#/result/1`);
+    await page.getByText('Below each panel the residual').waitFor();
+    expect(await page.getByText('the band is the').count()).toBe(0);
+  });
+});
+
 describe('a fit', () => {
   it('is requested with the model chosen for its own scan', async () => {
     daemon.addScan(1, 'paper');
