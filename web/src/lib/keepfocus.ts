@@ -10,11 +10,13 @@ const OPENS_MS = 1000;
 const nameOf = (of: HTMLElement): string => of.getAttribute('aria-label') ?? of.textContent?.trim() ?? '';
 
 /**
- * Svelte action of an element around a small form. The focus moves from the button that opens the form to its first field, with its
+ * Keeps the focus of an element around a small form, as an effect (`bind:this`): an action would add to the first view. It moves from the button that opens the form to its first field, with its
  * text selected, and back when the form closes. A button that only shows more (`aria-expanded`) keeps it. A control that is disabled
  * for a while has the focus again afterwards. Nothing is taken from another control.
  */
-export function keepFocus(node: HTMLElement): { destroy(): void } {
+export function keepFocus(whole: HTMLElement | undefined): (() => void) | undefined {
+  if (!whole) return undefined;
+  const node = whole;
   node.setAttribute(MARK, '');
   /** The control that has the focus, or had it until it went. */
   let last: HTMLElement | null = null;
@@ -90,14 +92,12 @@ export function keepFocus(node: HTMLElement): { destroy(): void } {
   node.addEventListener('focusin', entered);
   node.addEventListener('focusout', left);
 
-  return {
-    destroy() {
-      observer.disconnect();
-      if (last === null) return;
-      // The whole part goes with its focus.
-      queueMicrotask(() => {
-        if (document.activeElement === null || document.activeElement === document.body) document.getElementById('main')?.focus({ preventScroll: true });
-      });
-    },
+  return () => {
+    observer.disconnect();
+    if (last === null) return;
+    // The whole part goes with its focus.
+    queueMicrotask(() => {
+      if (document.activeElement === null || document.activeElement === document.body) document.getElementById('main')?.focus({ preventScroll: true });
+    });
   };
 }

@@ -120,7 +120,7 @@ it('offers to a viewer only what a viewer may do', async () => {
   const refused: string[] = [];
   await page.goto(url);
   await loggedIn('ridged_vera');
-  await page.getByText('Your role is viewer: it reads results. To measure a part, log in with a token of the role operator.').waitFor();
+  await page.getByText('Your role is viewer. The role operator measures parts.').waitFor();
   const deeds = /^(Start scan|Add to queue|Calibrate only|Start the queue|Rename …|New part|New recipe|New specification|Change|Archive|Other part …|Fit|Fit again|Judge|Map every pixel|Measure contrast|Save|Import|Trace|Home|Move|Take a look|Hold the rig)$/;
   for (const [view, words] of VIEWS) {
     await page.goto(`${url}/#/${view}`);
