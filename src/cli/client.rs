@@ -19,6 +19,10 @@ use folder::FolderHolder;
 
 /// How long an answer may take.
 const ANSWER_WITHIN: Duration = Duration::from_secs(60);
+/// How long the answer to the stop may take: a daemon answers it within a second in every state.
+const STOP_WITHIN: Duration = Duration::from_secs(2);
+/// How long an answer may take for which the daemon waits for nothing.
+const STATE_WITHIN: Duration = Duration::from_secs(5);
 
 /// A running daemon.
 #[derive(Debug)]
@@ -66,7 +70,8 @@ impl Client {
         let FolderHolder::Daemon(client, process) = FolderHolder::of(folder) else {
             return Ok(None);
         };
-        let answer = client.agent.get(format!("{}/healthz", client.url)).call();
+        let request = client.agent.get(format!("{}/healthz", client.url));
+        let answer = within(STATE_WITHIN, request).call();
         let why = match answer {
             Ok(answer) if answer.status().is_success() => return Ok(Some(client)),
             Ok(mut answer) => match answer.body_mut().read_json() {
@@ -113,7 +118,8 @@ impl Client {
     /// # Errors
     /// No result if the daemon does not answer, or could not reach the stages.
     pub fn stop(&self) -> Result<Value, CliError> {
-        let answer = self.send("/rig/stop", None).map_err(|error| {
+        let request = self.signed(self.agent.post(format!("{}/api/v1/rig/stop", self.url)));
+        let answer = within(STOP_WITHIN, request).send_empty().map_err(|error| {
             CliError::no_result(anyhow!(
                 "the daemon at {} does not answer the stop; the stages may be moving: use the hardware emergency switch \
                 ({error})",
@@ -139,6 +145,15 @@ impl Client {
     /// The daemon's problem, with exit code 2 where the input is to blame.
     pub fn get(&self, path: &str) -> Result<Value, CliError> {
         self.search(path, &[])
+    }
+
+    /// Gets the state of the rig, which a daemon knows at once.
+    ///
+    /// # Errors
+    /// As [`Client::get`].
+    pub fn rig(&self) -> Result<Value, CliError> {
+        let request = self.signed(self.agent.get(format!("{}/api/v1/rig", self.url)));
+        read(within(STATE_WITHIN, request).call().map_err(unreachable)?)
     }
 
     /// Gets a path below `/api/v1` with parameters, which are escaped.
@@ -270,6 +285,11 @@ fn agent_config() -> ConfigBuilder<AgentScope> {
         .http_status_as_error(false)
         .max_redirects(0)
         .max_redirects_will_error(false)
+}
+
+/// Sets the time limit of one request.
+fn within<B>(limit: Duration, request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
+    request.config().timeout_global(Some(limit)).build()
 }
 
 fn unreachable(error: ureq::Error) -> CliError {

@@ -119,15 +119,19 @@ pub fn run(args: Args) -> Result<(), CliError> {
     };
     let mut text = None;
     let answer = match &args.action {
-        Action::Status => client()?.get("/rig")?,
+        Action::Status => client()?.rig()?,
         Action::Stop => {
-            let (answer, words) = match args.connection.url {
-                Some(_) => stop::stop_at(&client()?)?,
-                // A token file that cannot be read must not prevent the stop, which needs none here.
-                None => stop::stop(folder)?,
+            // What is stopped is shown at once, whatever the other daemons do. With --json, stdout has one object.
+            let mut print = |line: &str| match args.json {
+                true => writeln!(std::io::stderr(), "{line}").unwrap_or(()),
+                false => writeln!(std::io::stdout(), "{line}").unwrap_or(()),
             };
-            text = Some(words);
-            answer
+            text = Some(String::new());
+            match args.connection.url {
+                Some(_) => stop::stop_at(&client()?, &mut print)?,
+                // A token file that cannot be read must not prevent the stop, which needs none here.
+                None => stop::stop(folder, &mut print)?,
+            }
         }
         Action::Lease { action } => lease::run(&client()?, action)?,
         Action::Home => {

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc;
 
 use anyhow::anyhow;
 use serde_json::{Value, json};
@@ -16,16 +17,16 @@ struct Outcome {
     result: Result<(String, Value), CliError>,
 }
 
-/// Stops the daemon of `folder`, or all that run.
+/// Stops the daemon of `folder`, or all that run. `print` gets a line for each rig as soon as it is stopped.
 ///
 /// # Errors
 /// No result if nothing was stopped, or not everything.
-pub(super) fn stop(folder: Option<&Path>) -> Result<(Value, String), CliError> {
+pub(super) fn stop(folder: Option<&Path>, print: &mut dyn FnMut(&str)) -> Result<Value, CliError> {
     match folder {
-        Some(one) => report(stop_each(vec![one.to_owned()]), folder),
+        Some(one) => report(stop_each(vec![one.to_owned()], print), folder),
         None => {
             let proc = Path::new("/proc");
-            let mut outcomes = stop_each(held_folders(proc));
+            let mut outcomes = stop_each(held_folders(proc), print);
             outcomes.extend(folderless(proc));
             report(outcomes, folder)
         }
@@ -36,39 +37,42 @@ pub(super) fn stop(folder: Option<&Path>) -> Result<(Value, String), CliError> {
 ///
 /// # Errors
 /// No result if nothing was stopped.
-pub(super) fn stop_at(client: &Client) -> Result<(Value, String), CliError> {
+pub(super) fn stop_at(client: &Client, print: &mut dyn FnMut(&str)) -> Result<Value, CliError> {
     client.stop()?;
-    let answer = json!({ "state": "stopped", "stopped": [{ "url": client.url }] });
-    Ok((answer, format!("stopped: {}\n", client.url)))
+    print(&format!("stopped: {}", client.url));
+    Ok(json!({ "state": "stopped", "stopped": [{ "url": client.url }] }))
 }
 
-/// Stops the daemons of several data folders at the same time: none waits for another.
-fn stop_each(folders: Vec<PathBuf>) -> Vec<Outcome> {
-    let stops: Vec<_> = folders
-        .into_iter()
-        .map(|folder| {
-            std::thread::spawn(move || Outcome {
-                result: Client::noticed(&folder)
-                    .and_then(|client| client.stop().map(|answer| (client.url, answer))),
-                folder,
-            })
-        })
-        .collect();
-    let ended = stops.into_iter().map(|stop| stop.join());
-    ended.filter_map(Result::ok).collect()
+/// Stops the daemons of several data folders at the same time. Neither a stop nor its line waits for another daemon.
+fn stop_each(folders: Vec<PathBuf>, print: &mut dyn FnMut(&str)) -> Vec<Outcome> {
+    let (send, arrived) = mpsc::channel();
+    for folder in folders {
+        let send = send.clone();
+        std::thread::spawn(move || {
+            let result = Client::noticed(&folder)
+                .and_then(|client| client.stop().map(|answer| (client.url, answer)));
+            send.send(Outcome { folder, result }).ok();
+        });
+    }
+    drop(send);
+    let mut outcomes = Vec::new();
+    for outcome in arrived {
+        if let Ok((url, _)) = &outcome.result {
+            let folder = outcome.folder.display();
+            print(&format!("stopped: {url}, data folder {folder}"));
+        }
+        outcomes.push(outcome);
+    }
+    outcomes
 }
 
-/// The answer as JSON and as text; an error if a rig may still move.
-fn report(outcomes: Vec<Outcome>, asked: Option<&Path>) -> Result<(Value, String), CliError> {
+/// The answer as JSON; an error if a rig may still move.
+fn report(outcomes: Vec<Outcome>, asked: Option<&Path>) -> Result<Value, CliError> {
     const NOTHING: &str = "NOTHING WAS STOPPED";
-    let (mut stopped, mut text, mut failures) = (Vec::new(), String::new(), Vec::new());
+    let (mut stopped, mut failures) = (Vec::new(), Vec::new());
     for Outcome { folder, result } in outcomes {
         match result {
             Ok((url, _)) => {
-                text.push_str(&format!(
-                    "stopped: {url}, data folder {}\n",
-                    folder.display()
-                ));
                 stopped.push(json!({ "url": url, "folder": folder.display().to_string() }));
             }
             Err(CliError::BadInput(why) | CliError::NoResult(why)) => failures.push(why),
@@ -84,10 +88,9 @@ fn report(outcomes: Vec<Outcome>, asked: Option<&Path>) -> Result<(Value, String
         let all: Vec<String> = failures.iter().map(ToString::to_string).collect();
         let others = match (stopped.is_empty(), asked) {
             (true, Some(_)) => {
-                "; `ridged rig stop` without --data stops every daemon of this machine".to_owned()
+                "; `ridged rig stop` without --data stops every daemon of this machine"
             }
-            (true, None) => String::new(),
-            (false, _) => format!("\n{}", text.trim_end()),
+            _ => "",
         };
         let what = match stopped.is_empty() {
             true => NOTHING,
@@ -98,7 +101,7 @@ fn report(outcomes: Vec<Outcome>, asked: Option<&Path>) -> Result<(Value, String
             _ => anyhow!("{what}:\n{}{others}", all.join("\n")),
         }));
     }
-    Ok((json!({ "state": "stopped", "stopped": stopped }), text))
+    Ok(json!({ "state": "stopped", "stopped": stopped }))
 }
 
 /// Folders in which processes of this machine have a file of this name open, with the process, as far as the system shows
@@ -155,7 +158,12 @@ fn is_number(path: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::{BufRead as _, BufReader, Write as _};
+    use std::net::TcpListener;
     use std::os::unix::fs::symlink;
+    use std::time::{Duration, Instant};
+
+    use crate::daemon::NOTICE_FILE;
 
     #[test]
     fn daemons_are_found_by_the_folders_they_hold() {
@@ -214,16 +222,54 @@ mod tests {
         assert!(message(vec![]).starts_with("NOTHING WAS STOPPED"));
         assert!(message(vec![failed("silent")]).starts_with("NOTHING WAS STOPPED: silent"));
         let partly = message(vec![done(), failed("silent")]);
-        assert!(
-            partly.starts_with("NOT EVERYTHING WAS STOPPED: silent"),
-            "{partly}"
-        );
-        assert!(
-            partly.contains("stopped: http://127.0.0.1:1, data folder a"),
-            "{partly}"
-        );
-        let (answer, text) = report(vec![done(), done()], None).unwrap();
+        assert_eq!(partly, "NOT EVERYTHING WAS STOPPED: silent");
+        let answer = report(vec![done(), done()], None).unwrap();
         assert_eq!(answer["stopped"].as_array().unwrap().len(), 2);
-        assert_eq!(text.lines().count(), 2);
+    }
+
+    #[test]
+    fn a_frozen_daemon_delays_neither_the_stop_of_another_nor_its_line() {
+        let all = tempfile::tempdir().unwrap();
+        let daemon = |name: &str, answer: Option<&'static str>| {
+            let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+            let folder = all.path().join(name);
+            fs::create_dir(&folder).unwrap();
+            let url = format!("http://{}", listener.local_addr().unwrap());
+            let notice = json!({ "url": url }).to_string();
+            fs::write(folder.join(NOTICE_FILE), notice).unwrap();
+            let lock = fs::File::create(folder.join("lock")).unwrap();
+            lock.lock().unwrap();
+            std::thread::spawn(move || {
+                for stream in listener.incoming().flatten() {
+                    let lines = BufReader::new(&stream).lines();
+                    assert!(lines.map_while(Result::ok).any(|line| line.is_empty()));
+                    match answer {
+                        Some(answer) => (&stream).write_all(answer.as_bytes()).unwrap(),
+                        // The system accepts connections for a process that is frozen.
+                        None => drop(Box::leak(Box::new(stream))),
+                    }
+                }
+            });
+            (folder, lock)
+        };
+        let answer = "HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nContent-Length: 2\r\nConnection: close\r\n\r\n{}";
+        let (frozen, _lock_1) = daemon("frozen", None);
+        let (well, _lock_2) = daemon("well", Some(answer));
+        let (began, mut printed) = (Instant::now(), Vec::new());
+        let mut print = |line: &str| printed.push((line.to_owned(), began.elapsed()));
+        let outcomes = stop_each(vec![frozen, well.clone()], &mut print);
+        let took = began.elapsed();
+        assert!(took < Duration::from_secs(10), "{took:?}");
+        let [(line, after)] = &printed[..] else {
+            panic!("{printed:?}");
+        };
+        assert!(line.contains(&well.display().to_string()), "{line}");
+        assert!(*after < took, "{after:?} of {took:?}");
+        let Err(CliError::NoResult(why)) = report(outcomes, None) else {
+            panic!("one rig may still move");
+        };
+        let why = why.to_string();
+        assert!(why.starts_with("NOT EVERYTHING WAS STOPPED: "), "{why}");
+        assert!(why.contains("hardware emergency switch"), "{why}");
     }
 }
