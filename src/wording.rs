@@ -121,9 +121,33 @@ pub fn meant<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
     (distance(&nearest) <= (letters / 3).clamp(1, 2)).then_some(*nearest)
 }
 
+/// Returns whether a text shows nothing: every character is a blank, a control character, or one that Unicode shows as
+/// nothing (its property Default_Ignorable_Code_Point).
+#[must_use]
+pub fn is_blank(text: &str) -> bool {
+    let is_ignorable = |c| {
+        matches!(c, '\u{ad}' | '\u{34f}' | '\u{61c}' | '\u{115f}'..='\u{1160}' | '\u{17b4}'..='\u{17b5}'
+            | '\u{180b}'..='\u{180f}' | '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{206f}'
+            | '\u{3164}' | '\u{fe00}'..='\u{fe0f}' | '\u{feff}' | '\u{ffa0}' | '\u{fff0}'..='\u{fff8}'
+            | '\u{1bca0}'..='\u{1bca3}' | '\u{1d173}'..='\u{1d17a}' | '\u{e0000}'..='\u{e0fff}')
+    };
+    text.chars()
+        .all(|c| c.is_whitespace() || c.is_control() || is_ignorable(c))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_text_without_a_visible_character_is_blank() {
+        for blank in ["", " \u{a0}", "\u{200b}", "\u{2060}\u{feff}", "\t\u{3000}"] {
+            assert!(is_blank(blank), "{blank:?}");
+        }
+        for visible in ["a", "\u{200b}.", "木", "e\u{301}", "👩\u{200d}🔧"] {
+            assert!(!is_blank(visible), "{visible:?}");
+        }
+    }
 
     #[test]
     fn counts_agree_with_their_nouns() {

@@ -119,8 +119,10 @@ fn complete(document: &mut OpenApi) {
             if path.contains("{id}") {
                 answers(operation, "400", "The id is not a whole number");
             }
-            if query {
+            if query || !does {
                 answers(operation, "400", "There is no such parameter");
+            }
+            if query {
                 answers(operation, "422", "A value is not valid");
             }
             answers(

@@ -81,7 +81,8 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Params<T> {
     }
 }
 
-fn parameters<T: DeserializeOwned>(all: &[(String, String)]) -> Result<T, ApiError> {
+/// Reads parameters by name and text.
+pub(super) fn parameters<T: DeserializeOwned>(all: &[(String, String)]) -> Result<T, ApiError> {
     json::from_query(all).map_err(|refusal| match refusal.fault() {
         Fault::UnknownField { .. } => ApiError::bad_request(refusal.message("parameter")),
         _ => ApiError::invalid(refusal.path(), refusal.message("parameter")),
@@ -126,10 +127,16 @@ pub(super) fn page(limit: Option<u32>, cursor: Option<&str>) -> Result<PageReque
     if !(1..=1000).contains(&limit) {
         return Err(ApiError::invalid("limit", "must be 1 to 1000"));
     }
+    // Rows, and places in the queue, are numbered from 1.
     let cursor = cursor
-        .map(str::parse::<i64>)
-        .transpose()
-        .map_err(|_| ApiError::invalid("cursor", "is not the next_cursor of a page"))?;
+        .map(|text| text.parse().ok().filter(|cursor| *cursor >= 1))
+        .map(|cursor| {
+            cursor.ok_or(ApiError::invalid(
+                "cursor",
+                "is not the next_cursor of a page",
+            ))
+        })
+        .transpose()?;
     Ok(PageRequest { limit, cursor })
 }
 

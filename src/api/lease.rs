@@ -22,6 +22,7 @@ use crate::access::{Held, LeaseAnswer, LeaseTerms, Secret};
 use crate::clock::{Clock, SystemClock};
 use crate::lab::Lab;
 use crate::store::utc_text;
+use crate::wording::is_blank;
 
 /// Path of the lease.
 pub(super) const LEASE: &str = "/api/v1/lease";
@@ -172,7 +173,7 @@ pub(super) async fn take(
         take_over,
     } = request;
     let length = name.trim().chars().count();
-    if length == 0 || length > NAME_LENGTH_MAX || name.chars().any(char::is_control) {
+    if is_blank(&name) || length > NAME_LENGTH_MAX || name.chars().any(char::is_control) {
         let message = format!("must have 1 to {NAME_LENGTH_MAX} printable characters");
         return Err(ApiError::invalid("name", message));
     }

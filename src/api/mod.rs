@@ -2,7 +2,7 @@
 //!
 //! [`router`] builds everything from a [`Lab`]; [`server::listen`] and [`server::serve`] serve it. There is one file per
 //! noun. Only `status` knows status codes. A request passes `origin` (host and page), `authentication` (who sends it, and whether
-//! `table` allows it), `guard` (its body) and `keys` (whether it was sent before). This module knows no hardware and no
+//! `table` allows it), `guard` (its body), `parameters` (of routes without any) and `keys` (whether it was sent before). This module knows no hardware and no
 //! settings.
 //!
 //! To add a route, write a handler in the noun's file with `#[utoipa::path]` (each response with a
@@ -41,6 +41,7 @@ mod motions;
 mod observations;
 mod origin;
 mod page;
+mod parameters;
 mod peers;
 mod previews;
 mod queue;
@@ -192,6 +193,7 @@ pub fn router(
             .into_response()
         })
         .layer(from_fn_with_state(app.clone(), keys::once_per_key))
+        .layer(from_fn(parameters::refuse_unknown))
         .layer(from_fn_with_state(app.clone(), guard::check_body))
         // The limits of a body count what is unpacked.
         .layer(RequestDecompressionLayer::new().pass_through_unaccepted(true))

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::wording::is_blank;
+
 /// Longest name of a part, in characters.
 const NAME_LENGTH_MAX: usize = 200;
 
@@ -29,13 +31,11 @@ impl DueSection {
     /// Returns the key of a setting that cannot be used, what it is, and what is allowed.
     pub(super) fn fault(&self) -> Option<(&'static str, String, String)> {
         match &self.check_standard {
-            Some(name) if name.trim().is_empty() || name.chars().count() > NAME_LENGTH_MAX => {
-                Some((
-                    "due.check_standard",
-                    format!("{} characters", name.trim().chars().count()),
-                    format!("the name of a part, 1 to {NAME_LENGTH_MAX} characters"),
-                ))
-            }
+            Some(name) if is_blank(name) || name.chars().count() > NAME_LENGTH_MAX => Some((
+                "due.check_standard",
+                format!("{} characters", name.trim().chars().count()),
+                format!("the name of a part, 1 to {NAME_LENGTH_MAX} characters"),
+            )),
             None if self.check_standard_every_days.is_some() => Some((
                 "due.check_standard",
                 "missing beside check_standard_every_days".to_owned(),

@@ -8,7 +8,7 @@ use super::request_checks::invalid;
 use super::{Lab, LabError};
 use crate::store::definitions::{Definition, DefinitionKind, Wanted};
 use crate::store::{Store, StoreError};
-use crate::wording::json;
+use crate::wording::{is_blank, json};
 
 /// Longest name of a definition, in characters.
 const NAME_LENGTH_MAX: usize = 200;
@@ -161,9 +161,9 @@ impl Lab {
         let name = content.name();
         let length = name.chars().count();
         let fits = (1..=NAME_LENGTH_MAX).contains(&length);
-        if name.trim() != name || !fits || name.contains(char::is_control) {
+        if name.trim() != name || is_blank(name) || !fits || name.contains(char::is_control) {
             let problem = format!(
-                "must have 1 to {NAME_LENGTH_MAX} characters, without line breaks and blanks at its ends"
+                "must have 1 to {NAME_LENGTH_MAX} characters, one of them visible, without line breaks and blanks at its ends"
             );
             return Err(invalid("name", problem));
         }

@@ -26,6 +26,7 @@ use crate::store::definitions::DefinitionKind;
 use crate::store::scans::{NewScan, Scan, ScanPurpose};
 use crate::store::{StoreError, utc_text};
 use crate::wording::differences::{self, Difference};
+use crate::wording::is_blank;
 
 /// How far in the future a calibration may be dated. Clock corrections are smaller than this; a later date comes from a
 /// wrong clock, so the age is unknown.
@@ -84,10 +85,9 @@ pub(super) fn check_texts<const N: usize>(
     for (field, text) in texts {
         let Some(text) = text else { continue };
         let length = text.chars().count();
-        if text.trim().is_empty() || length > TEXT_LENGTH_MAX || text.chars().any(char::is_control)
-        {
+        if is_blank(text) || length > TEXT_LENGTH_MAX || text.chars().any(char::is_control) {
             let problem = format!(
-                "must have 1 to {TEXT_LENGTH_MAX} characters without line breaks; leave it out if there is none"
+                "must have 1 to {TEXT_LENGTH_MAX} characters without line breaks, one of them visible; leave it out if there is none"
             );
             return Err(invalid(field, problem));
         }

@@ -7,7 +7,7 @@ use super::earlier::{EARLIER_NAMES, EarlierName};
 use super::{Page, PageRequest, Store, StoreError};
 use crate::limits;
 use crate::material::Material;
-use crate::wording::stated;
+use crate::wording::{is_blank, stated};
 
 /// The surface that a simulated rig renders for a sample; a real rig ignores it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -53,8 +53,8 @@ impl NewSample {
     #[must_use]
     pub fn fault(&self) -> Option<(&'static str, String)> {
         let long = self.name.chars().count() > 200;
-        if self.name.trim().is_empty() || long || self.name.contains(char::is_control) {
-            let problem = "must have 1 to 200 characters without line breaks";
+        if is_blank(&self.name) || long || self.name.contains(char::is_control) {
+            let problem = "must have 1 to 200 characters without line breaks, one of them visible";
             return Some(("name", problem.to_owned()));
         }
         let note = self.note.as_deref().unwrap_or_default();

@@ -2,7 +2,7 @@
 
 use axum::body::Body;
 use axum::http::Request;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{get, is_problem, opened, post, request, send};
 
@@ -396,4 +396,67 @@ async fn values_are_refused_by_their_path_and_in_plain_words() {
     let refused = get(&router, "/api/v1/scans?sampel_id=3").await;
     let detail = refused.detail();
     assert!(detail.contains("did you mean `sample_id`?"), "{detail}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_route_that_is_read_refuses_a_parameter_that_it_does_not_have() {
+    let (bench, router) = opened().await;
+    let document: Value = serde_json::from_str(ridged::api::openapi()).unwrap();
+    let mut routes = 0;
+    for (path, item) in document["paths"].as_object().unwrap() {
+        if item["get"].is_null() {
+            continue;
+        }
+        let asked = format!(
+            "{}?bogus=1",
+            path.replace("{id}", "1").replace("{name}", "a.csv")
+        );
+        let refused = get(&router, &asked).await;
+        is_problem(&refused, 400, "bad-request");
+        assert!(
+            refused.detail().contains("`bogus`"),
+            "{path}: {}",
+            refused.detail()
+        );
+        routes += 1;
+    }
+    assert!(routes > 50, "{routes}");
+    is_problem(
+        &post(&router, "/api/v1/queue/stop?bogus=1", "").await,
+        400,
+        "bad-request",
+    );
+    // Nothing refuses the stop.
+    let stop = post(&router, "/api/v1/rig/stop?bogus=1", "").await;
+    assert_eq!(stop.status, 200, "{}", stop.body);
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_cursor_that_no_page_has_is_refused_like_one_that_is_no_number() {
+    let (bench, router) = opened().await;
+    for cursor in ["-5", "0", "x", "9223372036854775808"] {
+        for list in ["samples", "scans", "queue/orders", "fits", "calibrations"] {
+            let refused = get(&router, &format!("/api/v1/{list}?cursor={cursor}")).await;
+            is_problem(&refused, 422, "invalid-value");
+            assert_eq!(refused.detail(), "cursor: is not the next_cursor of a page");
+        }
+    }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_name_needs_a_visible_character() {
+    let (bench, router) = opened().await;
+    let blank = "\u{2060}\u{feff}";
+    let material = json!({ "kind": "dielectric", "eta": 1.5 });
+    for (path, body) in [
+        ("samples", json!({ "name": blank, "material": material })),
+        ("lease", json!({ "name": blank })),
+    ] {
+        let refused = post(&router, &format!("/api/v1/{path}"), &body.to_string()).await;
+        is_problem(&refused, 422, "invalid-value");
+        assert_eq!(refused.body["errors"][0]["field"], "name", "{path}");
+    }
+    bench.end().await;
 }
