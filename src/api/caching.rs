@@ -5,6 +5,10 @@ use axum::response::Response;
 
 use super::status;
 
+/// Cache-Control of a file that is named by the number of its row. The file of a row never changes, but another data folder
+/// may be served at the same address later: a client keeps the file and asks each time whether it still has the right one.
+pub(super) const ASK_EACH_TIME: &str = "private, no-cache";
+
 /// Entity tag and lifetime of a file, sent with the file and with a 304.
 pub(super) struct Caching {
     headers: [(HeaderName, String); 2],

@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::caching::Caching;
+use super::caching::{ASK_EACH_TIME, Caching};
 use super::document::Binary;
 use super::extract::{Id, Params, page};
 use super::status::{ApiError, Problem};
@@ -191,7 +191,7 @@ pub(super) async fn image(
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
     let frame = app.lab.store().frame(id).await?;
-    let caching = Caching::new(&headers, &frame.sha256, NEVER_CHANGES);
+    let caching = Caching::new(&headers, &frame.sha256, ASK_EACH_TIME);
     if let Some(answer) = caching.not_modified(frame.bytes.unsigned_abs()) {
         return Ok(answer);
     }
@@ -216,7 +216,7 @@ pub(super) async fn pixels(
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
     let frame = app.lab.store().frame(id).await?;
-    let caching = Caching::new(&headers, &frame.sha256, NEVER_CHANGES);
+    let caching = Caching::new(&headers, &frame.sha256, ASK_EACH_TIME);
     let count = u64::from(frame.width_px) * u64::from(frame.height_px);
     if let Some(answer) = caching.not_modified(size_of::<u16>() as u64 * count) {
         return Ok(answer);
@@ -275,7 +275,7 @@ pub(super) async fn preview(
     }
     let frame = app.lab.store().frame(id).await?;
     let tag = format!("{}-{width}", frame.sha256);
-    let caching = Caching::new(&headers, &tag, NEVER_CHANGES);
+    let caching = Caching::new(&headers, &tag, ASK_EACH_TIME);
     if let Some(answer) = caching.unchanged() {
         return Ok(answer);
     }
@@ -294,9 +294,6 @@ pub(super) async fn preview(
     let kind = [(header::CONTENT_TYPE, "image/png")];
     Ok((caching.headers(), ends, kind, picture.png).into_response())
 }
-
-/// Cache-Control of a file that is named by its content.
-const NEVER_CHANGES: &str = "private, max-age=31536000, immutable";
 
 async fn read(app: &App, frame: &FrameRecord) -> Result<Vec<u8>, ApiError> {
     let store = app.lab.store().clone();

@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::header;
+use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use utoipa::ToSchema;
 
+use super::caching::{ASK_EACH_TIME, Caching};
 use super::caller::Caller;
 use super::document::Binary;
 use super::extract::{Body, Id, IdAndName, Params, page, since};
@@ -131,11 +132,17 @@ async fn file(
     kind: JobKind,
     number: i64,
     name: &str,
-) -> Result<impl IntoResponse + use<>, ApiError> {
-    let bytes = app
+    headers: &HeaderMap,
+) -> Result<Response, ApiError> {
+    let file = app
         .lab
-        .read_job_file(JobId::new(kind, number), name)
+        .find_job_file(JobId::new(kind, number), name)
         .await?;
+    let caching = Caching::new(headers, &file.tag(), ASK_EACH_TIME);
+    if let Some(answer) = caching.not_modified(file.bytes) {
+        return Ok(answer);
+    }
+    let bytes = file.read().await?;
     let kind = match name.rsplit_once('.').map(|(_, extension)| extension) {
         Some("png") => "image/png",
         Some("tif") => "image/tiff",
@@ -143,15 +150,7 @@ async fn file(
         Some("json") => "application/json",
         _ => "application/octet-stream",
     };
-    // The files of a job never change.
-    let headers = [
-        (header::CONTENT_TYPE, kind),
-        (
-            header::CACHE_CONTROL,
-            "private, max-age=31536000, immutable",
-        ),
-    ];
-    Ok((headers, bytes))
+    Ok((caching.headers(), [(header::CONTENT_TYPE, kind)], bytes).into_response())
 }
 
 pub(super) async fn cancel(app: &App, kind: JobKind, number: i64) -> Result<Response, ApiError> {
@@ -219,6 +218,7 @@ pub(super) async fn cancel_map(
 ), responses(
     (status = 200, description = "The file",
         content((Binary = "image/tiff"), (Binary = "image/png"), (String = "text/csv"), (Summary = "application/json"))),
+    (status = 304, description = "The client has the file"),
     (status = 404, description = "There is no such map", body = Problem),
     (status = 409, description = "The map has no files (yet)", body = Problem),
     (status = 422, description = "The map has no such file", body = Problem),
@@ -226,8 +226,9 @@ pub(super) async fn cancel_map(
 pub(super) async fn map_file(
     State(app): State<App>,
     IdAndName(id, name): IdAndName,
-) -> Result<impl IntoResponse, ApiError> {
-    file(&app, JobKind::Map, id, &name).await
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    file(&app, JobKind::Map, id, &name, &headers).await
 }
 
 /// Contrasts, newest first.
@@ -405,6 +406,7 @@ struct PlaneFile {
 ), responses(
     (status = 200, description = "The file",
         content((String = "text/csv"), (PlaneFile = "application/json"), (Binary = "application/octet-stream"))),
+    (status = 304, description = "The client has the file"),
     (status = 404, description = "There is no such trace", body = Problem),
     (status = 409, description = "The trace has no files (yet)", body = Problem),
     (status = 422, description = "The trace has no such file", body = Problem),
@@ -412,6 +414,7 @@ struct PlaneFile {
 pub(super) async fn trace_file(
     State(app): State<App>,
     IdAndName(id, name): IdAndName,
-) -> Result<impl IntoResponse, ApiError> {
-    file(&app, JobKind::Trace, id, &name).await
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    file(&app, JobKind::Trace, id, &name, &headers).await
 }

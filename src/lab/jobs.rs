@@ -4,9 +4,10 @@
 //! slot of its kind, publishes a forecast, runs the [`Work`] on a thread of its own and writes how it ended. A kind adds a
 //! request, a [`Work`] and a variant of [`JobRequest`].
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
 
@@ -244,12 +245,12 @@ impl Lab {
         })
     }
 
-    /// Reads a file of a finished map or trace.
+    /// Finds a file of a finished map or trace.
     ///
     /// # Errors
     /// [`LabError::JobConflict`] for a job without files, [`LabError::Invalid`] for a name that it does not list, or
     /// [`LabError::Store`].
-    pub async fn read_job_file(&self, id: JobId, name: &str) -> Result<Vec<u8>, LabError> {
+    pub async fn find_job_file(&self, id: JobId, name: &str) -> Result<JobFile, LabError> {
         let job = self.store().job(id).await?;
         let Some(result) = &job.result else {
             return Err(LabError::JobConflict {
@@ -274,8 +275,43 @@ impl Lab {
             });
         }
         let path = self.store().files_folder(id).join(name);
-        let bytes = tokio::fs::read(&path).await;
-        Ok(bytes.map_err(|e| StoreError::file("a file of a job", &path, e))?)
+        let of_file = |e| StoreError::file("a file of a job", &path, e);
+        let found = tokio::fs::metadata(&path).await.map_err(of_file)?;
+        let written = found.modified().map_err(of_file)?;
+        Ok(JobFile {
+            bytes: found.len(),
+            written,
+            path,
+        })
+    }
+}
+
+/// A file of a job that was found, but not read.
+#[derive(Debug)]
+pub struct JobFile {
+    path: PathBuf,
+    written: SystemTime,
+    /// Its size.
+    pub bytes: u64,
+}
+
+impl JobFile {
+    /// Returns a text that differs from that of every other content, also of another data folder: a file is written once, so
+    /// size and time name its content without reading it.
+    #[must_use]
+    pub fn tag(&self) -> String {
+        let since_1970 = self.written.duration_since(UNIX_EPOCH);
+        let since_1970 = since_1970.unwrap_or_default().as_nanos();
+        format!("{:x}-{since_1970:x}", self.bytes)
+    }
+
+    /// Reads it.
+    ///
+    /// # Errors
+    /// An I/O error.
+    pub async fn read(self) -> Result<Vec<u8>, LabError> {
+        let bytes = tokio::fs::read(&self.path).await;
+        Ok(bytes.map_err(|e| StoreError::file("a file of a job", &self.path, e))?)
     }
 }
 

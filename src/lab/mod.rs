@@ -112,7 +112,7 @@ pub use import::{ImportOptions, Imported};
 pub use import_duplicates::ImportDuplicate;
 pub use job_progress::JobProgress;
 use job_slots::JobSlots;
-pub use jobs::JobRequest;
+pub use jobs::{JobFile, JobRequest};
 pub use jog::{JogRequest, JogView};
 pub use maps::MapRequest;
 pub use motions::{Motion, MotionState};

@@ -1,8 +1,11 @@
 //! Traces of scenes: their numbers, their files, and what makes no sense by its key.
 
+use axum::body::Body;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use ridged::job::{JobId, JobKind};
 use serde_json::{Value, json};
+use tower::ServiceExt;
 
 use super::{costs, download, ended, forecasts, get, is_problem, opened, post};
 
@@ -177,6 +180,23 @@ async fn a_scene_brings_its_files() {
     assert_eq!(kept["bytes"], table.len());
     let file = format!("{}/files/given-hills.csv", begun.location.clone().unwrap());
     assert_eq!(download(&router, &file).await, table.as_bytes());
+    // A client that keeps a file asks whether it still has the right one: another folder may have other files of this number.
+    let ask = async |tag: &str| {
+        let asked = super::request("GET", &file).header("if-none-match", tag);
+        let asked = asked.body(Body::empty()).unwrap();
+        router.clone().oneshot(asked).await.unwrap()
+    };
+    let first = ask("\"of another folder\"").await;
+    assert_eq!(first.status(), 200);
+    assert_eq!(first.headers()["cache-control"], "private, no-cache");
+    let tag = first.headers()["etag"].to_str().unwrap();
+    assert_eq!(ask(tag).await.status(), 304);
+    let written = bench
+        .lab
+        .store()
+        .files_folder(JobId::new(JobKind::Trace, 1));
+    std::fs::write(written.join("given-hills.csv"), &table).unwrap();
+    assert_eq!(ask(tag).await.status(), 200);
     for (files, word) in [
         (json!({}), "send it as"),
         (json!({ "hills.csv": content, "b.csv": "" }), "b.csv"),
