@@ -44,6 +44,14 @@ def test_the_only_daemon_of_the_user_is_found_from_any_folder(
         ridged.connect()
 
 
+def test_a_daemon_is_found_when_its_lock_file_was_deleted(own_daemon: StartDaemon) -> None:
+    daemon = own_daemon()
+    (daemon.data / "lock").unlink()
+    assert daemon.data in _place.held_folders()
+    with ridged.connect(data=daemon.data) as lab:
+        assert lab.url == daemon.url
+
+
 def test_a_folder_without_a_daemon_and_a_wrong_address_are_named(tmp_path: Path) -> None:
     # The notice of a daemon that was killed proves nothing.
     (tmp_path / "daemon.json").write_text(json.dumps({"url": "http://127.0.0.1:9", "process": 1}))

@@ -11,7 +11,7 @@
 //!   maps/ID/           pictures and tables of a finished map
 //!   traces/ID/         direction bins of a finished trace
 //!   quarantine/        files that no row names, found at a start; restored when a row names them
-//!   lock               held by the process that writes
+//!   lock               names the process that writes; it and the folder are locked
 //! ```
 
 mod audit;
@@ -26,6 +26,7 @@ pub mod frames;
 mod holds;
 pub mod idempotency;
 pub mod jobs;
+mod lock;
 pub mod observations;
 mod page;
 mod place;
@@ -38,8 +39,7 @@ pub mod samples;
 pub mod scans;
 pub mod stages;
 
-use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{Read, Seek, Write};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -55,6 +55,7 @@ use time::format_description::well_known::Rfc3339;
 
 use crate::clock::Clock;
 use disk::Disk;
+use lock::Lock;
 use place::{Place, Writing};
 
 pub use audit::{Audit, Discrepancy};
@@ -87,7 +88,7 @@ struct Inner {
     /// What reductions computed, of the scans that were reduced last.
     reductions: Mutex<reductions::Shared>,
     /// Held while this process writes; `None` for a reader beside a running daemon.
-    lock: Mutex<Option<File>>,
+    lock: Mutex<Option<Lock>>,
 }
 
 impl std::fmt::Debug for Store {
@@ -112,7 +113,7 @@ impl Store {
         check_name(folder)?;
         fs::create_dir_all(folder.join("frames"))
             .map_err(|e| StoreError::file("the data folder", folder, e))?;
-        let lock = take_lock(folder)?;
+        let lock = Lock::take(folder)?;
         check_room(folder, disk.as_ref())?;
         let has_frames = has_frames(folder)
             .map_err(|e| StoreError::file("the frame folder", folder.join("frames"), e))?;
@@ -169,7 +170,7 @@ impl Store {
             let store = Store::connect(folder, disk, clock, None, options).await?;
             // The tables of an earlier program get the form that this one reads.
             if !is_held && !store.is_migrated().await {
-                let _lock = take_lock(folder)?;
+                let _lock = Lock::take(folder)?;
                 MIGRATIONS.run(&store.inner.writer).await?;
             }
             return Ok(store);
@@ -189,15 +190,14 @@ impl Store {
     /// Returns whether a process has the store in `folder` open for writing.
     #[must_use]
     pub fn is_in_use(folder: &Path) -> bool {
-        File::open(folder.join("lock"))
-            .is_ok_and(|lock| matches!(lock.try_lock(), Err(TryLockError::WouldBlock)))
+        Lock::is_held(folder)
     }
 
     async fn connect(
         folder: &Path,
         disk: Arc<dyn Disk>,
         clock: Arc<dyn Clock>,
-        lock: Option<File>,
+        lock: Option<Lock>,
         options: SqliteConnectOptions,
     ) -> Result<Store, StoreError> {
         let writer = one_file_pool(1)
@@ -487,36 +487,6 @@ fn has_frames(folder: &Path) -> std::io::Result<bool> {
         }
     }
     Ok(false)
-}
-
-fn take_lock(folder: &Path) -> Result<File, StoreError> {
-    let path = folder.join("lock");
-    let error = |e| StoreError::file("the lock file", &path, e);
-    let mut lock = OpenOptions::new()
-        .read(true)
-        .write(true)
-        .create(true)
-        .truncate(false)
-        .open(&path)
-        .map_err(error)?;
-    match lock.try_lock() {
-        Ok(()) => {}
-        Err(TryLockError::WouldBlock) => {
-            let mut holder = String::new();
-            lock.read_to_string(&mut holder).ok();
-            return Err(StoreError::InUse {
-                folder: folder.into(),
-                holder: holder.trim().to_owned(),
-            });
-        }
-        Err(TryLockError::Error(e)) => return Err(error(e)),
-    }
-    // The operating system holds the lock; the text is for people.
-    lock.set_len(0).map_err(error)?;
-    lock.rewind().map_err(error)?;
-    // On a full disk the text stays empty; the check for room reports it.
-    writeln!(lock, "process {}", std::process::id()).ok();
-    Ok(lock)
 }
 
 /// Formats a time as RFC 3339 UTC with milliseconds, as everywhere in the store.

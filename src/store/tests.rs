@@ -50,6 +50,26 @@ async fn a_second_process_is_refused_until_the_first_is_gone() {
 }
 
 #[tokio::test]
+async fn a_folder_stays_locked_without_its_lock_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, _) = open(folder.path()).await.unwrap();
+    let file = folder.path().join("lock");
+    fs::remove_file(&file).unwrap();
+    assert!(Store::is_in_use(folder.path()));
+    let refused = open(folder.path()).await.unwrap_err();
+    assert!(matches!(refused, StoreError::InUse { .. }), "{refused}");
+    assert!(!file.exists());
+    first.close().await;
+    assert!(!Store::is_in_use(folder.path()));
+    // An earlier program locks only the file.
+    let earlier = fs::File::create(&file).unwrap();
+    earlier.lock().unwrap();
+    assert!(Store::is_in_use(folder.path()));
+    let refused = open(folder.path()).await.unwrap_err();
+    assert!(matches!(refused, StoreError::InUse { .. }), "{refused}");
+}
+
+#[tokio::test]
 async fn a_folder_name_that_is_not_utf_8_is_refused_before_anything_is_created() {
     use std::os::unix::ffi::OsStrExt;
     let parent = tempfile::tempdir().unwrap();

@@ -68,19 +68,28 @@ Place = FixedPlace | FolderPlace
 
 
 def is_held(folder: Path) -> bool:
-    """Whether a process holds the lock of a data folder. The notice of a killed daemon remains, so it proves nothing."""
+    """Whether a process has locked a data folder: the folder itself, or the file in it, as earlier programs do.
+
+    The notice of a killed daemon remains, so it proves nothing.
+    """
     try:
         import fcntl
     except ImportError:
         # No daemon runs on Windows; a client there gives an address.
         return False
-    try:
-        with (folder / LOCK).open() as lock:
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
+    for path in (folder, folder / LOCK):
+        try:
+            opened = os.open(path, os.O_RDONLY)
+        except OSError:
+            continue
+        try:
+            fcntl.flock(opened, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:
+            continue
+        finally:
+            os.close(opened)
     return False
 
 
@@ -116,7 +125,7 @@ def held_folders() -> list[Path]:
             continue
         for link in links:
             file = Path(link)
-            if file.name == LOCK and (file.parent / DATABASE).is_file() and (file.parent / NOTICE).is_file():
+            if file.name in (LOCK, f"{LOCK} (deleted)") and (file.parent / DATABASE).is_file() and (file.parent / NOTICE).is_file():
                 found.add(file.parent)
     return sorted(folder for folder in found if is_held(folder))
 

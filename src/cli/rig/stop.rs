@@ -104,20 +104,29 @@ fn report(outcomes: Vec<Outcome>, asked: Option<&Path>) -> Result<Value, CliErro
     Ok(json!({ "state": "stopped", "stopped": stopped }))
 }
 
-/// Folders in which processes of this machine have a file of this name open, with the process, as far as the system shows
-/// their files to this user.
-fn open_files(proc: &Path, name: &'static str) -> impl Iterator<Item = (PathBuf, PathBuf)> {
+/// The system adds this to the name of a file that was deleted while it is open.
+const DELETED: &str = "lock (deleted)";
+
+/// Folders in which processes of this machine have a file of one of these names open, with the process, as far as the system
+/// shows their files to this user.
+fn open_files(
+    proc: &Path,
+    names: &'static [&'static str],
+) -> impl Iterator<Item = (PathBuf, PathBuf)> {
     entries(proc)
         .filter(|process| is_number(process))
         .flat_map(|process| entries(&process.join("fd")).map(move |file| (process.clone(), file)))
         .filter_map(|(process, file)| Some((process, fs::read_link(file).ok()?)))
-        .filter(move |(_, file)| file.file_name().is_some_and(|own| own == name))
+        .filter(|(_, file)| {
+            let own = file.file_name();
+            own.is_some_and(|own| names.iter().any(|name| own == *name))
+        })
         .filter_map(|(process, file)| Some((process, file.parent()?.to_owned())))
 }
 
 /// Data folders of ridged that processes hold.
 fn held_folders(proc: &Path) -> Vec<PathBuf> {
-    let mut folders: Vec<PathBuf> = open_files(proc, "lock")
+    let mut folders: Vec<PathBuf> = open_files(proc, &["lock", DELETED])
         .map(|(_, folder)| folder)
         .filter(|folder| folder.join(DATABASE).is_file() && Store::is_in_use(folder))
         .collect();
@@ -128,10 +137,12 @@ fn held_folders(proc: &Path) -> Vec<PathBuf> {
 
 /// Processes of ridged whose data folder was deleted: the address of such a daemon is not known.
 fn folderless(proc: &Path) -> Vec<Outcome> {
-    // The system adds this to the name of a file that was deleted while it is open.
-    let gone = open_files(proc, "lock (deleted)");
-    let of_ridged = gone.filter(|(process, _)| {
+    let gone = open_files(proc, &[DELETED]);
+    let of_ridged = gone.filter(|(process, folder)| {
+        // A process whose lock alone was deleted has its folder open by the name that it has.
+        let has_folder = |file| fs::read_link(file).is_ok_and(|opened| opened == *folder);
         fs::read_to_string(process.join("comm")).is_ok_and(|name| name.trim() == "ridged")
+            && !entries(&process.join("fd")).any(has_folder)
     });
     of_ridged
         .map(|(process, folder)| Outcome {
@@ -203,6 +214,23 @@ mod tests {
             panic!("it is no success");
         };
         assert!(why.to_string().contains("kill -INT 7"), "{why}");
+    }
+
+    #[test]
+    fn a_daemon_whose_lock_was_deleted_is_found_by_its_folder() {
+        let all = tempfile::tempdir().unwrap();
+        let (proc, held) = (all.path().join("proc"), all.path().join("held"));
+        fs::create_dir(&held).unwrap();
+        fs::write(held.join(DATABASE), "").unwrap();
+        let locked = fs::File::open(&held).unwrap();
+        locked.lock().unwrap();
+        let files = proc.join("7").join("fd");
+        fs::create_dir_all(&files).unwrap();
+        fs::write(proc.join("7").join("comm"), "ridged\n").unwrap();
+        symlink(held.join(DELETED), files.join("3")).unwrap();
+        symlink(&held, files.join("4")).unwrap();
+        assert!(held_folders(&proc).iter().eq([&held]));
+        assert!(folderless(&proc).is_empty());
     }
 
     #[test]
