@@ -50,6 +50,7 @@ use sqlx::sqlite::{
     SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
     SqliteSynchronous,
 };
+use tempfile::TempDir;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
@@ -87,8 +88,17 @@ struct Inner {
     place: Option<Arc<Place>>,
     /// What reductions computed, of the scans that were reduced last.
     reductions: Mutex<reductions::Shared>,
-    /// Held while this process writes; `None` for a reader beside a running daemon.
-    lock: Mutex<Option<Lock>>,
+    held: Mutex<Held>,
+}
+
+/// What a store keeps until it is closed.
+enum Held {
+    /// The folder, while this process writes.
+    Lock(#[expect(dead_code, reason = "it is held")] Lock),
+    /// The database that is read instead of that in the folder.
+    Copy(#[expect(dead_code, reason = "it is held")] TempDir),
+    /// Nothing: a reader, also beside a running daemon.
+    Nothing,
 }
 
 impl std::fmt::Debug for Store {
@@ -126,7 +136,7 @@ impl Store {
             return Err(rows_missing());
         }
         let options = writing(folder);
-        let store = Store::connect(folder, disk, clock, Some(lock), options).await?;
+        let store = Store::connect(folder, disk, clock, Held::Lock(lock), options).await?;
         let tables: i64 = sqlx::query_scalar("SELECT count(*) FROM sqlite_master")
             .fetch_one(&store.inner.writer)
             .await?;
@@ -167,7 +177,7 @@ impl Store {
         let is_held = Store::is_in_use(folder);
         if is_held || takes_files(folder) {
             let options = writing(folder).create_if_missing(false);
-            let store = Store::connect(folder, disk, clock, None, options).await?;
+            let store = Store::connect(folder, disk, clock, Held::Nothing, options).await?;
             // The tables of an earlier program get the form that this one reads.
             if !is_held && !store.is_migrated().await {
                 let _lock = Lock::take(folder)?;
@@ -175,8 +185,28 @@ impl Store {
             }
             return Ok(store);
         }
+        Store::open_unwritable(folder, disk, clock).await
+    }
+
+    /// Opens a store in a folder that takes no files. If an earlier program made the tables, a temporary copy of the database
+    /// gets the form that this one reads.
+    async fn open_unwritable(
+        folder: &Path,
+        disk: Arc<dyn Disk>,
+        clock: Arc<dyn Clock>,
+    ) -> Result<Store, StoreError> {
         let options = immutable(folder)?;
-        Store::connect(folder, disk, clock, None, options).await
+        let (of_disk, of_clock) = (Arc::clone(&disk), Arc::clone(&clock));
+        let store = Store::connect(folder, of_disk, of_clock, Held::Nothing, options).await?;
+        if store.is_migrated().await {
+            return Ok(store);
+        }
+        store.close().await;
+        let copy = copy_of_database(folder)?;
+        let options = writing(copy.path()).create_if_missing(false);
+        let store = Store::connect(folder, disk, clock, Held::Copy(copy), options).await?;
+        MIGRATIONS.run(&store.inner.writer).await?;
+        Ok(store)
     }
 
     async fn is_migrated(&self) -> bool {
@@ -197,7 +227,7 @@ impl Store {
         folder: &Path,
         disk: Arc<dyn Disk>,
         clock: Arc<dyn Clock>,
-        lock: Option<Lock>,
+        held: Held,
         options: SqliteConnectOptions,
     ) -> Result<Store, StoreError> {
         let writer = one_file_pool(1)
@@ -209,9 +239,9 @@ impl Store {
         let readers = one_file_pool(4)
             .connect_with(options.pragma("query_only", "ON"))
             .await?;
-        let place = match &lock {
-            Some(_) => Some(Arc::new(Place::of(folder)?)),
-            None => None,
+        let place = match &held {
+            Held::Lock(_) => Some(Arc::new(Place::of(folder)?)),
+            Held::Copy(_) | Held::Nothing => None,
         };
         Ok(Store {
             inner: Arc::new(Inner {
@@ -223,7 +253,7 @@ impl Store {
                 holds: Arc::default(),
                 place,
                 reductions: Mutex::default(),
-                lock: Mutex::new(lock),
+                held: Mutex::new(held),
             }),
         })
     }
@@ -233,13 +263,8 @@ impl Store {
         self.inner.readers.close().await;
         self.inner.writer.close().await;
         // Remaining handles can no longer write, so another process may open the folder.
-        let lock = self
-            .inner
-            .lock
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
-        drop(lock);
+        let held = self.inner.held.lock();
+        *held.unwrap_or_else(PoisonError::into_inner) = Held::Nothing;
     }
 
     /// Returns the folder of the store.
@@ -433,6 +458,19 @@ fn immutable(folder: &Path) -> Result<SqliteConnectOptions, StoreError> {
         .filename(folder.join(DATABASE))
         .read_only(true)
         .immutable(true))
+}
+
+/// Copies the database of a folder into a temporary one.
+fn copy_of_database(folder: &Path) -> Result<TempDir, StoreError> {
+    let at = std::env::temp_dir();
+    let error = |e| StoreError::file("the folder for a copy of the database", &at, e);
+    let copy = tempfile::tempdir().map_err(error)?;
+    // Read and written, since a copy would be read-only like its original.
+    let database = fs::File::open(folder.join(DATABASE));
+    let database = database.map_err(|e| StoreError::file("the database", folder, e));
+    let mut file = fs::File::create(copy.path().join(DATABASE)).map_err(error)?;
+    std::io::copy(&mut database?, &mut file).map_err(error)?;
+    Ok(copy)
 }
 
 /// Returns whether a file of the size of SQLite's log index can be written into a folder.

@@ -262,9 +262,8 @@ async fn a_read_only_folder_can_be_read() {
     store.close().await;
     drop(store);
     // Permissions do not stop root, as in many containers: the proof is that nothing was written.
-    let options = immutable(folder.path()).unwrap();
     let (disk, clock) = (Arc::new(RealDisk), Arc::new(SteppedClock::new()));
-    let store = Store::connect(folder.path(), disk.clone(), clock.clone(), None, options)
+    let store = Store::open_unwritable(folder.path(), disk, clock)
         .await
         .unwrap();
     assert_eq!(store.sample(sample.id).await.unwrap(), sample);
@@ -275,6 +274,32 @@ async fn a_read_only_folder_can_be_read() {
     fs::write(folder.path().join("ridged.sqlite-wal"), b"rows").unwrap();
     let refused = immutable(folder.path()).unwrap_err();
     assert!(matches!(refused, StoreError::UnreadLog { .. }), "{refused}");
+}
+
+#[tokio::test]
+async fn a_read_only_folder_of_an_earlier_program_can_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join(DATABASE);
+    let options = SqliteConnectOptions::new()
+        .filename(&database)
+        .create_if_missing(true);
+    let mut old = SqliteConnection::connect_with(&options).await.unwrap();
+    let dump = include_str!("../../tests/data/store-0.1.0.sql");
+    sqlx::raw_sql(dump).execute(&mut old).await.unwrap();
+    old.close().await.unwrap();
+    let before = fs::read(&database).unwrap();
+    let (disk, clock) = (Arc::new(RealDisk), Arc::new(SteppedClock::new()));
+    let store = Store::open_unwritable(folder.path(), disk, clock)
+        .await
+        .unwrap();
+    let found = store.results(&results::ResultQuery::default()).await;
+    assert!(!found.unwrap().rows.is_empty());
+    // The folder is as it was, and nothing is written into it.
+    let refused = store.record(alarm("not written")).await.unwrap_err();
+    assert!(matches!(refused, StoreError::ReadOnly), "{refused}");
+    store.close().await;
+    assert!(fs::read(&database).unwrap() == before);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
 #[tokio::test]
