@@ -71,7 +71,7 @@ def test_both_axes_move_and_are_read(engine: RunEngine, devices: Devices) -> Non
     assert [round(event["theta_c"], 2) for event in events] == [-5, 5]
     assert [round(event["phi_s"], 2) for event in events] == [30, 60]
     assert devices.theta_c.locate()["setpoint"] == 5
-    with pytest.raises(ValueError, match="outside its travel"):
+    with pytest.raises(ridged.WrongValue, match="outside its travel"):
         devices.theta_c.check_value(61)
     with pytest.raises(FailedStatus, match="theta_c to 900°: .*limits -60"):
         engine(plan_stubs.mv(devices.theta_c, 900))

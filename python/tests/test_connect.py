@@ -62,9 +62,15 @@ def test_a_folder_without_a_daemon_and_a_wrong_address_are_named(tmp_path: Path)
         port = unused.getsockname()[1]
     with pytest.raises(ridged.NoDaemon, match=f"127.0.0.1:{port} does not answer"):
         ridged.connect(f"http://127.0.0.1:{port}")
-    with pytest.raises(ValueError, match="expected an address"):
-        ridged.connect("lab-pc")
-    with pytest.raises(ValueError, match="not both"):
+    for address in ("lab-pc", "127.0.0.1:8787", "http://", "http://lab-pc:port", "http://[::1"):
+        with pytest.raises(ridged.WrongValue, match="expected an address"):
+            ridged.connect(address)
+    missing = tmp_path / "missing"
+    with pytest.raises(ridged.WrongValue, match=f"token file {missing}: No such file"):
+        ridged.connect(f"http://127.0.0.1:{port}", token_file=missing)
+    with pytest.raises(ridged.WrongValue, match=f"verify: {missing}: No such file"):
+        ridged.connect(f"https://127.0.0.1:{port}", verify=str(missing))
+    with pytest.raises(ridged.WrongValue, match="not both"):
         ridged.connect("http://lab-pc", data=tmp_path)
 
 
@@ -91,7 +97,7 @@ def test_a_token_has_its_role_and_the_owner_needs_none(
         lab.rig.stop()
         assert file.read_text().strip() not in repr(lab) + repr(lab._connection.address)
     file.chmod(0o644)
-    with pytest.raises(ValueError, match="chmod 600"):
+    with pytest.raises(ridged.WrongValue, match="chmod 600"):
         ridged.connect(daemon.url)
 
 

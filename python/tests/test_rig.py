@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 
 import pytest
 
@@ -35,6 +36,21 @@ def test_a_preview_shows_a_frame_and_suggests_exposures(lab: ridged.Lab) -> None
     assert fine.frames[0]["max_dn"] in counts
     assert fine.png().startswith(b"\x89PNG")
     assert len(list(lab.scans())) == before
+
+
+def test_a_number_that_json_cannot_have_is_named_before_anything_is_sent(lab: ridged.Lab) -> None:
+    calls: list[tuple[Callable[[], object], str]] = [
+        (lambda: lab.rig.move(theta_c_deg=float("nan")), "position_deg: expected a finite number, got nan"),
+        (
+            lambda: lab.estimate("model 15°", theta_c_deg=[0], phi_s_deg=[0], exposures_s=[1.0, float("inf")]),
+            r"plan.exposures_s\[1\]: expected a finite number, got inf",
+        ),
+        (lambda: lab.add_recipe({"name": {1}}), "name: expected a number, .*got set"),
+    ]
+    for call, words in calls:
+        with pytest.raises(ridged.WrongValue, match=words) as wrong:
+            call()
+        assert isinstance(wrong.value, ridged.RidgedError) and isinstance(wrong.value, ValueError)
 
 
 def test_a_refusal_has_code_field_and_the_words_of_the_daemon(lab: ridged.Lab) -> None:
@@ -83,7 +99,7 @@ def test_a_lease_keeps_others_out_until_it_is_returned_or_taken_over(daemon: Dae
             assert other.rig.holder() == holder
             other.rig.stop()
             assert not lease.lost
-            with pytest.raises(ValueError, match="already"), lab.rig.lease("inner"):
+            with pytest.raises(ridged.WrongValue, match="already"), lab.rig.lease("inner"):
                 pass
         assert other.rig.holder() is None
         with lab.rig.lease("night run", seconds=10) as lease, other.rig.lease("urgent", take_over=True) as taken:

@@ -70,7 +70,7 @@ def test_a_quantity_prints_its_expanded_uncertainty_with_k() -> None:
     assert str(known) == "10.031 ± 0.031° (k = 2)"
     unknown = fits.Quantity.of("rho_d", {"identifiable": False, "note": "no white reference"})
     assert str(unknown) == "not determined (no white reference)"
-    with pytest.raises(ValueError, match="no white reference"):
+    with pytest.raises(ridged.WrongValue, match="no white reference"):
         float(unknown)
     assert [fits.decimals(number) for number in (0.031, 0.0996, 0.00015, 12.0, 1.0)] == [3, 2, 5, 0, 1]
 
@@ -118,7 +118,7 @@ def test_a_recipe_states_plan_fit_and_material_and_a_specification_judges(lab: r
     assert scan.fit.body["variant"] == "sawtooth"
     with pytest.raises(ridged.NotFound, match=r"lab.recipes\(\)"):
         lab.measure("B-19", recipe="PX-1205")
-    with pytest.raises(ValueError, match="not both"):
+    with pytest.raises(ridged.WrongValue, match="not both"):
         lab.measure("B-18", recipe="PX-1204", preset="paper")
 
 
@@ -147,10 +147,10 @@ def test_samples_are_added_found_and_renamed(lab: ridged.Lab) -> None:
     with pytest.raises(ridged.NotFound, match="add_sample"):
         lab.sample("B-16")
     lab.add_sample("B-17", metal="Cr")
-    with pytest.raises(ValueError, match=f"give the number of one: .*{sample.id}"):
+    with pytest.raises(ridged.WrongValue, match=f"give the number of one: .*{sample.id}"):
         lab.sample("B-17")
     assert lab.add_sample("die", index=2.0 + 3.0j).material["kind"] == "conductor"
-    with pytest.raises(ValueError, match="give the material"):
+    with pytest.raises(ridged.WrongValue, match="give the material"):
         samples.request_of("x", None, None, None, None)
 
 
@@ -158,7 +158,7 @@ def test_an_estimate_moves_nothing(lab: ridged.Lab) -> None:
     estimate = lab.estimate("model 15°", preset="full", repeats=2)
     assert estimate["plan"]["repeats"] == 2
     assert estimate["duration_s"] > 0
-    with pytest.raises(ValueError, match="say what to visit"):
+    with pytest.raises(ridged.WrongValue, match="say what to visit"):
         lab.estimate("model 15°", theta_c_deg=[0])
 
 

@@ -26,6 +26,7 @@ from .errors import (
     Unauthorized,
     Unavailable,
     WorkFailed,
+    WrongValue,
 )
 from .fits import Fit, Quantity
 from .jobs import Files, Map, Work
@@ -70,6 +71,7 @@ __all__ = [
     "Unavailable",
     "Work",
     "WorkFailed",
+    "WrongValue",
     "ask",
     "confirm",
     "connect",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import ssl
 import threading
 import time
@@ -15,7 +16,7 @@ from typing import Any
 import httpx
 
 from ._place import FolderPlace, Place
-from .errors import ConnectionLost, NoDaemon, problem_of, refusal
+from .errors import ConnectionLost, NoDaemon, WrongValue, problem_of, refusal
 
 logger = logging.getLogger("ridged")
 
@@ -36,7 +37,11 @@ class Connection:
         self, place: Place, *, lease: str | None, patience_s: float, verify: bool | str | ssl.SSLContext
     ) -> None:
         if isinstance(verify, str):
-            verify = ssl.create_default_context(cafile=verify)
+            try:
+                verify = ssl.create_default_context(cafile=verify)
+            except OSError as error:
+                # An error of the certificates is an OSError, too.
+                raise WrongValue(f"verify: {verify}: {error.strerror or error}") from error
         self.place = place
         self.lease = lease
         self.patience_s = patience_s
@@ -106,7 +111,11 @@ class Connection:
         params: Mapping[str, Any] | None = None,
         timeout_s: float | None = ANSWER_S,
     ) -> httpx.Response:
-        """Sends a request until it is answered, or until the patience ends. Raises the daemon's refusal as an error."""
+        """Sends a request until it is answered, or until the patience ends.
+
+        Raises the daemon's refusal as an error, and WrongValue for a value that JSON cannot have.
+        """
+        check("", body)
         headers = {}
         if method == "POST" and path not in UNKEYED:
             headers["idempotency-key"] = str(uuid.uuid4())
@@ -175,6 +184,24 @@ class Connection:
             changed = found != self.address
             self.address = found
             return changed
+
+
+def check(path: str, value: object) -> None:
+    """Raises WrongValue for the first part of a body that JSON cannot have, by its path: NaN, infinity, an object."""
+    match value:
+        case None | str() | bool() | int():
+            pass
+        case float():
+            if not math.isfinite(value):
+                raise WrongValue(f"{path}: expected a finite number, got {value}")
+        case Mapping():
+            for name, part in value.items():
+                check(f"{path}.{name}" if path else str(name), part)
+        case list() | tuple():
+            for place, part in enumerate(value):
+                check(f"{path}[{place}]", part)
+        case _:
+            raise WrongValue(f"{path}: expected a number, a text, a list or a mapping, got {type(value).__name__}")
 
 
 class Attempt:

@@ -8,7 +8,9 @@ import stat
 from dataclasses import dataclass
 from pathlib import Path
 
-from .errors import NoDaemon
+import httpx
+
+from .errors import NoDaemon, WrongValue
 
 #: Files of the data folder, written by the daemon.
 NOTICE, SECRET, LOCK, DATABASE = "daemon.json", "daemon.secret", "lock", "ridged.sqlite"
@@ -104,15 +106,23 @@ def secret_of(folder: Path) -> str | None:
 def token_of(file: Path) -> str:
     """Reads a token file.
 
-    Raises ValueError if other users can read it, or if it has no token.
+    Raises WrongValue if it cannot be read, if other users can read it, or if it has no token.
     """
-    mode = stat.S_IMODE(file.stat().st_mode)
+    try:
+        mode = stat.S_IMODE(file.stat().st_mode)
+        token = file.read_text().strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise WrongValue(f"token file {file}: {words_of(error)}") from error
     if mode & 0o077:
-        raise ValueError(f"token file {file}: its mode is {mode:o}, so that others can read it; run `chmod 600 {file}`")
-    token = file.read_text().strip()
+        raise WrongValue(f"token file {file}: its mode is {mode:o}, so that others can read it; run `chmod 600 {file}`")
     if not token or any(c.isspace() or not c.isprintable() for c in token):
-        raise ValueError(f"token file {file}: expected one token, as `ridged token create` prints it")
+        raise WrongValue(f"token file {file}: expected one token, as `ridged token create` prints it")
     return token
+
+
+def words_of(error: OSError | UnicodeDecodeError) -> str:
+    """Why a file cannot be read, without its name."""
+    return error.strerror or str(error) if isinstance(error, OSError) else "it is not a text"
 
 
 def held_folders() -> list[Path]:
@@ -151,22 +161,31 @@ def default_folder() -> Path:
             raise NoDaemon(f"several daemons run on this machine; name the data folder of one (data=): {names}")
 
 
+def is_address(url: str) -> bool:
+    """Whether a text is an address of HTTP with a host."""
+    try:
+        parts = httpx.URL(url)
+    except httpx.InvalidURL:
+        return False
+    return parts.scheme in ("http", "https") and bool(parts.host)
+
+
 def place_of(
     url: str | None, token: str | None, token_file: str | Path | None, data: str | Path | None
 ) -> Place:
     """Returns where the daemon is, by the arguments of `connect` and the variable RIDGED_TOKEN_FILE.
 
-    Raises ValueError for arguments that exclude each other, NoDaemon if no daemon is found.
+    Raises WrongValue for arguments that exclude each other, NoDaemon if no daemon is found.
     """
     if url is not None and data is not None:
-        raise ValueError("give an address or a data folder, not both")
+        raise WrongValue("give an address or a data folder, not both")
     if token is not None and token_file is not None:
-        raise ValueError("give token or token_file, not both")
+        raise WrongValue("give token or token_file, not both")
     file = token_file or (None if token else os.environ.get("RIDGED_TOKEN_FILE"))
     if file:
         token = token_of(Path(file))
     if url is None:
         return FolderPlace(Path(data) if data is not None else default_folder(), token)
-    if not url.startswith(("http://", "https://")):
-        raise ValueError(f"expected an address such as http://127.0.0.1:8787, got {url!r}")
+    if not is_address(url):
+        raise WrongValue(f"expected an address such as http://127.0.0.1:8787, got {url!r}")
     return FixedPlace(Address(url.rstrip("/"), token))

@@ -22,7 +22,7 @@ from bluesky.protocols import Hints, Location, Reading
 from bluesky.utils import MsgGenerator
 from event_model import DataKey, PartialEvent
 
-from .errors import Conflict, MotionFailed
+from .errors import Conflict, MotionFailed, WrongValue
 from .fits import Fit
 from .lab import Lab
 from .rig import AxisName
@@ -144,11 +144,11 @@ class Motor:
         return {"setpoint": position if self._target_deg is None else self._target_deg, "readback": position}
 
     def check_value(self, value: float) -> None:
-        """Raises ValueError for a position outside the travel."""
+        """Raises WrongValue for a position outside the travel."""
         axis = self._lab.rig.status().axis(self._axis)
         low, high = axis["limit_min_deg"], axis["limit_max_deg"]
         if not low <= value <= high:
-            raise ValueError(f"{self.name} {value:g}° is outside its travel, {low:g}° to {high:g}°")
+            raise WrongValue(f"{self.name} {value:g}° is outside its travel, {low:g}° to {high:g}°")
 
     def read(self) -> dict[str, Reading[Any]]:
         """Position now."""
@@ -207,7 +207,7 @@ class ScanFlyer:
 
         def start() -> None:
             if self._start is None:
-                raise ValueError(f"{self.name} has nothing to measure: call prepare_scan first")
+                raise WrongValue(f"{self.name} has nothing to measure: call prepare_scan first")
             is_replay, self._is_resumed = self._is_resumed, False
             if is_replay and self._scan is not None and self._scan.refresh().state not in ENDED:
                 return
@@ -312,7 +312,7 @@ class ScanFlyer:
 
     def _running(self) -> Scan:
         if self._scan is None:
-            raise ValueError(f"{self.name} has no scan: kickoff starts one")
+            raise WrongValue(f"{self.name} has no scan: kickoff starts one")
         return self._scan
 
     def _event(self, values: Mapping[str, Any]) -> PartialEvent:

@@ -16,6 +16,10 @@ class RidgedError(Exception):
     """Base of all errors of this package."""
 
 
+class WrongValue(RidgedError, ValueError):
+    """A value that this program gave, or asks for, cannot be used; nothing was sent. The message names it."""
+
+
 class NoDaemon(RidgedError):
     """No daemon was found, or the one that was found does not answer."""
 

@@ -11,6 +11,7 @@ from ._api import CurvesBody, FitFinding, FitParameter, PointBody
 from ._api import Fit as FitBody
 from ._connection import Connection
 from ._progress import ShowProgress
+from .errors import WrongValue
 from .jobs import Work
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class Quantity:
 
     def __float__(self) -> float:
         if self.value is None:
-            raise ValueError(f"{self.name} has no value: {self.note or 'the data do not determine it'}")
+            raise WrongValue(f"{self.name} has no value: {self.note or 'the data do not determine it'}")
         return self.value
 
     def __str__(self) -> str:

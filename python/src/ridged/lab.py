@@ -13,7 +13,7 @@ from ._api import CalibrationBody, Comparison, EstimateBody, Preset, Problem, Re
 from ._api import Role, ScanState, SessionBody, SpecificationBody
 from ._connection import Connection
 from ._place import place_of
-from .errors import ConnectionLost, NoDaemon, NotFound
+from .errors import ConnectionLost, NoDaemon, NotFound, WrongValue
 from .events import Event
 from .fits import Fit
 from .jobs import Files, Map, Work
@@ -103,7 +103,7 @@ class Lab:
     def sample(self, sample: str | int | Sample) -> Sample:
         """Returns the part of a name or number.
 
-        Raises NotFound if there is none, ValueError if several have the name.
+        Raises NotFound if there is none, WrongValue if several have the name.
         """
         match sample:
             case Sample():
@@ -119,7 +119,7 @@ class Lab:
                 raise NotFound(not_found(f"no part has the name {sample!r}; {way_out}"))
             case _:
                 numbers = ", ".join(str(one.id) for one in found)
-                raise ValueError(f"{len(found)} parts have the name {sample!r}; give the number of one: {numbers}")
+                raise WrongValue(f"{len(found)} parts have the name {sample!r}; give the number of one: {numbers}")
 
     def add_sample(
         self,
@@ -169,7 +169,7 @@ class Lab:
         if recipe is None:
             request: dict[str, Any] = {"plan": plan_of(*given), "sample_id": self.sample(sample).id}
         elif any(part is not None for part in given):
-            raise ValueError("a recipe states the plan: give a recipe or a plan, not both")
+            raise WrongValue("a recipe states the plan: give a recipe or a plan, not both")
         else:
             request = {"recipe": recipe, "sample_id": self._part(sample, recipe).id}
         facts = {

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ._api import Preset
+from .errors import WrongValue
 
 Angles = Iterable[float]
 """Angles in degrees: a list, a range, or an array."""
@@ -25,7 +26,7 @@ def plan_of(
 ) -> dict[str, Any]:
     """Returns the plan of a request. What is given beside `plan` or `preset` replaces its part of it.
 
-    Raises ValueError if neither a plan, a preset, both angles nor poses are given.
+    Raises WrongValue if neither a plan, a preset, both angles nor poses are given.
     """
     wanted: dict[str, Any] = dict(plan or {})
     if preset is not None:
@@ -38,7 +39,7 @@ def plan_of(
     if repeats is not None:
         wanted["repeats"] = repeats
     if not {"preset", "poses"} & wanted.keys() and not {"theta_c_deg", "phi_s_deg"} <= wanted.keys():
-        raise ValueError(
+        raise WrongValue(
             'say what to visit: preset="paper" (5 × 3 poses), preset="full" (9 × 12 poses), theta_c_deg= and phi_s_deg=, '
             "or poses="
         )

@@ -12,7 +12,7 @@ from typing import Literal, cast
 
 from ._api import Activity, AxisBody, HolderBody, LeaseBody, LeaseStateBody, PreviewAnswer, PreviewFrameBody, RigBody
 from ._connection import Connection, logger
-from .errors import LeaseLost, MotionFailed, RidgedError
+from .errors import LeaseLost, MotionFailed, RidgedError, WrongValue
 from .jobs import Pace
 
 AxisName = Literal["theta_c", "phi_s"]
@@ -232,11 +232,11 @@ class Rig:
         """Holds the rig for a `with` block: other callers can read and stop, and are refused everything else.
 
         The lease is renewed in the background, so that it ends `seconds` after this program has gone. `name` is shown
-        to others. Raises LeaseHeld if another caller holds the rig, unless `take_over` is true, and ValueError inside
+        to others. Raises LeaseHeld if another caller holds the rig, unless `take_over` is true, and WrongValue inside
         another such block.
         """
         if self._connection.lease is not None:
-            raise ValueError("this connection presents a lease already (a `with` block around this one, or RIDGED_LEASE)")
+            raise WrongValue("this connection presents a lease already (a `with` block around this one, or RIDGED_LEASE)")
         body = {"name": name, "seconds": seconds, "take_over": take_over}
         taken = cast("LeaseBody", self._connection.post("/lease", body))
         self._connection.lease = taken["id"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ._api import MaterialBody, SampleBody
 from ._connection import Connection
+from .errors import WrongValue
 
 
 class Sample:
@@ -46,10 +47,10 @@ def request_of(
 ) -> dict[str, object]:
     """Returns the body that adds a part.
 
-    Raises ValueError unless exactly one of `index` and `metal` is given.
+    Raises WrongValue unless exactly one of `index` and `metal` is given.
     """
     if (index is None) == (metal is None):
-        raise ValueError(
+        raise WrongValue(
             "give the material: index=1.54 (or a complex index n + 1jk), or metal= a name (Ag, Al, Au, Cr, Cu, W)"
         )
     body: dict[str, object] = {"name": name}

@@ -10,7 +10,7 @@ from ._api import CertaintyBody, FrameBody, FrameKind, IncidentBody, Observation
 from ._api import ScanState
 from ._connection import Connection
 from ._progress import Bar, Progress, ShowProgress
-from .errors import Conflict, ScanStopped, WorkFailed
+from .errors import Conflict, ScanStopped, WorkFailed, WrongValue
 from .fits import Fit
 from .jobs import FOLLOWS_S, Map, Pace, Work
 from .steps import OnStep, OperatorStep
@@ -222,10 +222,10 @@ class Scan:
     def fit(self) -> Fit:
         """The newest fit that is not cancelled. Waits until it is over.
 
-        Raises WorkFailed if there is none, or if it failed; ValueError if each region of the part has its own.
+        Raises WorkFailed if there is none, or if it failed; WrongValue if each region of the part has its own.
         """
         if self.regions:
-            raise ValueError(
+            raise WrongValue(
                 f"scan {self.id} has a fit for each region ({', '.join(self.regions)}): use scan.fits(), whose `region` "
                 "names it"
             )
