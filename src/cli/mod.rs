@@ -1,7 +1,8 @@
 //! The command line: one file or folder per subcommand, with its options and its output.
 //!
 //! JSON goes to stdout; progress, logs and errors go to stderr. Exit codes: 0 done, 1 no
-//! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe.
+//! result, 2 bad usage or bad input, 130 after Ctrl-C once things are safe, 141 (without a message) where the reader of stdout
+//! has closed it.
 
 pub mod accuracy;
 pub mod chart;
@@ -59,7 +60,7 @@ pub mod trace;
 mod values;
 pub mod wear;
 
-use std::io::{IsTerminal as _, Write as _};
+use std::io::{ErrorKind, IsTerminal as _, Write as _};
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -262,6 +263,7 @@ pub fn run(cli: Cli) -> ExitCode {
             say(&format!("error: {}", once(&error)));
             ExitCode::from(2)
         }
+        Err(CliError::NoResult(error)) if is_closed_pipe(&error) => ExitCode::from(CLOSED_PIPE),
         Err(CliError::NoResult(error)) => {
             say(&format!("error: {}", once(&error)));
             ExitCode::from(1)
@@ -272,6 +274,16 @@ pub fn run(cli: Cli) -> ExitCode {
             ExitCode::from(130)
         }
     }
+}
+
+/// Exit code where the reader of stdout has closed it: that of a program that SIGPIPE ends, as a shell shows it.
+const CLOSED_PIPE: u8 = 128 + 13;
+
+/// Returns whether a command could not print because the reader of stdout has read enough (`| head`), which is no error. The
+/// error of anything else that is written has the name of its file.
+fn is_closed_pipe(error: &anyhow::Error) -> bool {
+    let written = error.downcast_ref::<std::io::Error>();
+    error.chain().count() == 1 && written.is_some_and(|e| e.kind() == ErrorKind::BrokenPipe)
 }
 
 /// Prints a line on stderr. Where it cannot be written (a closed terminal, a full disk), the work continues and the exit
@@ -320,7 +332,7 @@ fn try_parsed<A: clap::Args>(words: &[&str]) -> Result<A, clap::Error> {
 mod tests {
     use anyhow::{Context as _, anyhow};
 
-    use super::{Cli, once};
+    use super::{Cli, CliError, is_closed_pipe, once};
     use crate::series::SeriesError;
 
     use clap::CommandFactory as _;
@@ -338,6 +350,22 @@ mod tests {
             }
         }
         look(&Cli::command(), "ridged");
+    }
+
+    #[test]
+    fn only_a_closed_stdout_is_a_quiet_end() {
+        let is_quiet = |error| match error {
+            CliError::NoResult(error) => is_closed_pipe(&error),
+            other => panic!("{other:?}"),
+        };
+        let closed = || std::io::Error::from(std::io::ErrorKind::BrokenPipe);
+        assert!(is_quiet(CliError::no_result(closed())));
+        let full = std::io::Error::from(std::io::ErrorKind::StorageFull);
+        assert!(!is_quiet(CliError::no_result(full)));
+        let of_file = Err::<(), _>(closed()).context("cannot write fit.json");
+        assert!(!is_quiet(CliError::NoResult(
+            of_file.expect_err("it is one")
+        )));
     }
 
     #[test]

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use std::pin::pin;
 use std::sync::Arc;
 
+use anyhow::Context as _;
+
 use super::CliError;
 use super::interrupt;
 use super::runtime;
@@ -142,7 +144,8 @@ async fn serve(args: Args) -> Result<(), CliError> {
     let mut daemon = Daemon::start(lab, sockets, access).map_err(CliError::no_result)?;
     daemon.run_hooks(&config.hooks, earlier);
     let ready = writeln!(std::io::stdout(), "listening on {}", daemon.url)
-        .and_then(|()| std::io::stdout().flush());
+        .and_then(|()| std::io::stdout().flush())
+        .context("standard output is closed");
     ready.map_err(CliError::no_result)?;
     supervision::ready();
     supervision::report_life(&daemon.lab);

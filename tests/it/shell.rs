@@ -66,3 +66,20 @@ fn a_missing_scene_is_refused_with_the_names_beside_it() {
     let words = ["scenes/glass.toml", "glass-over-gold.toml"];
     refuses(here, &["trace", "scenes/glass.toml"], 2, &words);
 }
+
+#[test]
+fn a_reader_that_has_closed_stdout_is_no_error() {
+    for args in [
+        &["man"][..],
+        &["completions", "bash"],
+        &["contrast", "--theta-r-deg", "5"],
+    ] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ridged"));
+        let (read, write) = std::io::pipe().unwrap();
+        drop(read);
+        let output = command.args(args).stdout(write).output().unwrap();
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(141), "{args:?}: {message}");
+        assert_eq!(message, "", "{args:?}");
+    }
+}
