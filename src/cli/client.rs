@@ -371,6 +371,22 @@ mod tests {
     }
 
     #[test]
+    fn the_state_of_a_frozen_daemon_is_an_error_within_seconds() {
+        // The system accepts connections for a process that is frozen.
+        let frozen = TcpListener::bind("127.0.0.1:0").unwrap();
+        let client = Client {
+            agent: agent_config().build().into(),
+            token: None,
+            lease: None,
+            url: format!("http://{}", frozen.local_addr().unwrap()),
+        };
+        let began = std::time::Instant::now();
+        let error = client.rig().unwrap_err();
+        assert!(began.elapsed() < ANSWER_WITHIN / 3, "{error:?}");
+        assert!(matches!(error, CliError::NoResult(_)), "{error:?}");
+    }
+
+    #[test]
     fn a_redirect_is_an_error_and_takes_no_token_elsewhere() {
         let elsewhere = TcpListener::bind("127.0.0.1:0").unwrap();
         elsewhere.set_nonblocking(true).unwrap();
