@@ -272,8 +272,15 @@ impl TokenFile {
     ) -> Result<(), TokenFileError> {
         let folder = self.path.parent().unwrap_or(Path::new("."));
         fs::create_dir_all(folder).map_err(self.file_error("make the folder of"))?;
-        let lock = File::open(folder).map_err(self.file_error("lock the folder of"))?;
-        lock.lock().map_err(self.file_error("lock the folder of"))?;
+        // Not the folder: a running daemon holds the lock of its data folder.
+        let lock = OpenOptions::new()
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(0o600)
+            .open(self.path.with_extension("json.lock"))
+            .map_err(self.file_error("lock"))?;
+        lock.lock().map_err(self.file_error("lock"))?;
         let mut tokens = match self.path.exists() {
             true => self.load()?,
             false => Vec::new(),
@@ -297,7 +304,7 @@ impl TokenFile {
             file.write_all(b"\n")?;
             file.sync_all()?;
             fs::rename(&part, &self.path)?;
-            lock.sync_all()
+            File::open(folder)?.sync_all()
         })();
         written.map_err(self.file_error("write"))
     }
