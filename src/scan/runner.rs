@@ -188,8 +188,8 @@ struct Runner<'a> {
     seen: SeenImages,
     /// Axes that must be homed: they were blocked, or lost their position.
     doubted: BTreeSet<AxisName>,
-    /// The faults that the scan has to recover from, in the order of their begin.
-    troubles: Vec<recovery::Trouble>,
+    /// The fault that the scan has to recover from.
+    trouble: Option<recovery::Trouble>,
     /// Points that the scan continues without.
     skipped: BTreeSet<u32>,
     /// What the camera stated about its frames.
@@ -212,9 +212,7 @@ impl<'a> Runner<'a> {
         let seen = SeenImages::of(&run.last_frames, &run.settings.frame);
         let mut runner = Runner {
             move_times: rig.link().settings.move_times(),
-            troubles: recovery::Trouble::of_a_run_after(&run)
-                .into_iter()
-                .collect(),
+            trouble: recovery::Trouble::of_a_run_after(&run),
             skipped: BTreeSet::new(),
             tags: TagHistory::after(&run.settings.tags, &run.stated),
             checks: Checks::new(),

@@ -54,22 +54,6 @@ async fn one_failure_of_the_camera_is_retried_and_reported_as_a_recovery() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn each_of_two_faults_at_one_point_has_its_recovery() {
-    let moved = AxisFault::ForeignMove(Angle::from_deg(0.5));
-    let cues = [(5, Cue::Fail), (6, Cue::Cause(AxisName::ThetaC, moved))];
-    let (end, reported) = run(samples(), &[], cues, |_| u64::MAX).await;
-    assert_eq!(end.state, ScanState::Completed);
-    assert_eq!(reported.accepted, [0, 1, 2]);
-    let recoveries = reported.recoveries.iter();
-    let ended: Vec<_> = recoveries.map(|r| (r.code.as_str(), &r.points)).collect();
-    let points = vec![1];
-    assert_eq!(
-        ended,
-        [("camera-failed", &points), ("frames-rejected", &points)]
-    );
-}
-
-#[tokio::test(flavor = "multi_thread")]
 async fn a_fault_that_persists_has_the_reaction_of_the_settings() {
     let failing = || (4..=6).map(|frame| (frame, Cue::Fail));
     for (reaction, state, accepted, alarms) in [

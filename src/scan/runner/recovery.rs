@@ -26,7 +26,6 @@ pub(super) enum Recovered {
 /// A fault that the scan has not overcome yet.
 #[derive(Debug, Clone)]
 pub(super) struct Trouble {
-    kind: Option<FaultKind>,
     code: String,
     what: String,
     since: Duration,
@@ -39,19 +38,17 @@ impl Trouble {
     /// A fault that began at the time `since`.
     pub(super) fn new(code: &str, what: &str, since: Duration) -> Trouble {
         Trouble {
-            kind: None,
             code: code.into(),
             what: what.into(),
             since,
-            failures: 0,
+            failures: 1,
             points: BTreeSet::new(),
             attended: false,
         }
     }
 
-    /// Counts a failure after which points have to be taken again.
+    /// Adds points that have to be taken again.
     pub(super) fn add(&mut self, points: BTreeSet<u32>) {
-        self.failures += 1;
         self.points.extend(points);
     }
 
@@ -63,12 +60,12 @@ impl Trouble {
     /// Returns the trouble that a resumed scan begins with: it was interrupted.
     pub(super) fn of_a_run_after(run: &ScanRun) -> Option<Trouble> {
         (!run.done.is_empty()).then(|| Trouble {
+            code: "scan-interrupted".into(),
+            what: "the scan was interrupted".into(),
+            since: run.clock.now(),
+            failures: 0,
+            points: BTreeSet::new(),
             attended: true,
-            ..Trouble::new(
-                "scan-interrupted",
-                "the scan was interrupted",
-                run.clock.now(),
-            )
         })
     }
 }
@@ -220,7 +217,7 @@ impl Runner<'_> {
 
     async fn skip(&mut self, shot: &Shot, error: &VisitError) {
         self.skipped.insert(shot.index);
-        self.troubles.clear();
+        self.trouble = None;
         let point = name_of(shot);
         let why = format!("{error}; the scan continues without {point} (scan.reactions)");
         self.recorder.alarm("point-skipped", &why).await;
@@ -247,50 +244,37 @@ impl Runner<'_> {
 
     fn note_failure(&mut self, error: &VisitError, now: Duration, shot: Option<&Shot>) {
         let Some(code) = error.code() else { return };
-        // A line that fails in several ways is one fault.
-        let trouble = self.trouble(Some(error.kind()), code, &error.to_string(), now);
-        trouble.add(shot.map(|shot| shot.index).into_iter().collect());
-    }
-
-    /// Returns the fault with this code or of this kind that is not overcome yet; it begins now if there is none.
-    fn trouble(
-        &mut self,
-        kind: Option<FaultKind>,
-        code: &str,
-        what: &str,
-        now: Duration,
-    ) -> &mut Trouble {
-        let mut known = self.troubles.iter();
-        let known = known.position(|t| t.code == code || (kind.is_some() && t.kind == kind));
-        let index = known.unwrap_or(self.troubles.len());
-        if known.is_none() {
-            let begun = Trouble::new(code, what, now);
-            self.troubles.push(Trouble { kind, ..begun });
-        }
-        &mut self.troubles[index]
+        let trouble = self.trouble.get_or_insert_with(|| Trouble {
+            failures: 0,
+            ..Trouble::new(code, &error.to_string(), now)
+        });
+        trouble.failures += 1;
+        trouble.points.extend(shot.map(|shot| shot.index));
     }
 
     /// Notes that frames were discarded before those of this point.
     pub(super) fn note_discarded(&mut self, shot: &Shot, why: &str) {
         let now = self.run.clock.now();
-        let trouble = self.trouble(None, "frame-stale", why, now);
-        trouble.add(BTreeSet::from([shot.index]));
+        let trouble = self
+            .trouble
+            .get_or_insert_with(|| Trouble::new("frame-stale", why, now));
+        trouble.points.insert(shot.index);
     }
 
     /// Notes that a person had to resume the scan.
     pub(super) fn note_pause(&mut self, code: &str, reason: &str) {
         let now = self.run.clock.now();
-        self.trouble(None, code, reason, now);
-        for trouble in &mut self.troubles {
-            trouble.attended();
-        }
+        let trouble = self
+            .trouble
+            .get_or_insert_with(|| Trouble::new(code, reason, now));
+        trouble.attended = true;
     }
 
-    /// Reports the faults that this accepted point ends.
+    /// Reports the fault that this accepted point ends, if there was one.
     pub(super) async fn report_recovery(&mut self, shot: &Shot) {
-        let then = format!("{} counts", name_of(shot));
-        for mut trouble in std::mem::take(&mut self.troubles) {
+        if let Some(mut trouble) = self.trouble.take() {
             trouble.points.insert(shot.index);
+            let then = format!("{} counts", name_of(shot));
             self.report(trouble, &then).await;
         }
     }
