@@ -7,8 +7,8 @@
 //! - A reply answers a command only if address, axis and id agree.
 //! - An id is not reused while its reply can still arrive.
 //! - Alerts are set aside.
-//! - A stop is sent before all waiting commands, at most 10 ms after it was issued although another command waits for its
-//!   reply. Motions issued before the stop are not sent after it.
+//! - A stop is sent before all waiting commands, and commands issued before the stop are not sent
+//!   after it.
 //! - [`PortLine::close`] closes the port for all handles, so that no forgotten handle keeps a port
 //!   from being opened again.
 //!
@@ -166,7 +166,6 @@ impl PortLine {
             let _ = self.urgent.send(request);
             let replies = match self.answer(answer).await {
                 Ok(replies) | Err(ExchangeFailure::Silence(replies)) => replies,
-                Err(ExchangeFailure::GaveWay) => Vec::new(),
                 Err(ExchangeFailure::Final(error)) => return Err(error),
             };
             heard.extend(replies.into_iter().map(|reply| (reply.address, reply)));
@@ -185,14 +184,11 @@ impl PortLine {
     /// [`LineError`] if the connection is lost.
     pub async fn ask_everyone(&self, words: &str) -> Result<Vec<Reply>, LineError> {
         let command = DeviceCommand::new(0, 0, words);
-        loop {
-            let (request, answer) = self.request(&command, ExpectedReplies::Anyone, 1, None);
-            let _ = self.requests.send(request).await;
-            match self.answer(answer).await {
-                Ok(replies) | Err(ExchangeFailure::Silence(replies)) => return Ok(replies),
-                Err(ExchangeFailure::GaveWay) => {}
-                Err(ExchangeFailure::Final(error)) => return Err(error),
-            }
+        let (request, answer) = self.request(&command, ExpectedReplies::Anyone, 1, None);
+        let _ = self.requests.send(request).await;
+        match self.answer(answer).await {
+            Ok(replies) | Err(ExchangeFailure::Silence(replies)) => Ok(replies),
+            Err(ExchangeFailure::Final(error)) => Err(error),
         }
     }
 
@@ -237,8 +233,7 @@ impl PortLine {
         stops: Option<u64>,
         attempts: u32,
     ) -> Result<Reply, LineError> {
-        let mut attempt = 1;
-        while attempt <= attempts {
+        for attempt in 1..=attempts {
             let (request, answer) = self.request(command, ExpectedReplies::One, attempt, stops);
             let _ = self.requests.send(request).await;
             match self.answer(answer).await {
@@ -248,12 +243,8 @@ impl PortLine {
                     }
                 }
                 Err(ExchangeFailure::Silence(_)) => {}
-                // A question that gave way to a stop is asked again. A motion ends with the stop.
-                Err(ExchangeFailure::GaveWay) if stops.is_none() => continue,
-                Err(ExchangeFailure::GaveWay) => return Err(LineError::CancelledByStop),
                 Err(ExchangeFailure::Final(error)) => return Err(error),
             }
-            attempt += 1;
         }
         Err(self.silence(command.address, attempts))
     }

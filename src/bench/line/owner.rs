@@ -21,8 +21,8 @@ const REPLY_LATE_MAX: Duration = Duration::from_secs(5);
 /// Limit of the reads that discard old input, so that a line that is never quiet cannot block a
 /// command.
 const DISCARDED_READS_MAX: u32 = 64;
-/// Longest single wait for bytes, after which a stop is sent and a line that is being closed ends.
-const READ_WAIT_MAX: Duration = Duration::from_millis(10);
+/// Longest single wait for bytes, after which a line that is being closed ends.
+const READ_WAIT_MAX: Duration = Duration::from_millis(50);
 /// Largest size of a reply with its continuations, in bytes.
 const REPLY_BYTES_MAX: usize = 4096;
 
@@ -50,31 +50,22 @@ impl Owner {
             tokio::select! {
                 biased;
                 () = shared.closing.cancelled() => None,
-                Some(request) = urgent.recv() => Some((request, true)),
-                request = requests.recv() => request.map(|request| (request, false)),
+                Some(request) = urgent.recv() => Some(request),
+                request = requests.recv() => request,
             }
         };
-        while let Some((request, is_urgent)) =
-            futures::executor::block_on(next(&mut requests, &mut urgent))
-        {
+        while let Some(request) = futures::executor::block_on(next(&mut requests, &mut urgent)) {
             // A motion is not started if its caller has stopped waiting.
             if request.stops.is_some() && request.answer.is_closed() {
                 continue;
             }
-            // A stop on the wire does not give way to another one.
-            let gives_way = || !is_urgent && !urgent.is_empty();
-            let outcome = self.serve(&request, &gives_way);
+            let outcome = self.serve(&request);
             // Fails if the caller dropped its future.
             let _ = request.answer.send(outcome);
         }
     }
 
-    /// Sends a request and collects its replies, unless it gives way to another one before they are complete.
-    fn serve(
-        &mut self,
-        request: &LineRequest,
-        gives_way: &dyn Fn() -> bool,
-    ) -> Result<Vec<Reply>, ExchangeFailure> {
+    fn serve(&mut self, request: &LineRequest) -> Result<Vec<Reply>, ExchangeFailure> {
         let stops = *self.shared.stops.borrow();
         if request.stops.is_some_and(|then| then != stops) {
             return Err(ExchangeFailure::Final(LineError::CancelledByStop));
@@ -90,22 +81,14 @@ impl Owner {
         let packets = command
             .encode(true)
             .map_err(|e| ExchangeFailure::Final(e.into()))?;
-        let exchange = Exchange {
-            command: &command,
-            packets: &packets,
-            expected: &request.expected,
-            wait: request.wait,
-        };
-        match self.exchange(&exchange, gives_way) {
+        match self.exchange(&command, &packets, &request.expected, request.wait) {
             Ok(outcome) => {
-                if let Err(failure) = &outcome {
+                if outcome.is_err() {
                     let until = self.port.now() + REPLY_LATE_MAX;
                     self.in_doubt.insert(id, until);
-                    if matches!(failure, ExchangeFailure::Silence(_)) {
-                        add(&self.shared.counters.timeouts, "timeout");
-                    }
+                    add(&self.shared.counters.timeouts, "timeout");
                 }
-                outcome
+                outcome.map_err(ExchangeFailure::Silence)
             }
             Err(error) => {
                 if !self.shared.closing.is_cancelled() {
@@ -134,19 +117,15 @@ impl Owner {
         None
     }
 
-    /// Sends one command and collects the replies to it. `Ok(Err(_))`: replies are missing, since the time-out passed or the
-    /// exchange gave way.
+    /// Sends one command and collects the replies to it. `Ok(Err(replies))`: the time-out passed
+    /// and replies are missing.
     fn exchange(
         &mut self,
-        exchange: &Exchange<'_>,
-        gives_way: &dyn Fn() -> bool,
-    ) -> io::Result<Result<Vec<Reply>, ExchangeFailure>> {
-        let Exchange {
-            command,
-            packets,
-            expected,
-            wait,
-        } = *exchange;
+        command: &DeviceCommand,
+        packets: &[Vec<u8>],
+        expected: &ExpectedReplies,
+        wait: Duration,
+    ) -> io::Result<Result<Vec<Reply>, Vec<Reply>>> {
         let mut buffer = [0; 512];
         let port = &mut self.port;
         add(&self.shared.counters.exchanges, "exchange");
@@ -175,10 +154,7 @@ impl Owner {
         loop {
             let left = deadline.saturating_sub(port.now());
             if left.is_zero() {
-                return Ok(Err(ExchangeFailure::Silence(gathering.whole)));
-            }
-            if gives_way() {
-                return Ok(Err(ExchangeFailure::GaveWay));
+                return Ok(Err(gathering.whole));
             }
             if self.shared.closing.is_cancelled() {
                 return Err(io::ErrorKind::NotConnected.into());
@@ -195,14 +171,6 @@ impl Owner {
             }
         }
     }
-}
-
-/// A command to be sent, and the replies to wait for.
-struct Exchange<'a> {
-    command: &'a DeviceCommand,
-    packets: &'a [Vec<u8>],
-    expected: &'a ExpectedReplies,
-    wait: Duration,
 }
 
 /// Collects the replies to one command.

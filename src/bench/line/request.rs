@@ -133,10 +133,7 @@ pub(super) struct LineRequest {
 }
 
 pub(super) enum ExchangeFailure {
-    /// The time-out passed; these replies arrived.
     Silence(Vec<Reply>),
-    /// A stop was sent before the replies were complete.
-    GaveWay,
     Final(LineError),
 }
 
