@@ -13,6 +13,8 @@ use crate::units::Angle;
 
 /// Largest share of the residual that remains with the right convention.
 const RIGHT: f64 = 0.2;
+/// Ratio of residuals up to which two conventions cannot be distinguished.
+const ALIKE: f64 = 2.0;
 
 /// One convention: what is wrong if it fits, and its effect on the observations.
 struct Convention {
@@ -32,11 +34,20 @@ pub(super) fn other_convention(set: &ObservationSet) -> Option<String> {
         (convention.change)(&mut changed);
         Some((residual(&changed)?, convention.what))
     });
-    let (least, what) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let mut tried: Vec<(f64, String)> = tried.collect();
+    tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // What remains of noise alone is no measure.
+    let least = tried.first()?.0.max(as_stated * 1e-3);
+    // Mirror images of the rig are alike.
+    let alike = tried
+        .iter()
+        .filter(|(residual, _)| *residual <= ALIKE * least);
+    let all: Vec<&str> = alike.map(|(_, what)| what.as_str()).collect();
     (least < RIGHT * as_stated).then(|| {
         format!(
-            "The residual is {:.0} times smaller if {what}. Correct it before you use any value.",
-            as_stated / least.max(as_stated * 1e-3)
+            "The residual is {:.0} times smaller if {}. Correct it before you use any value.",
+            as_stated / least,
+            all.join(", or if ")
         )
     })
 }
@@ -65,16 +76,9 @@ fn conventions(set: &ObservationSet) -> Vec<Convention> {
     };
     let lamps = [90.0, 180.0, 270.0].map(|turn_deg| {
         let turned = set.rig.light_azimuth + Angle::from_deg(turn_deg);
-        // On either side of the tilt plane the poses look alike.
-        let mirrored = set.rig.light_azimuth - Angle::from_deg(turn_deg);
-        let [one, other] = [turned, mirrored].map(|azimuth| azimuth.wrapped().deg());
-        let (low, high) = (one.min(other), one.max(other));
-        let places = match high - low > 1.0 && turn_deg != 180.0 {
-            true => format!("{high:.0} or {low:.0}"),
-            false => format!("{high:.0}"),
-        };
+        let stated_deg = turned.wrapped().deg();
         Convention {
-            what: format!("the lamp is at rig.light_azimuth_deg = {places}"),
+            what: format!("the lamp is at rig.light_azimuth_deg = {stated_deg:.0}"),
             change: Box::new(move |set| set.rig.light_azimuth = turned),
         }
     });
