@@ -149,9 +149,10 @@ class Live {
     const all = [...this.notices, { id: this.#noticeId, text, severe, paused }];
     const plain = all.filter((n) => !n.severe).slice(-4);
     this.notices = all.filter((n) => n.severe || plain.includes(n));
+    this.#settleNotices();
   }
 
-  /** Removes notices that a scan is paused once it continues or ends. Its state may come after the notice. */
+  /** Removes notices that a scan is paused once it continues or ends. Its state may come before or after the notice. */
   #settleNotices(): void {
     this.notices = this.notices.filter(({ paused }) => {
       if (paused === null) return true;

@@ -37,6 +37,26 @@ describe('stop', () => {
     await page.getByRole('button', { name: 'Resume' }).waitFor();
   });
 
+  it('by the key says so until the scan continues, also if the scan pauses before the answer comes', async () => {
+    daemon.frameMs = 100;
+    await page.route('**/rig/stop', async (route) => {
+      const answer = await route.fetch();
+      await page.locator('header').getByText('scan paused', { exact: true }).waitFor();
+      await route.fulfill({ response: answer });
+    });
+    await page.goto(url);
+    await chooseSample();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
+    await page.locator('header').getByText('scanning').waitFor();
+    await page.keyboard.press('Escape');
+    const stopped = page.getByText('The scan is paused. Press Resume to continue it.');
+    await stopped.waitFor();
+    daemon.frameMs = 60_000;
+    await page.getByRole('button', { name: 'Resume' }).click();
+    await stopped.waitFor({ state: 'detached' });
+  });
+
   it('stays visible on a narrow screen while scrolling', async () => {
     daemon.addFit(daemon.addScan(1, 'full'));
     await page.setViewportSize({ width: 390, height: 700 });
