@@ -8,8 +8,10 @@ pub mod json;
 pub mod layout;
 pub mod names;
 pub mod numbers;
+mod refusal;
 pub mod sheet;
 pub mod toml_text;
+mod values;
 
 use std::ops::RangeInclusive;
 

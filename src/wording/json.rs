@@ -5,9 +5,6 @@
 //! probably meant. They are stricter than serde: each name counts once, and an object of named fields cannot be written
 //! as a list of its values (`[10]` for `{"position_deg": 10}`), which in a request for a motion is a slip.
 
-mod refusal;
-mod values;
-
 use std::cell::{Cell, RefCell};
 use std::fmt;
 
@@ -18,12 +15,10 @@ use serde::de::{
 };
 use serde_json::Value;
 
-pub use refusal::{Fault, Refusal};
+pub use super::refusal::{Fault, Refusal};
 
-pub(super) use refusal::{Step, one_of, short};
-pub(super) use values::{Fields, range_of, whole_numbers};
-
-use values::{Json, Text};
+use super::refusal::Step;
+use super::values::{self, Fields, Form, Read, Text};
 
 /// Reads a text of JSON.
 ///
@@ -38,7 +33,7 @@ pub fn from_slice<T: DeserializeOwned>(json: &[u8]) -> Result<T, Refusal> {
 /// # Errors
 /// The first value in it that is not what `T` needs.
 pub fn from_value<'de, T: Deserialize<'de>>(value: &'de Value) -> Result<T, Refusal> {
-    T::deserialize(Json(value))
+    T::deserialize(Read(value))
 }
 
 /// Reads the parameters of a query, by name and text.
@@ -52,6 +47,26 @@ pub fn from_query<'de, T: Deserialize<'de>>(
     T::deserialize(MapAccessDeserializer::new(Fields::new(
         parameters.map(|(name, text)| (name.as_str(), Text(text))),
     )))
+}
+
+impl<'de> values::Value<'de> for &'de Value {
+    const SECTION: &'static str = "an object";
+    type List = std::slice::Iter<'de, Value>;
+    type Section = serde_json::map::Iter<'de>;
+
+    fn form(self) -> Form<'de, Self> {
+        match self {
+            Value::Null => Form::Null,
+            Value::Bool(value) => Form::Truth(*value),
+            Value::Number(number) => match number.as_i128() {
+                Some(number) => Form::Whole(number),
+                None => Form::Number(number.as_f64().unwrap_or(f64::NAN)),
+            },
+            Value::String(text) => Form::Text(text),
+            Value::Array(values) => Form::List(values.iter()),
+            Value::Object(fields) => Form::Section(fields.iter()),
+        }
+    }
 }
 
 /// Reads JSON in which every object has each name once.

@@ -3,17 +3,11 @@
 //! [`read`] is the one function to call for a file; [`of_table`] reads a table that was combined from several sources, and
 //! [`line_of`] finds the line of a key. Values are compared with the types that they are read into, as in [`json`].
 
-use serde::de::value::MapDeserializer;
-use serde::de::{
-    DeserializeOwned, DeserializeSeed, Deserializer, Error as _, IntoDeserializer, SeqAccess,
-    Visitor,
-};
-use serde::forward_to_deserialize_any;
+use serde::de::DeserializeOwned;
 use toml::Value;
 use toml::de::{DeTable, DeValue};
 
-use super::json::{Fault, Fields, Refusal, Step, one_of, range_of, short, whole_numbers};
-use super::stated;
+use super::values::{self, Form, Read};
 
 /// What is wrong with a text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -77,7 +71,7 @@ pub fn read<T: DeserializeOwned>(text: &str) -> Result<T, Refused> {
 /// The first thing that is wrong; it has no line.
 pub fn of_table<T: DeserializeOwned>(table: toml::Table) -> Result<T, Refused> {
     let table = Value::Table(table);
-    T::deserialize(Toml(&table)).map_err(|refusal| Refused {
+    T::deserialize(Read(&table)).map_err(|refusal| Refused {
         line: None,
         key: refusal.path(),
         words: refusal.message("key"),
@@ -143,192 +137,21 @@ fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// The field under which the crate `toml` passes a time to its own types.
-const TIME_FIELD: &str = "$__toml_private_datetime";
+impl<'de> values::Value<'de> for &'de Value {
+    const SECTION: &'static str = "a section";
+    type List = std::slice::Iter<'de, Value>;
+    type Section = toml::map::Iter<'de, String, Value>;
 
-/// A value of TOML.
-#[derive(Clone, Copy)]
-struct Toml<'de>(&'de Value);
-
-impl<'de> Toml<'de> {
-    fn not(self, expected: &str) -> Refusal {
-        let got = match self.0 {
-            Value::String(text) => format!("{:?}", short(text)),
-            Value::Integer(number) => number.to_string(),
-            Value::Float(number) => stated(*number),
-            Value::Boolean(value) => value.to_string(),
-            Value::Datetime(time) => time.to_string(),
-            Value::Array(values) => format!("a list of {}", values.len()),
-            Value::Table(_) => "a section".to_owned(),
-        };
-        Refusal::new(Fault::Invalid(format!("expected {expected}, got {got}")))
-    }
-
-    fn whole(self) -> Option<i128> {
-        self.0.as_integer().map(i128::from)
-    }
-
-    fn list<V: Visitor<'de>>(values: &'de [Value], visitor: V) -> Result<V::Value, Refusal> {
-        let values = values.iter().enumerate();
-        visitor.visit_seq(Places { values })
-    }
-
-    fn table<V: Visitor<'de>>(table: &'de toml::Table, visitor: V) -> Result<V::Value, Refusal> {
-        visitor.visit_map(Fields {
-            inner: table
-                .iter()
-                .map(|(name, value)| (name.as_str(), Toml(value))),
-            value: None,
-        })
-    }
-}
-
-/// The values of a list, each refused by its place.
-struct Places<'de> {
-    values: std::iter::Enumerate<std::slice::Iter<'de, Value>>,
-}
-
-impl<'de> SeqAccess<'de> for Places<'de> {
-    type Error = Refusal;
-
-    fn next_element_seed<T: DeserializeSeed<'de>>(
-        &mut self,
-        seed: T,
-    ) -> Result<Option<T::Value>, Refusal> {
-        let Some((place, value)) = self.values.next() else {
-            return Ok(None);
-        };
-        let element = seed.deserialize(Toml(value));
-        element
-            .map(Some)
-            .map_err(|refusal| refusal.at(Step::Place(place)))
-    }
-}
-
-impl<'de> IntoDeserializer<'de, Refusal> for Toml<'de> {
-    type Deserializer = Self;
-
-    fn into_deserializer(self) -> Self {
-        self
-    }
-}
-
-impl<'de> Deserializer<'de> for Toml<'de> {
-    type Error = Refusal;
-
-    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::String(text) => visitor.visit_borrowed_str(text),
-            Value::Integer(number) => visitor.visit_i64(*number),
-            Value::Float(number) => visitor.visit_f64(*number),
-            Value::Boolean(value) => visitor.visit_bool(*value),
-            Value::Array(values) => Toml::list(values, visitor),
-            Value::Table(table) => Toml::table(table, visitor),
-            Value::Datetime(time) => visitor.visit_map(MapDeserializer::new(std::iter::once((
-                TIME_FIELD,
-                time.to_string(),
-            )))),
+    fn form(self) -> Form<'de, Self> {
+        match self {
+            Value::String(text) => Form::Text(text),
+            Value::Integer(number) => Form::Whole((*number).into()),
+            Value::Float(number) => Form::Number(*number),
+            Value::Boolean(value) => Form::Truth(*value),
+            Value::Datetime(time) => Form::Time(time.to_string()),
+            Value::Array(values) => Form::List(values.iter()),
+            Value::Table(table) => Form::Section(table.iter()),
         }
-    }
-
-    whole_numbers! {}
-
-    fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::Float(number) => visitor.visit_f64(*number),
-            Value::Integer(number) => visitor.visit_i64(*number),
-            _ => Err(self.not("a number")),
-        }
-    }
-
-    fn deserialize_f32<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        self.deserialize_f64(visitor)
-    }
-
-    fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::Boolean(value) => visitor.visit_bool(*value),
-            _ => Err(self.not("true or false")),
-        }
-    }
-
-    fn deserialize_str<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::String(text) => visitor.visit_borrowed_str(text),
-            _ => Err(self.not("a text")),
-        }
-    }
-
-    fn deserialize_string<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        self.deserialize_str(visitor)
-    }
-
-    fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::Array(values) => Toml::list(values, visitor),
-            _ => Err(self.not("a list")),
-        }
-    }
-
-    fn deserialize_tuple<V: Visitor<'de>>(
-        self,
-        length: usize,
-        visitor: V,
-    ) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::Array(values) if values.len() == length => Toml::list(values, visitor),
-            _ => Err(self.not(&format!("a list of {length}"))),
-        }
-    }
-
-    fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::Table(table) => Toml::table(table, visitor),
-            _ => Err(self.not("a section")),
-        }
-    }
-
-    fn deserialize_struct<V: Visitor<'de>>(
-        self,
-        _: &'static str,
-        _: &'static [&'static str],
-        visitor: V,
-    ) -> Result<V::Value, Refusal> {
-        // A time is read as a struct of the crate.
-        match self.0 {
-            Value::Datetime(_) => self.deserialize_any(visitor),
-            _ => self.deserialize_map(visitor),
-        }
-    }
-
-    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        visitor.visit_some(self)
-    }
-
-    fn deserialize_newtype_struct<V: Visitor<'de>>(
-        self,
-        _: &'static str,
-        visitor: V,
-    ) -> Result<V::Value, Refusal> {
-        visitor.visit_newtype_struct(self)
-    }
-
-    fn deserialize_enum<V: Visitor<'de>>(
-        self,
-        name: &'static str,
-        known: &'static [&'static str],
-        visitor: V,
-    ) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::String(word) => visitor.visit_enum(word.as_str().into_deserializer()),
-            Value::Table(_) => Value::deserialize_enum(self.0.clone(), name, known, visitor)
-                .map_err(Refusal::custom),
-            _ => Err(self.not(&one_of(known))),
-        }
-    }
-
-    forward_to_deserialize_any! {
-        i128 u128 char bytes byte_buf unit unit_struct tuple_struct identifier ignored_any
     }
 }
 

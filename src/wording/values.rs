@@ -2,16 +2,17 @@
 
 use std::cell::Cell;
 
+use serde::de::value::MapDeserializer;
 use serde::de::{DeserializeSeed, Deserializer, IntoDeserializer, MapAccess, SeqAccess, Visitor};
 use serde::forward_to_deserialize_any;
-use serde_json::Value;
 
 use super::refusal::{Fault, Refusal, Step, one_of, short};
+use super::stated;
 
 /// Names and values, each value refused by its name.
-pub(in crate::wording) struct Fields<'de, I, D> {
-    pub(in crate::wording) inner: I,
-    pub(in crate::wording) value: Option<(&'de str, D)>,
+pub(super) struct Fields<'de, I, D> {
+    inner: I,
+    value: Option<(&'de str, D)>,
 }
 
 impl<'de, I, D> Fields<'de, I, D> {
@@ -44,12 +45,39 @@ where
     }
 }
 
-/// The values of a list, each refused by its place.
-struct Places<'de> {
-    values: std::iter::Enumerate<std::slice::Iter<'de, Value>>,
+/// A value of a text format.
+pub(super) trait Value<'de>: Copy {
+    /// The word for names with their values.
+    const SECTION: &'static str;
+    type List: ExactSizeIterator<Item = Self>;
+    type Section: Iterator<Item = (&'de String, Self)>;
+
+    /// Returns what the value is.
+    fn form(self) -> Form<'de, Self>;
 }
 
-impl<'de> SeqAccess<'de> for Places<'de> {
+/// What a value is.
+pub(super) enum Form<'de, V: Value<'de>> {
+    Null,
+    Truth(bool),
+    Whole(i128),
+    Number(f64),
+    Text(&'de str),
+    /// A time of TOML.
+    Time(String),
+    List(V::List),
+    Section(V::Section),
+}
+
+/// The field under which the crate `toml` passes a time to its own types.
+const TIME_FIELD: &str = "$__toml_private_datetime";
+
+/// The values of a list, each refused by its place.
+struct Places<L> {
+    values: std::iter::Enumerate<L>,
+}
+
+impl<'de, V: Value<'de>, L: ExactSizeIterator<Item = V>> SeqAccess<'de> for Places<L> {
     type Error = Refusal;
 
     fn next_element_seed<T: DeserializeSeed<'de>>(
@@ -61,7 +89,7 @@ impl<'de> SeqAccess<'de> for Places<'de> {
         };
         let taken_for_name = Cell::new(false);
         let element = Element {
-            value: Json(value),
+            value: Read(value),
             taken_for_name: &taken_for_name,
         };
         match seed.deserialize(element) {
@@ -77,7 +105,7 @@ impl<'de> SeqAccess<'de> for Places<'de> {
 }
 
 /// A whole number of a type as a value says it.
-pub(in crate::wording) fn range_of(least: i128, most: i128) -> String {
+fn range_of(least: i128, most: i128) -> String {
     match (least, most) {
         (0, most) if most > i128::from(u32::MAX) => "a whole number from 0".to_owned(),
         (0, most) => format!("a whole number from 0 to {most}"),
@@ -108,45 +136,52 @@ macro_rules! whole_numbers {
         }
     )*};
 }
-pub(in crate::wording) use whole_numbers;
 
-/// A value of JSON.
+/// Reads a value of any format.
 #[derive(Clone, Copy)]
-pub(super) struct Json<'de>(pub(super) &'de Value);
+pub(super) struct Read<V>(pub(super) V);
 
-impl<'de> Json<'de> {
+impl<'de, V: Value<'de>> Read<V> {
     fn not(self, expected: &str) -> Refusal {
-        Refusal::expected(expected, self.0)
+        let got = match self.0.form() {
+            Form::Null => "null".to_owned(),
+            Form::Truth(value) => value.to_string(),
+            Form::Whole(number) => number.to_string(),
+            Form::Number(number) => stated(number),
+            Form::Text(text) => format!("{:?}", short(text)),
+            Form::Time(time) => time,
+            Form::List(values) => format!("a list of {}", values.len()),
+            Form::Section(_) => V::SECTION.to_owned(),
+        };
+        Refusal::new(Fault::Invalid(format!("expected {expected}, got {got}")))
     }
 
     fn whole(self) -> Option<i128> {
-        match self.0 {
-            Value::Number(number) => match number.as_i64() {
-                Some(number) => Some(number.into()),
-                None => number.as_u64().map(i128::from),
-            },
+        match self.0.form() {
+            Form::Whole(number) => Some(number),
             _ => None,
         }
     }
-
-    fn list<V: Visitor<'de>>(values: &'de [Value], visitor: V) -> Result<V::Value, Refusal> {
-        let values = values.iter().enumerate();
-        visitor.visit_seq(Places { values })
-    }
-
-    fn object<V: Visitor<'de>>(
-        fields: &'de serde_json::Map<String, Value>,
-        visitor: V,
-    ) -> Result<V::Value, Refusal> {
-        visitor.visit_map(Fields::new(
-            fields
-                .iter()
-                .map(|(name, value)| (name.as_str(), Json(value))),
-        ))
-    }
 }
 
-impl<'de> IntoDeserializer<'de, Refusal> for Json<'de> {
+fn list<'de, V: Value<'de>, T: Visitor<'de>>(
+    values: V::List,
+    visitor: T,
+) -> Result<T::Value, Refusal> {
+    let values = values.enumerate();
+    visitor.visit_seq(Places { values })
+}
+
+fn section<'de, V: Value<'de>, T: Visitor<'de>>(
+    values: V::Section,
+    visitor: T,
+) -> Result<T::Value, Refusal> {
+    visitor.visit_map(Fields::new(
+        values.map(|(name, value)| (name.as_str(), Read(value))),
+    ))
+}
+
+impl<'de, V: Value<'de>> IntoDeserializer<'de, Refusal> for Read<V> {
     type Deserializer = Self;
 
     fn into_deserializer(self) -> Self {
@@ -154,30 +189,39 @@ impl<'de> IntoDeserializer<'de, Refusal> for Json<'de> {
     }
 }
 
-impl<'de> Deserializer<'de> for Json<'de> {
+impl<'de, F: Value<'de>> Deserializer<'de> for Read<F> {
     type Error = Refusal;
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::Null => visitor.visit_unit(),
-            Value::Bool(value) => visitor.visit_bool(*value),
-            Value::Number(number) => match (number.as_u64(), number.as_i64()) {
-                (Some(value), _) => visitor.visit_u64(value),
-                (None, Some(value)) => visitor.visit_i64(value),
-                (None, None) => visitor.visit_f64(number.as_f64().unwrap_or(f64::NAN)),
+        match self.0.form() {
+            Form::Null => visitor.visit_unit(),
+            Form::Truth(value) => visitor.visit_bool(value),
+            Form::Whole(number) => match (u64::try_from(number), i64::try_from(number)) {
+                (Ok(number), _) => visitor.visit_u64(number),
+                (_, Ok(number)) => visitor.visit_i64(number),
+                _ => visitor.visit_i128(number),
             },
-            Value::String(text) => visitor.visit_borrowed_str(text),
-            Value::Array(values) => Json::list(values, visitor),
-            Value::Object(fields) => Json::object(fields, visitor),
+            Form::Number(number) => visitor.visit_f64(number),
+            Form::Text(text) => visitor.visit_borrowed_str(text),
+            Form::Time(time) => {
+                visitor.visit_map(MapDeserializer::new(std::iter::once((TIME_FIELD, time))))
+            }
+            Form::List(values) => list::<F, V>(values, visitor),
+            Form::Section(values) => section::<F, V>(values, visitor),
         }
     }
 
     whole_numbers! {}
 
     fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0.as_f64() {
-            Some(number) => visitor.visit_f64(number),
-            None => Err(self.not("a number")),
+        match self.0.form() {
+            Form::Number(number) => visitor.visit_f64(number),
+            #[expect(
+                clippy::cast_precision_loss,
+                reason = "a number is as near as a float can be"
+            )]
+            Form::Whole(number) => visitor.visit_f64(number as f64),
+            _ => Err(self.not("a number")),
         }
     }
 
@@ -186,15 +230,15 @@ impl<'de> Deserializer<'de> for Json<'de> {
     }
 
     fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::Bool(value) => visitor.visit_bool(*value),
+        match self.0.form() {
+            Form::Truth(value) => visitor.visit_bool(value),
             _ => Err(self.not("true or false")),
         }
     }
 
     fn deserialize_str<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::String(text) => visitor.visit_borrowed_str(text),
+        match self.0.form() {
+            Form::Text(text) => visitor.visit_borrowed_str(text),
             _ => Err(self.not("a text")),
         }
     }
@@ -204,8 +248,8 @@ impl<'de> Deserializer<'de> for Json<'de> {
     }
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::Array(values) => Json::list(values, visitor),
+        match self.0.form() {
+            Form::List(values) => list::<F, V>(values, visitor),
             _ => Err(self.not("a list")),
         }
     }
@@ -215,16 +259,16 @@ impl<'de> Deserializer<'de> for Json<'de> {
         length: usize,
         visitor: V,
     ) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::Array(values) if values.len() == length => Json::list(values, visitor),
+        match self.0.form() {
+            Form::List(values) if values.len() == length => list::<F, V>(values, visitor),
             _ => Err(self.not(&format!("a list of {length}"))),
         }
     }
 
     fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::Object(fields) => Json::object(fields, visitor),
-            _ => Err(self.not("an object")),
+        match self.0.form() {
+            Form::Section(values) => section::<F, V>(values, visitor),
+            _ => Err(self.not(F::SECTION)),
         }
     }
 
@@ -234,16 +278,17 @@ impl<'de> Deserializer<'de> for Json<'de> {
         _: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::Object(fields) => Json::object(fields, visitor),
-            Value::Array(_) => Err(Refusal::new(Fault::ListForObject)),
-            _ => Err(self.not("an object of named fields")),
+        match self.0.form() {
+            // The crate `toml` reads a time as a struct.
+            Form::Time(_) => self.deserialize_any(visitor),
+            Form::List(_) => Err(Refusal::new(Fault::ListForObject)),
+            _ => self.deserialize_map(visitor),
         }
     }
 
     fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::Null => visitor.visit_none(),
+        match self.0.form() {
+            Form::Null => visitor.visit_none(),
             _ => visitor.visit_some(self),
         }
     }
@@ -262,9 +307,9 @@ impl<'de> Deserializer<'de> for Json<'de> {
         known: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Refusal> {
-        match self.0 {
-            Value::String(word) => visitor.visit_enum(word.as_str().into_deserializer()),
-            // A type with fields names its kind in a field, so no request has an enumeration as an object.
+        match self.0.form() {
+            Form::Text(word) => visitor.visit_enum(word.into_deserializer()),
+            // A type with fields names its kind in a field, so no enumeration is written with names of its own.
             _ => Err(self.not(&one_of(known))),
         }
     }
@@ -275,8 +320,8 @@ impl<'de> Deserializer<'de> for Json<'de> {
 }
 
 /// A value in a list. Serde reads the first one as the kind of a tagged object, which only an object may be.
-struct Element<'a, 'de> {
-    value: Json<'de>,
+struct Element<'a, F> {
+    value: Read<F>,
     taken_for_name: &'a Cell<bool>,
 }
 
@@ -289,7 +334,7 @@ macro_rules! as_its_value {
     )*};
 }
 
-impl<'de> Deserializer<'de> for Element<'_, 'de> {
+impl<'de, F: Value<'de>> Deserializer<'de> for Element<'_, F> {
     type Error = Refusal;
 
     fn deserialize_identifier<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Refusal> {

@@ -1,11 +1,9 @@
-//! Why JSON or a query is refused: the path of the value, and what is wrong with it.
+//! Why a text or a query is refused: the path of the value, and what is wrong with it.
 
 use std::fmt;
 
+use super::{meant, stated};
 use serde::de::{Expected, Unexpected};
-use serde_json::Value;
-
-use crate::wording::{meant, stated};
 
 /// Longest part of a value that a refusal quotes, in characters.
 const QUOTED_MAX: usize = 60;
@@ -14,13 +12,13 @@ const QUOTED_MAX: usize = 60;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {
     /// From the value outwards.
-    pub(in crate::wording) steps: Vec<Step>,
+    pub(super) steps: Vec<Step>,
     fault: Fault,
 }
 
 /// A step of a path into a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(in crate::wording) enum Step {
+pub(super) enum Step {
     Name(String),
     Place(usize),
 }
@@ -28,7 +26,7 @@ pub(in crate::wording) enum Step {
 /// What is wrong at the end of the path.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Fault {
-    /// The text is not JSON. Holds the parser's own words, with line and column.
+    /// The text is not of its format. Holds the parser's own words, with line and column.
     Syntax(String),
     /// The type has no such field.
     UnknownField {
@@ -46,7 +44,7 @@ pub enum Fault {
 }
 
 impl Refusal {
-    pub(in crate::wording) fn new(fault: Fault) -> Self {
+    pub(super) fn new(fault: Fault) -> Self {
         Refusal {
             steps: Vec::new(),
             fault,
@@ -61,14 +59,7 @@ impl Refusal {
         }
     }
 
-    pub(super) fn expected(what: &str, got: &Value) -> Self {
-        Refusal::new(Fault::Invalid(format!(
-            "expected {what}, got {}",
-            quoted(got)
-        )))
-    }
-
-    pub(in crate::wording) fn at(mut self, step: Step) -> Self {
+    pub(super) fn at(mut self, step: Step) -> Self {
         self.steps.push(step);
         self
     }
@@ -110,7 +101,7 @@ impl Refusal {
             Fault::Syntax(words) | Fault::Invalid(words) => words.clone(),
             Fault::Missing => "is missing".to_owned(),
             Fault::Repeated => "is given twice".to_owned(),
-            Fault::ListForObject => "expected an object of named fields, got a list".to_owned(),
+            Fault::ListForObject => format!("expected an object of named {field}s, got a list"),
             Fault::UnknownField { known } => {
                 let name = match self.steps.first() {
                     Some(Step::Name(name)) => short(name),
@@ -209,7 +200,7 @@ fn in_words(expected: &str) -> &str {
 }
 
 /// Words in a row: `paper, sawtooth or auto`.
-pub(in crate::wording) fn one_of(words: &[&str]) -> String {
+pub(super) fn one_of(words: &[&str]) -> String {
     match words {
         [] => "nothing".to_owned(),
         [one] => (*one).to_owned(),
@@ -218,23 +209,9 @@ pub(in crate::wording) fn one_of(words: &[&str]) -> String {
 }
 
 /// The first characters of a text of any length.
-pub(in crate::wording) fn short(text: &str) -> String {
+pub(super) fn short(text: &str) -> String {
     match text.char_indices().nth(QUOTED_MAX) {
         Some((end, _)) => format!("{}…", &text[..end]),
         None => text.to_owned(),
-    }
-}
-
-fn quoted(value: &Value) -> String {
-    match value {
-        Value::Null => "null".to_owned(),
-        Value::Bool(value) => value.to_string(),
-        Value::Number(number) => match number.as_f64() {
-            Some(value) if number.is_f64() => stated(value),
-            _ => number.to_string(),
-        },
-        Value::String(text) => format!("{:?}", short(text)),
-        Value::Array(values) => format!("a list of {}", values.len()),
-        Value::Object(_) => "an object".to_owned(),
     }
 }
