@@ -7,8 +7,9 @@
 //! - A reply answers a command only if address, axis and id agree.
 //! - An id is not reused while its reply can still arrive.
 //! - Alerts are set aside.
-//! - A stop is sent before all waiting commands, and commands issued before the stop are not sent
-//!   after it.
+//! - A stop is sent before all waiting commands, at most 10 ms after it was issued although another command waits for its
+//!   reply. Motions issued before the stop are not sent after it.
+//! - A command whose device has answered a later stop is no longer waited for: devices answer in order.
 //! - [`PortLine::close`] closes the port for all handles, so that no forgotten handle keeps a port
 //!   from being opened again.
 //!
@@ -79,6 +80,7 @@ impl PortLine {
             lines: LineSplitter::of_messages(),
             next_id: 0,
             in_doubt: BTreeMap::new(),
+            waiting: Vec::new(),
             _is_open: is_open,
         };
         std::thread::Builder::new()

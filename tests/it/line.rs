@@ -150,6 +150,38 @@ async fn a_command_issued_before_a_stop_is_not_sent_after_it() {
     assert!(rig.world.is_moving());
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_does_not_wait_for_the_reply_to_another_command() {
+    let rig = Rig::new();
+    let settings = LineSettings {
+        reply_timeout: Duration::from_secs(3600),
+        attempts: 2,
+    };
+    let line = PortLine::open(&rig.address(), 115_200, settings, &rig.faults).unwrap();
+    let stop = async || {
+        // Until the other command waits for its reply.
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        let asked = Instant::now();
+        line.stop(&[1, 2]).await.unwrap();
+        asked.elapsed()
+    };
+    let in_time = |work| tokio::time::timeout(Duration::from_secs(60), work);
+    // The device answers the stop, so the reply to the question is lost: it is asked again.
+    rig.faults.on("get version", LineFault::LoseReply, 1);
+    let both = async { tokio::join!(ask(&line, 1, "get version"), stop()) };
+    let (version, took) = in_time(Box::pin(both)).await.unwrap();
+    assert_eq!(version, "7.38");
+    assert!(took < Duration::from_secs(1), "{took:?}");
+    assert_eq!(line.counts().timeouts, 1);
+    // A motion is not sent again.
+    rig.faults.on("home", LineFault::LoseReply, 1);
+    let home = DeviceCommand::new(1, 1, "home");
+    let stops = line.stops();
+    let (homing, _) = tokio::join!(line.command_once(&home, stops), stop());
+    assert!(matches!(homing, Err(LineError::NoReply { address: 1, .. })));
+    assert!(!rig.world.is_moving());
+}
+
 #[tokio::test]
 async fn a_stop_is_repeated_until_every_device_has_acknowledged_it() {
     let rig = Rig::new();

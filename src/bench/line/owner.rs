@@ -1,7 +1,8 @@
-//! The thread's side of a line: sends one command at a time and collects its replies.
+//! The thread's side of a line: sends commands one at a time, stops at once, and collects the replies.
 
 use std::collections::BTreeMap;
 use std::io;
+use std::mem;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -21,8 +22,8 @@ const REPLY_LATE_MAX: Duration = Duration::from_secs(5);
 /// Limit of the reads that discard old input, so that a line that is never quiet cannot block a
 /// command.
 const DISCARDED_READS_MAX: u32 = 64;
-/// Longest single wait for bytes, after which a line that is being closed ends.
-const READ_WAIT_MAX: Duration = Duration::from_millis(50);
+/// Longest single wait for bytes, after which a stop is sent and a line that is being closed ends.
+const READ_WAIT_MAX: Duration = Duration::from_millis(10);
 /// Largest size of a reply with its continuations, in bytes.
 const REPLY_BYTES_MAX: usize = 4096;
 
@@ -34,6 +35,9 @@ pub(super) struct Owner {
     pub next_id: u8,
     /// Ids whose reply may still arrive, each with the port's time until when.
     pub in_doubt: BTreeMap<u8, Duration>,
+    /// The commands that wait for their replies, in the order in which they were sent: at most one, and the stops that
+    /// were sent since then.
+    pub waiting: Vec<Exchange>,
     /// Dropped after the port: fields are dropped in their order.
     pub _is_open: watch::Sender<()>,
 }
@@ -54,43 +58,17 @@ impl Owner {
                 request = requests.recv() => request,
             }
         };
-        while let Some(request) = futures::executor::block_on(next(&mut requests, &mut urgent)) {
-            // A motion is not started if its caller has stopped waiting.
-            if request.stops.is_some() && request.answer.is_closed() {
-                continue;
-            }
-            let outcome = self.serve(&request);
-            // Fails if the caller dropped its future.
-            let _ = request.answer.send(outcome);
-        }
-    }
-
-    fn serve(&mut self, request: &LineRequest) -> Result<Vec<Reply>, ExchangeFailure> {
-        let stops = *self.shared.stops.borrow();
-        if request.stops.is_some_and(|then| then != stops) {
-            return Err(ExchangeFailure::Final(LineError::CancelledByStop));
-        }
-        let Some(id) = self.free_id() else {
-            // The replies to all hundred ids may still arrive: the device has been silent for long.
-            return Err(ExchangeFailure::Silence(Vec::new()));
-        };
-        let command = DeviceCommand {
-            id: Some(id),
-            ..request.command.clone()
-        };
-        let packets = command
-            .encode(true)
-            .map_err(|e| ExchangeFailure::Final(e.into()))?;
-        match self.exchange(&command, &packets, &request.expected, request.wait) {
-            Ok(outcome) => {
-                if outcome.is_err() {
-                    let until = self.port.now() + REPLY_LATE_MAX;
-                    self.in_doubt.insert(id, until);
-                    add(&self.shared.counters.timeouts, "timeout");
+        loop {
+            let request = if self.waiting.is_empty() {
+                match futures::executor::block_on(next(&mut requests, &mut urgent)) {
+                    Some(request) => Some(request),
+                    None => return,
                 }
-                outcome.map_err(ExchangeFailure::Silence)
-            }
-            Err(error) => {
+            } else {
+                urgent.try_recv().ok()
+            };
+            let sent = request.map_or(Ok(()), |request| self.send(request));
+            if let Err(error) = sent.and_then(|()| self.receive()) {
                 if !self.shared.closing.is_cancelled() {
                     warn!(port = %self.shared.port, "the connection is lost: {error}");
                     // Set once, before the line closes.
@@ -98,9 +76,106 @@ impl Owner {
                     // Closed at once, so that the port can be opened again when the device is back.
                     self.shared.closing.cancel();
                 }
-                Err(ExchangeFailure::Final(self.shared.gone()))
+                // Their callers get the error of a closed line.
+                self.waiting.clear();
             }
         }
+    }
+
+    /// Sends a command, unless a stop or its caller has cancelled it.
+    fn send(&mut self, request: LineRequest) -> io::Result<()> {
+        // A motion is not started if its caller has stopped waiting.
+        if request.stops.is_some() && request.answer.is_closed() {
+            return Ok(());
+        }
+        let refuse = |request: LineRequest, failure| {
+            // Fails if the caller dropped its future.
+            let _ = request.answer.send(Err(failure));
+            Ok(())
+        };
+        let stops = *self.shared.stops.borrow();
+        if request.stops.is_some_and(|then| then != stops) {
+            return refuse(request, ExchangeFailure::Final(LineError::CancelledByStop));
+        }
+        let Some(id) = self.free_id() else {
+            // The replies to all hundred ids may still arrive: the device has been silent for long.
+            return refuse(request, ExchangeFailure::Silence(Vec::new()));
+        };
+        let command = DeviceCommand {
+            id: Some(id),
+            ..request.command.clone()
+        };
+        let packets = match command.encode(true) {
+            Ok(packets) => packets,
+            Err(error) => return refuse(request, ExchangeFailure::Final(error.into())),
+        };
+        add(&self.shared.counters.exchanges, "exchange");
+        for _ in 0..DISCARDED_READS_MAX {
+            if self.take_in(Duration::ZERO)? == 0 {
+                break;
+            }
+        }
+        if self.waiting.is_empty() {
+            self.lines.clear();
+        }
+        self.shared.history().sent(&command);
+        for packet in packets {
+            trace!(port = %self.shared.port, "> {}", packet.escape_ascii());
+            self.port.write(&packet)?;
+        }
+        self.waiting.push(Exchange {
+            deadline: self.port.now() + request.wait,
+            request,
+            command,
+            whole: Vec::new(),
+            open: None,
+        });
+        Ok(())
+    }
+
+    /// Waits a moment for replies and ends the exchanges that have theirs, or that can no longer get them.
+    fn receive(&mut self) -> io::Result<()> {
+        let Some(first) = self.waiting.iter().map(|exchange| exchange.deadline).min() else {
+            return Ok(());
+        };
+        if self.shared.closing.is_cancelled() {
+            return Err(io::ErrorKind::NotConnected.into());
+        }
+        let now = self.port.now();
+        // At the deadline too: a reply that came while this thread did not run is here.
+        self.take_in(first.saturating_sub(now).min(READ_WAIT_MAX))?;
+        let mut sent = mem::take(&mut self.waiting);
+        while let Some(exchange) = (!sent.is_empty()).then(|| sent.remove(0)) {
+            let outcome = if exchange.is_done() {
+                Ok(exchange.whole)
+            } else if exchange.deadline <= now || exchange.is_overtaken(&sent) {
+                let until = self.port.now() + REPLY_LATE_MAX;
+                self.in_doubt
+                    .extend(exchange.command.id.map(|id| (id, until)));
+                add(&self.shared.counters.timeouts, "timeout");
+                Err(ExchangeFailure::Silence(exchange.whole))
+            } else {
+                self.waiting.push(exchange);
+                continue;
+            };
+            // Fails if the caller dropped its future.
+            let _ = exchange.request.answer.send(outcome);
+        }
+        Ok(())
+    }
+
+    /// Waits at most `wait` for bytes and hands the lines in them to the commands that they answer. Returns the number of bytes.
+    fn take_in(&mut self, wait: Duration) -> io::Result<usize> {
+        let mut buffer = [0; 512];
+        let n = self.port.read(&mut buffer, wait)?;
+        for line in self.lines.push(&buffer[..n]) {
+            trace!(port = %self.shared.port, "< {}", line.escape_ascii());
+            let mut waiting = self.waiting.iter_mut();
+            if !waiting.any(|exchange| exchange.take(&line, &self.shared)) {
+                self.shared.put_aside(&line);
+            }
+        }
+        Ok(n)
     }
 
     /// Returns the next id whose last reply has arrived or can no longer arrive.
@@ -110,79 +185,27 @@ impl Owner {
         for _ in 0..=ID_MAX {
             let id = self.next_id;
             self.next_id = if id == ID_MAX { 0 } else { id + 1 };
-            if !self.in_doubt.contains_key(&id) {
+            let is_awaited = |exchange: &Exchange| exchange.command.id == Some(id);
+            if !self.in_doubt.contains_key(&id) && !self.waiting.iter().any(is_awaited) {
                 return Some(id);
             }
         }
         None
     }
-
-    /// Sends one command and collects the replies to it. `Ok(Err(replies))`: the time-out passed
-    /// and replies are missing.
-    fn exchange(
-        &mut self,
-        command: &DeviceCommand,
-        packets: &[Vec<u8>],
-        expected: &ExpectedReplies,
-        wait: Duration,
-    ) -> io::Result<Result<Vec<Reply>, Vec<Reply>>> {
-        let mut buffer = [0; 512];
-        let port = &mut self.port;
-        add(&self.shared.counters.exchanges, "exchange");
-        for _ in 0..DISCARDED_READS_MAX {
-            let n = port.read(&mut buffer, Duration::ZERO)?;
-            if n == 0 {
-                break;
-            }
-            for line in self.lines.push(&buffer[..n]) {
-                self.shared.put_aside(&line);
-            }
-        }
-        self.lines.clear();
-        self.shared.history().sent(command);
-        for packet in packets {
-            trace!(port = %self.shared.port, "> {}", packet.escape_ascii());
-            port.write(packet)?;
-        }
-        let deadline = port.now() + wait;
-        let mut gathering = Gathering {
-            command,
-            expected,
-            whole: Vec::new(),
-            open: None,
-        };
-        loop {
-            let left = deadline.saturating_sub(port.now());
-            if left.is_zero() {
-                return Ok(Err(gathering.whole));
-            }
-            if self.shared.closing.is_cancelled() {
-                return Err(io::ErrorKind::NotConnected.into());
-            }
-            let n = port.read(&mut buffer, left.min(READ_WAIT_MAX))?;
-            for line in self.lines.push(&buffer[..n]) {
-                trace!(port = %self.shared.port, "< {}", line.escape_ascii());
-                if !gathering.take(&line, &self.shared) {
-                    self.shared.put_aside(&line);
-                }
-            }
-            if gathering.is_done() {
-                return Ok(Ok(gathering.whole));
-            }
-        }
-    }
 }
 
-/// Collects the replies to one command.
-struct Gathering<'a> {
-    command: &'a DeviceCommand,
-    expected: &'a ExpectedReplies,
+/// A command that waits for its replies.
+pub(super) struct Exchange {
+    request: LineRequest,
+    /// As it was sent, with its id.
+    command: DeviceCommand,
+    deadline: Duration,
     whole: Vec<Reply>,
     /// A reply that continues in info messages.
     open: Option<Reply>,
 }
 
-impl Gathering<'_> {
+impl Exchange {
     /// Takes a line if it belongs to the command; returns whether it did.
     fn take(&mut self, line: &[u8], shared: &LineState) -> bool {
         let Ok(message) = decode_message(line) else {
@@ -230,7 +253,7 @@ impl Gathering<'_> {
         if reply.id != self.command.id || reply.axis != self.command.axis {
             return false;
         }
-        match self.expected {
+        match &self.request.expected {
             ExpectedReplies::One => reply.address == self.command.address && self.whole.is_empty(),
             ExpectedReplies::Each(addresses) => {
                 addresses.contains(&reply.address)
@@ -242,10 +265,18 @@ impl Gathering<'_> {
     }
 
     fn is_done(&self) -> bool {
-        match self.expected {
+        match &self.request.expected {
             ExpectedReplies::One => !self.whole.is_empty(),
             ExpectedReplies::Each(addresses) => self.whole.len() == addresses.len(),
             ExpectedReplies::Anyone => false,
         }
+    }
+
+    /// Returns whether its reply is lost: a device answers in order, and this one has answered one of `later`.
+    fn is_overtaken(&self, later: &[Exchange]) -> bool {
+        let address = self.command.address;
+        let mut replies = later.iter().flat_map(|exchange| &exchange.whole);
+        matches!(self.request.expected, ExpectedReplies::One)
+            && replies.any(|reply| reply.address == address)
     }
 }
