@@ -515,6 +515,33 @@ async fn a_lamp_that_fades_in_a_block_has_it_taken_again() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_slip_that_a_homing_mended_has_the_points_before_it_taken_again() {
+    let slip = AxisFault::Slip(Angle::from_deg(2.0));
+    let cues = [
+        (0, Cue::NoEncoder),
+        (3, Cue::Cause(AxisName::ThetaC, slip)),
+        (5, Cue::Cause(AxisName::ThetaC, AxisFault::PowerCycle)),
+    ];
+    let (end, reported) = run(grid(), &[], cues, |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed, "{:?}", reported.alarms);
+    assert_eq!(reported.alarms, ["stage-power-cycled", "reference-changed"]);
+    assert_eq!(reported.of_another_pose, [2, 3]);
+    assert_eq!(reported.withdrawn, [[0, 1, 2, 3, 4]]);
+    let mut accepted = reported.accepted.clone();
+    accepted.sort_unstable();
+    assert_eq!(accepted, [0, 1, 2, 3, 4, 5]);
+    // A homing after which the picture is the same costs one frame.
+    let cues = [
+        (0, Cue::NoEncoder),
+        (5, Cue::Cause(AxisName::ThetaC, AxisFault::PowerCycle)),
+    ];
+    let (end, reported) = run(grid(), &[], cues, |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed);
+    assert_eq!(reported.alarms, ["stage-power-cycled"]);
+    assert_eq!(reported.withdrawn.len(), 0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_computer_that_was_suspended_in_an_exposure_takes_the_point_again() {
     let (end, reported) = run(grid(), &[], [(3, Cue::Suspend)], |_| u64::MAX).await;
     assert_eq!(end.state, ScanState::Completed);

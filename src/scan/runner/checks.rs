@@ -46,6 +46,9 @@ struct Seen {
 pub(super) struct Checks {
     /// Points since the last check of the reference, in the order taken.
     block: Vec<Seen>,
+    /// How many of them were taken before an axis was homed, or before this run: a slip that the homing mended shows only at
+    /// the last of them.
+    before_homing: usize,
     /// The last accepted point, of any kind.
     last: Option<(Shot, Vec<Look>)>,
     /// The dark frames of this run that were accepted last.
@@ -66,6 +69,7 @@ impl Checks {
     pub(super) fn new() -> Checks {
         Checks {
             block: Vec::new(),
+            before_homing: 0,
             last: None,
             dark: Vec::new(),
             to_confirm: CONFIRMED_POINTS,
@@ -80,6 +84,11 @@ impl Checks {
     pub(super) fn doubt_the_camera(&mut self) {
         self.to_confirm = CONFIRMED_POINTS;
         self.to_discard = BUFFERED_FRAMES_MAX;
+    }
+
+    /// An axis was homed: the points so far may have been taken before a slip that shows no more.
+    pub(super) fn homed(&mut self) {
+        self.before_homing = self.block.len();
     }
 
     /// Whether frames look like those of the last point, which was elsewhere or of another kind. The exposures do not count: a
@@ -253,6 +262,8 @@ impl Runner<'_> {
                 self.remember_look(shot, looks, predicted_s);
             }
         }
+        // A person may have homed the axes since then.
+        self.checks.homed();
         // The first frame of this run is compared with those of no other pose.
         self.checks.last = None;
     }
@@ -267,16 +278,20 @@ impl Runner<'_> {
         self.suspensions.note_temperature(off);
     }
 
-    /// Returns to a reference pose if it is time, and takes the points since the last check again if the picture changed.
+    /// Returns to a reference pose if it is time or an axis was homed, and takes the points since the last check again if the
+    /// picture changed.
     /// `next` is where the scan goes then; `None` after the last point.
     pub(super) async fn check_reference(&mut self, next: Option<Pose>) -> Result<(), Ending> {
         let rules = self.run.settings.reference;
-        if !rules.is_due(self.checks.block.len(), next.is_some()) {
+        let is_due = rules.is_due(self.checks.block.len(), next.is_some());
+        if !is_due && self.checks.before_homing == 0 {
             return Ok(());
         }
         let mut suspect: Option<Trouble> = None;
         let mut retakes = 0;
-        while let Some((seen, look, predicted)) = self.reference_pose(next) {
+        while let Some((seen, look, predicted)) =
+            self.reference_pose(next, is_due || suspect.is_some())
+        {
             let started = self.run.clock.now();
             let outcome = self.compare_at(&seen.shot, &look).await?;
             let took = self.run.clock.now().saturating_sub(started);
@@ -284,6 +299,10 @@ impl Runner<'_> {
             self.totals.ideal_s += predicted.as_secs_f64();
             self.totals.predicted_done_s += predicted.as_secs_f64();
             let why = match outcome {
+                Ok(_) if std::mem::take(&mut self.checks.before_homing) > 0 => match is_due {
+                    true => continue,
+                    false => break,
+                },
                 Ok(level) => {
                     self.note_drift(level).await;
                     break;
@@ -291,6 +310,7 @@ impl Runner<'_> {
                 Err(why) => why,
             };
             let block = std::mem::take(&mut self.checks.block);
+            self.checks.before_homing = 0;
             let points: BTreeSet<u32> = block.iter().map(|seen| seen.shot.index).collect();
             let count = counted(points.len(), "point");
             self.withdraw(&points, &why).await?;
@@ -321,7 +341,10 @@ impl Runner<'_> {
                 self.take(&seen.shot).await?;
             }
         }
-        self.checks.block.clear();
+        self.checks.before_homing = 0;
+        if is_due {
+            self.checks.block.clear();
+        }
         if let Some(trouble) = suspect {
             self.report(trouble, "the reference pose looks the same again")
                 .await;
@@ -329,8 +352,9 @@ impl Runner<'_> {
         Ok(())
     }
 
-    /// Returns the point to return to, its look and the time it takes.
-    fn reference_pose(&self, next: Option<Pose>) -> Option<(Seen, Look, Duration)> {
+    /// Returns the point to return to, its look and the time it takes: the last one before a homing, else, if it is time, one of
+    /// those since the last check.
+    fn reference_pose(&self, next: Option<Pose>, is_due: bool) -> Option<(Seen, Look, Duration)> {
         let block = &self.checks.block;
         let visited: Vec<Visited> = block
             .iter()
@@ -341,6 +365,18 @@ impl Runner<'_> {
             })
             .collect();
         let move_time = |from, to| self.move_times.predict(from, to);
+        let before_homing = block[..self.checks.before_homing].iter().rev();
+        let mut comparables =
+            before_homing.filter_map(|seen| Some((seen, comparable(&seen.looks)?)));
+        if let Some((seen, look)) = comparables.next() {
+            let way = visited.last().zip(seen.shot.target);
+            let way = way.map_or(Duration::ZERO, |(at, to)| move_time(at.target, to));
+            let takes = way + seen.shot.longest_exposure();
+            return Some((seen.clone(), look.clone(), takes));
+        }
+        if !is_due {
+            return None;
+        }
         let rules = self.run.settings.reference;
         let (chosen, takes) = rules.choose(&visited, next, &move_time)?;
         // From there on, the first pose that shows light.

@@ -121,7 +121,9 @@ impl Runner<'_> {
             };
             match orders.during(made_ready).await? {
                 Ok(Ok((move_times, pose))) => {
-                    self.doubted.clear();
+                    if !std::mem::take(&mut self.doubted).is_empty() {
+                        self.checks.homed();
+                    }
                     self.move_times = move_times;
                     self.totals.at = Some(pose);
                     return Ok(Ok(()));

@@ -13,6 +13,7 @@ use ridged::lab::RigParts;
 use ridged::scan::recorder::{RecordError, Recorder, Recovery, Visit};
 use ridged::scan::runner::{self, CommandRequest, RunEnd, RunnerSettings, ScanCommand, ScanRun};
 use ridged::scan::{OperatorAction, Progress, Rig, ScanState, Shot, Step};
+use ridged::sim::faults::{LineFault, ScriptedFaults};
 use ridged::sim::rig::{SimulatedRig, Simulation};
 use ridged::sim::world::{AxisFault, OnTable, World};
 use tokio::sync::{mpsc, oneshot};
@@ -51,6 +52,8 @@ pub(super) enum Cue {
     State(Statement),
     /// The computer is suspended while it exposes.
     Suspend,
+    /// The controllers have no encoder. For frame 0.
+    NoEncoder,
     /// Something happens to an axis while it exposes.
     Cause(AxisName, AxisFault),
 }
@@ -143,7 +146,7 @@ impl Camera for CuedCamera {
     ) -> BoxFuture<'a, Result<Captured, CameraError>> {
         self.asked += 1;
         match self.cues.get(&self.asked) {
-            None => {}
+            None | Some(Cue::NoEncoder) => {}
             Some(Cue::Black) => self.uniform_dn = Some(200),
             Some(Cue::Full) => self.uniform_dn = Some(u16::MAX),
             Some(Cue::Hang) => self.hangs = true,
@@ -434,9 +437,18 @@ pub(super) async fn run_with(
         mut settings,
     } = parts;
     change(&mut settings.runner);
-    let link = devices.link().clone();
+    let mut link = devices.link().clone();
     let mut cues: BTreeMap<u32, Cue> = cues.into_iter().collect();
     let first = cues.remove(&0);
+    if let Some(Cue::NoEncoder) = first {
+        let faults = ScriptedFaults::new();
+        faults.on(
+            "encoder.pos",
+            LineFault::Refuse("BADCOMMAND".into()),
+            u32::MAX,
+        );
+        link.seam = Arc::new(faults);
+    }
     if let Some(Cue::Order(order)) = first {
         orders.try_send(command_request(order)).ok().unwrap();
     }
