@@ -124,11 +124,13 @@ impl Recorder for LabRecorder {
                     false => now.activity = None,
                 });
             }
-            let written = self
-                .sink
-                .store
-                .change_state(self.scan_id, next, reason, operator, progress)
-                .await;
+            let store = &self.sink.store;
+            let write = || store.change_state(self.scan_id, next, reason, operator, progress);
+            let written = match &self.first_state {
+                // Its caller waits for the answer.
+                Some(_) => write().await,
+                None => self.sink.patiently(self.scan_id, write).await,
+            };
             let (first, outcome) = match written {
                 Ok(event) => {
                     publish(&self.sink.events, event);
@@ -162,7 +164,8 @@ impl Recorder for LabRecorder {
     ) -> BoxFuture<'a, Result<(), RecordError>> {
         Box::pin(async move {
             let store = &self.sink.store;
-            store.withdraw_shots(self.scan_id, points, why).await?;
+            let withdraw = || store.withdraw_shots(self.scan_id, points, why);
+            self.sink.patiently(self.scan_id, withdraw).await?;
             Ok(())
         })
     }

@@ -104,6 +104,20 @@ async fn an_abort_stops_the_stages_before_it_waits_for_a_locked_database() {
     lab.shut_down().await;
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn a_state_of_a_scan_waits_for_a_database_that_is_locked_for_long() {
+    let folder = tempfile::tempdir().unwrap();
+    let (bench, scan_id, mut events) = with_a_frame(folder.path()).await;
+    let locked = lock(folder.path()).await;
+    bench.lab.stop().await.unwrap();
+    let is_alarm =
+        |event: &Event| matches!(event, Event::Alarm { code, .. } if code == "store-locked");
+    next(&mut events, is_alarm).await;
+    locked.close().await.unwrap();
+    bench.until(scan_id, ScanState::Paused).await;
+    bench.lab.shut_down().await;
+}
+
 /// A scan whose first frame is durable, and the events from then on.
 async fn with_a_frame(folder: &Path) -> (BenchInABox, i64, Receiver<Arc<RecordedEvent>>) {
     let bench = BenchInABox::open(folder, Arc::new(RealDisk), false).await;
