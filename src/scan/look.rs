@@ -2,7 +2,7 @@
 //! in brightness do not; hot pixels and texts in a few pixels have no effect.
 
 use super::frame_rules::FrameRules;
-use crate::frame::Frame;
+use crate::frame::{Frame, FrameKind};
 
 /// Blocks along each edge.
 const GRID: usize = 8;
@@ -123,9 +123,15 @@ impl Look {
         sum / self.blocks.len() as f64
     }
 
-    /// Whether two frames show the same within `share` beyond noise, also where they show no light. A block that is full in both
-    /// is the same; one that is full in one of them must be half full in the other.
-    pub(super) fn agrees_with(&self, other: &Look, share: f64, rules: &FrameRules) -> bool {
+    /// Whether two frames of a kind show the same within `share` beyond noise, also where they show no light. A block that is
+    /// full in both is the same; one that is full in one of them must be half full in the other.
+    pub(super) fn agrees_with(
+        &self,
+        other: &Look,
+        kind: FrameKind,
+        share: f64,
+        rules: &FrameRules,
+    ) -> bool {
         if self.blocks.len() != other.blocks.len() {
             return false;
         }
@@ -146,7 +152,9 @@ impl Look {
         let scale = mean(&|p| p.0.0).abs().max(mean(&|p| p.1.0).abs());
         let total = mean(&|p| (p.1.0 - p.0.0).powi(2)).sqrt();
         let noise = NOISE_FACTOR * mean(&|p| p.0.1.powi(2) + p.1.1.powi(2)).sqrt();
-        let always_dn = match self.is_comparable() && other.is_comparable() {
+        // What a frame under the cap shows may exceed the stated noise by far, and is no light.
+        let is_lit = kind != FrameKind::Dark && self.is_comparable() && other.is_comparable();
+        let always_dn = match is_lit {
             true => SAME_DN,
             false => SAME_DN.max(SAME_DARK_SHARE * rules.capped.at(self.exposure_s)),
         };
@@ -296,13 +304,18 @@ mod tests {
     #[test]
     fn frames_agree_also_where_they_show_no_light_or_are_full() {
         let even = |seed, dn: f64| look(seed, move |_, _| dn);
-        let agree = |a, b| even(1, a).agrees_with(&even(2, b), 0.01, &rules());
+        let of_kind = |kind, a, b| even(1, a).agrees_with(&even(2, b), kind, 0.01, &rules());
+        let agree = |a, b| of_kind(FrameKind::Sample, a, b);
         for dn in [0.0, 30.0, 1000.0, 60_000.0] {
             assert!(agree(dn, dn) && !agree(dn, 500.0), "{dn}");
         }
         // A block at the edge of saturation.
         assert!(agree(3795.0, 60_000.0));
         assert!(!agree(0.0, 20.0));
+        // Dark frames have a tolerance of their own, also where the black level is stated too low.
+        let in_the_dark = |a, b| of_kind(FrameKind::Dark, a, b);
+        assert!(in_the_dark(40.0, 44.0) && !agree(40.0, 44.0));
+        assert!(!in_the_dark(40.0, 70.0));
     }
 
     #[test]

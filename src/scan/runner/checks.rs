@@ -122,7 +122,7 @@ impl Checks {
             .iter()
             .find(|dark| dark.has_exposure_of(longest))?;
         let is_brighter = longest.level_dn() > dark.level_dn()
-            && !longest.agrees_with(dark, SAME_POSE_SHARE, rules);
+            && !longest.agrees_with(dark, shot.kind, SAME_POSE_SHARE, rules);
         (!is_brighter).then(|| {
             Rejected::Otherwise(format!(
                 "the white reference is no brighter than the dark frames ({:.0} DN and {:.0} DN above the black level in {} s); \
@@ -211,7 +211,7 @@ impl Runner<'_> {
             for again in &again {
                 let mut same = looks.iter().filter(|first| first.has_exposure_of(again));
                 if let Some(first) =
-                    same.find(|first| !first.agrees_with(again, SAME_POSE_SHARE, rules))
+                    same.find(|first| !first.agrees_with(again, shot.kind, SAME_POSE_SHARE, rules))
                 {
                     let why = lagging(first, again);
                     return Ok(Confirmed::No(Rejected::Otherwise(why)));
