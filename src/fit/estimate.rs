@@ -64,6 +64,20 @@ impl Estimate<'_> {
         self.tier_shift.iter().any(|s| *s != 0.0)
     }
 
+    /// Changes of the weighted residuals of the observations by the stated standard uncertainties of both stages.
+    pub(super) fn by_stages(&self) -> Vec<f64> {
+        let (problem, values) = (&self.problem, &self.values);
+        let ready = problem.ready(values);
+        let observations = problem.set().observations.iter().enumerate();
+        let each = observations.map(|(i, o)| {
+            let g = problem.corrected(i, &ready);
+            let by_tilt = g.theta_c * o.shared.theta_c_zero.rad();
+            let by_turn = g.phi_s * o.shared.phi_s_zero.rad();
+            values.scale / problem.sigma()[i] * by_tilt.hypot(by_turn)
+        });
+        each.collect()
+    }
+
     /// Computes χ² without the model error, the RMS residual and the model error from the other fields. `own` are the
     /// independent standard uncertainties of the observations, in the unit of the signals.
     pub(super) fn with_statistics(mut self, own: &[f64]) -> Self {

@@ -12,6 +12,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::estimate::Estimate;
 use super::problem::Quantity;
+use crate::robust;
 
 /// Smallest share of a column's square that has to remain.
 const LEFT_MIN: f64 = 1e-8;
@@ -35,6 +36,24 @@ impl Leftover {
     /// Computes it for an estimate; `None` if its minimum has values that are not finite. The gain of the samples
     /// relative to the flats is always among the projected directions.
     pub fn of(estimate: &Estimate<'_>) -> Option<Leftover> {
+        Leftover::weighted(estimate, &[])
+    }
+
+    /// Computes it with less weight for observations that change much within the stated uncertainty of the stages: every
+    /// pose has an error of its own, and on the flank of a narrow lobe its effect exceeds the scatter of the other poses.
+    pub fn of_steady_poses(estimate: &Estimate<'_>) -> Option<Leftover> {
+        let all = Leftover::of(estimate)?;
+        let scale = all.scale(0..all.observations())?;
+        if scale <= 0.0 {
+            return Some(all);
+        }
+        let by_stages = estimate.by_stages().into_iter();
+        let weights: Vec<f64> = by_stages.map(|by| 1.0 / (by / scale).hypot(1.0)).collect();
+        Leftover::weighted(estimate, &weights)
+    }
+
+    /// The same with the rows of the observations multiplied by `weights`; all rows are kept as they are if it is empty.
+    fn weighted(estimate: &Estimate<'_>, weights: &[f64]) -> Option<Leftover> {
         let problem = &estimate.problem;
         let minimum = &estimate.minimum;
         let rows = problem.residual_count();
@@ -50,11 +69,9 @@ impl Leftover {
             return None;
         }
         let predicted = problem.predicted(&estimate.values);
-        let relative: Vec<f64> = predicted
-            .iter()
-            .zip(problem.sigma())
-            .map(|(p, s)| p / s)
-            .collect();
+        let weight = |row: usize| weights.get(row).copied().unwrap_or(1.0);
+        let relative = predicted.iter().zip(problem.sigma()).enumerate();
+        let relative: Vec<f64> = relative.map(|(i, (p, s))| weight(i) * p / s).collect();
         if relative.iter().any(|v| !v.is_finite()) {
             return None;
         }
@@ -64,6 +81,11 @@ impl Leftover {
             jacobian: minimum.jacobian.clone(),
             relative,
         };
+        for (row, weight) in weights.iter().enumerate() {
+            all.residuals[row] *= weight;
+            let derivatives = all.jacobian.iter_mut().skip(row).step_by(rows);
+            derivatives.for_each(|v| *v *= weight);
+        }
         if !problem.free().contains(&Quantity::Scale) {
             let gain = all.column(|_| 1.0);
             all.jacobian.extend(gain.iter());
@@ -93,6 +115,13 @@ impl Leftover {
         let mut column: Vec<f64> = rows.collect();
         column.resize(self.residuals.len(), 0.0);
         DVector::from_vec(column)
+    }
+
+    /// Builds the column of a change of observation `i` only.
+    pub fn row(&self, i: usize) -> DVector<f64> {
+        let mut column = DVector::zeros(self.residuals.len());
+        column[i] = 1.0;
+        column
     }
 
     /// Returns the part of a column that remains after the projection; zero if it is rounding.
@@ -136,6 +165,18 @@ impl Leftover {
     /// Share of row `i` that the parameters follow, 0 to 1.
     pub fn leverage(&self, i: usize) -> f64 {
         self.basis.iter().map(|d| d[i] * d[i]).sum()
+    }
+
+    /// Residual of observation `i`, in units that are the same for all if they scatter alike.
+    pub fn size(&self, i: usize) -> f64 {
+        let open = 1.0 - self.leverage(i);
+        self.residuals[i].abs() / open.max(f64::EPSILON).sqrt()
+    }
+
+    /// Robust standard deviation of some observations; `None` of none.
+    pub fn scale(&self, observations: impl Iterator<Item = usize>) -> Option<f64> {
+        let mut sizes: Vec<f64> = observations.map(|i| self.size(i)).collect();
+        Some(robust::median(&mut sizes)? / robust::MEDIAN_OF_ABS)
     }
 
     /// Number of sample observations; their rows come first.
