@@ -66,7 +66,7 @@ pub struct SharedErrors {
 
 /// The white reference measured at one camera tilt. Modelled as gain · [reflectance/π · cos θi(θc +
 /// δ) + stray light], with the tilt's zero error δ.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct FlatObservation {
     /// Camera tilt read back from the stage.
     pub theta_c: Angle,
@@ -74,6 +74,8 @@ pub struct FlatObservation {
     pub signal: f64,
     /// Standard uncertainty of `signal`, independent between flats.
     pub sigma: f64,
+    /// Times of its frames, in seconds after the mean time of all flats; empty unless all have times.
+    pub times_s: Vec<f64>,
 }
 
 /// Certificate of the white reference: a Lambertian reflector.
@@ -246,9 +248,6 @@ pub struct ObservationSet {
     /// Fraction of the body's light that leaves uniformly over the ridges, as stated in the series;
     /// `None` if not stated.
     pub translucency: Option<Prior>,
-    /// Times of the white reference's frames, in seconds after their mean time; empty unless all
-    /// have times.
-    pub flat_times_s: Vec<f64>,
     /// The lamp drift for which the signals were corrected.
     pub lamp: Option<LampDrift>,
     /// The camera's nonlinearity, if significant; signals are corrected for it.
@@ -309,7 +308,6 @@ impl ObservationSet {
             theta_l_std: None,
             dark_std: 0.0,
             translucency: None,
-            flat_times_s: Vec::new(),
             lamp: None,
             detector: None,
             region: None,

@@ -230,6 +230,7 @@ impl SurfaceComparison {
                 theta_c,
                 signal,
                 sigma: 1e-4 * signal,
+                times_s: Vec::new(),
             }
         });
         ObservationSet {

@@ -161,6 +161,7 @@ mod tests {
                     theta_c,
                     signal: signal(due),
                     sigma: 1e-4,
+                    times_s: Vec::new(),
                 }
             })
             .collect();

@@ -4,7 +4,7 @@
 //! large and the others are normal. [`bad_poses`] finds single poses by studentised deletion residuals. [`bad_block`]
 //! finds a run in time whose signals are too high or too low by one common share, the best of all runs; a CUSUM of the
 //! residuals would miss runs that the parameters partly absorb. Both count a pose less whose signal changes much within the
-//! uncertainty of the stages. Both only report: the weights of a fit stay unchanged.
+//! uncertainty of the stages or by the usual error of the closed form. Both only report: the weights of a fit stay unchanged.
 //!
 //! Neither may take a model error for a blunder. A model error affects many poses. Single poses are therefore reported
 //! only if at most three are bad, and a run only if it explains more than half of χ² and more than any smooth curve in

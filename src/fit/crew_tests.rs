@@ -30,6 +30,7 @@ fn set(metal: bool, beside: bool) -> ObservationSet {
                 theta_c: Angle::from_deg(-20.0 + 10.0 * f64::from(k)),
                 signal: 0.3,
                 sigma: 0.01,
+                times_s: Vec::new(),
             })
             .collect(),
         white_reference: Some(WhiteReference {

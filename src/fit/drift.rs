@@ -1,8 +1,8 @@
 //! Tests for a drift of the lamp during the poses, from the times of the frames and the residuals.
 //!
-//! Every signal is modelled as that of a steady lamp times 1 + Σ d_k [P_k(x) − P̄_k]. P_k are the Legendre polynomials,
-//! x is the time from −1 at the first frame to 1 at the last, and P̄_k is the mean over the frames of the white
-//! reference. This is linear: its columns join the derivatives at the minimum, and only the part that no parameter
+//! Every signal, those of the white reference included, is modelled as that of a steady lamp times
+//! 1 + Σ d_k [P_k(x) − P̄_k]. P_k are the Legendre polynomials, x is the time from −1 at the first frame to 1 at the last, and
+//! P̄_k is the mean over the frames of the white reference. This is linear: its columns join the derivatives at the minimum, and only the part that no parameter
 //! explains counts ([`Leftover`]). Two degrees are always fitted, a third if it is significant by itself. The noise is
 //! everything that remains, model error included. [`drift`] returns the drift to report. [`without`] returns the
 //! observations of a steady lamp, which are then fitted again.
@@ -65,10 +65,10 @@ pub(super) struct Drift {
     pub changes: Vec<Vec<f64>>,
 }
 
-/// Times of the observations and of the white reference frames, on the scale from −1 to 1.
+/// Times of the observations and of the frames of each flat, on the scale from −1 to 1. Without times, all flats are one.
 struct Times {
     observations: Vec<f64>,
-    flats: Vec<f64>,
+    flats: Vec<Vec<f64>>,
     hours: f64,
     ends: [usize; 2],
 }
@@ -94,32 +94,42 @@ impl Times {
             true => t,
             false => t.clamp(first, last),
         };
-        let flats: Vec<f64> = match set.flat_times_s.as_slice() {
-            [] => vec![near(0.0)],
-            times => times.iter().map(|t| near(*t)).collect(),
+        let all = || set.flats.iter().map(|flat| &flat.times_s);
+        let are_known = all().len() > 0 && all().all(|times| !times.is_empty());
+        let flats: Vec<Vec<f64>> = match are_known {
+            true => all()
+                .map(|times| times.iter().map(|t| near(*t)).collect())
+                .collect(),
+            false => vec![vec![near(0.0)]],
         };
-        let from = flats.iter().copied().fold(first, f64::min);
-        let to = flats.iter().copied().fold(last, f64::max);
+        let from = flats.iter().flatten().copied().fold(first, f64::min);
+        let to = flats.iter().flatten().copied().fold(last, f64::max);
         let place = |t: &f64| 2.0 * (t - from) / (to - from) - 1.0;
         Some(Times {
             observations: taken.iter().map(place).collect(),
-            flats: flats.iter().map(place).collect(),
+            flats: flats
+                .iter()
+                .map(|times| times.iter().map(place).collect())
+                .collect(),
             hours: span / SECONDS_PER_HOUR,
             ends,
         })
     }
 
-    /// P_k at each observation minus its mean over the white reference.
+    /// P_k at each observation, and then its mean over each flat, minus its mean over the white reference.
     fn polynomial(&self, degree: usize) -> Vec<f64> {
-        let flats = self.flats.iter().map(|x| legendre(degree, *x));
-        let mean = flats.sum::<f64>() / self.flats.len() as f64;
-        let seen = self.observations.iter();
-        seen.map(|x| legendre(degree, *x) - mean).collect()
+        let mean_of = |times: &[f64]| {
+            times.iter().map(|x| legendre(degree, *x)).sum::<f64>() / times.len() as f64
+        };
+        let white = mean_of(&self.flats.concat());
+        let observations = self.observations.iter().map(|x| legendre(degree, *x));
+        let flats = self.flats.iter().map(|times| mean_of(times));
+        observations.chain(flats).map(|p| p - white).collect()
     }
 
-    /// Relative change of each observation's signal against the light during the white reference.
+    /// Relative change of the signal of each observation, and then of each flat, against the light during the white reference.
     fn shares(&self, coefficients: &[f64]) -> Vec<f64> {
-        let mut shares = vec![0.0; self.observations.len()];
+        let mut shares = vec![0.0; self.observations.len() + self.flats.len()];
         for (k, d) in coefficients.iter().enumerate().filter(|(_, d)| **d != 0.0) {
             for (share, p) in shares.iter_mut().zip(self.polynomial(k + 1)) {
                 *share += d * p;
@@ -205,10 +215,7 @@ pub fn fitted(estimate: &Estimate<'_>) -> Option<LampDrift> {
     let times = Times::of(set)?;
     let left = Leftover::of(estimate)?;
     let raw: Vec<DVector<f64>> = (1..=DEGREES_MAX)
-        .map(|k| {
-            let polynomial = times.polynomial(k);
-            left.column(|i| polynomial[i])
-        })
+        .map(|k| left.column_of(&times.polynomial(k)))
         .collect();
     let columns: Vec<DVector<f64>> = raw.iter().map(|column| left.without(column)).collect();
     let before = left.chi2();
@@ -302,8 +309,9 @@ pub(super) fn drift(estimate: &Estimate<'_>) -> Option<Drift> {
     let times = Times::of(set)?;
     let left = Leftover::of(estimate)?;
     let weighted = |coefficients: &[f64]| -> Vec<f64> {
-        let shares = times.shares(coefficients);
-        left.column(|i| shares[i]).as_slice().to_vec()
+        left.column_of(&times.shares(coefficients))
+            .as_slice()
+            .to_vec()
     };
     let correction: Vec<f64> = lamp.coefficients.iter().map(|d| remaining * d).collect();
     let mut changes = vec![weighted(&correction)];
@@ -330,14 +338,21 @@ pub(super) fn to_correct(estimate: &Estimate<'_>) -> Option<LampDrift> {
     (lamp.over_pose > DECIDES).then_some(lamp)
 }
 
-/// Returns the observations as under a steady lamp, marked as corrected; none if they have no times.
+/// Returns observations and flats as under a steady lamp, marked as corrected; none if they have no times.
 pub(super) fn without(set: &ObservationSet, lamp: LampDrift) -> Option<ObservationSet> {
     let shares = Times::of(set)?.shares(&lamp.coefficients);
     let mut steady = set.clone();
-    for (o, share) in steady.observations.iter_mut().zip(shares) {
+    let observations = steady
+        .observations
+        .iter_mut()
+        .map(|o| [&mut o.signal, &mut o.sigma]);
+    let flats = steady
+        .flats
+        .iter_mut()
+        .map(|f| [&mut f.signal, &mut f.sigma]);
+    for (values, share) in observations.chain(flats).zip(shares) {
         let factor = (1.0 + share).max(0.1);
-        o.signal /= factor;
-        o.sigma /= factor;
+        values.into_iter().for_each(|value| *value /= factor);
     }
     steady.lamp = Some(lamp);
     Some(steady)

@@ -248,6 +248,7 @@ fn in_another_order(like: &ObservationSet, change: f64, seed: u64) -> Observatio
             theta_c,
             signal: noisy(due * light(k) / white),
             sigma: 3.5e-4 * due,
+            times_s: vec![STEP_S * (k as f64 - middle)],
         }
     });
     let flats = flats.collect();
@@ -264,7 +265,6 @@ fn in_another_order(like: &ObservationSet, change: f64, seed: u64) -> Observatio
     ObservationSet {
         observations: observations.collect(),
         flats,
-        flat_times_s: (0..FLATS).map(|k| STEP_S * (k as f64 - middle)).collect(),
         warnings: Vec::new(),
         ..like.clone()
     }
@@ -291,6 +291,26 @@ fn a_drift_of_one_and_a_half_per_cent_is_reported_in_any_order_of_the_poses_and_
         let found = drift(&fitted_to(&set, Some(&tier::two_bounces)));
         assert_eq!(found, None, "order {seed}");
     }
+}
+
+#[test]
+fn the_flats_are_corrected_too() {
+    let set = in_another_order(&reduced(), -0.05, 1);
+    let lamp = fitted(&fitted_to(&set, Some(&tier::two_bounces))).expect("it has times");
+    let steady = without(&set, lamp).expect("it has times");
+    // Each flat against a Lambertian surface under the same light.
+    let spread = |set: &ObservationSet| {
+        let levels = set
+            .flats
+            .iter()
+            .map(|flat| flat.signal / set.rig.cos_incidence(flat.theta_c));
+        let (least, most) = levels.fold((f64::INFINITY, 0.0_f64), |(least, most), level| {
+            (least.min(level), most.max(level))
+        });
+        most / least - 1.0
+    };
+    assert!(spread(&set) > 5e-3, "{}", spread(&set));
+    assert!(spread(&steady) < 0.4 * spread(&set), "{}", spread(&steady));
 }
 
 #[test]

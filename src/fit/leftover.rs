@@ -11,6 +11,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::estimate::Estimate;
+use super::misfit::usual_errors;
 use super::problem::Quantity;
 use crate::robust;
 
@@ -28,8 +29,9 @@ pub(super) struct Leftover {
     pub residuals: DVector<f64>,
     /// Derivatives before scaling, including that of the gain.
     pub jacobian: Vec<f64>,
-    /// Signals divided by their standard uncertainties: the effect of a relative change of an observation.
+    /// Signals of observations and flats divided by their standard uncertainties: the effect of a relative change.
     relative: Vec<f64>,
+    observations: usize,
 }
 
 impl Leftover {
@@ -39,16 +41,22 @@ impl Leftover {
         Leftover::weighted(estimate, &[])
     }
 
-    /// Computes it with less weight for observations that change much within the stated uncertainty of the stages: every
-    /// pose has an error of its own, and on the flank of a narrow lobe its effect exceeds the scatter of the other poses.
+    /// Computes it with less weight for observations that change much within the stated uncertainty of the stages or by the
+    /// usual error of the closed form: every pose has an error of its own, and on the flank of a narrow lobe its effect exceeds
+    /// the scatter of the other poses.
     pub fn of_steady_poses(estimate: &Estimate<'_>) -> Option<Leftover> {
         let all = Leftover::of(estimate)?;
         let scale = all.scale(0..all.observations())?;
         if scale <= 0.0 {
             return Some(all);
         }
-        let by_stages = estimate.by_stages().into_iter();
-        let weights: Vec<f64> = by_stages.map(|by| 1.0 / (by / scale).hypot(1.0)).collect();
+        let problem = &estimate.problem;
+        let usual = usual_errors(problem.set()).into_iter().zip(problem.sigma());
+        let by_form = usual.map(|(error, sigma)| error / sigma);
+        let each = estimate.by_stages().into_iter().zip(by_form);
+        let weights: Vec<f64> = each
+            .map(|(by_stages, by_form)| 1.0 / (by_stages.hypot(by_form) / scale).hypot(1.0))
+            .collect();
         Leftover::weighted(estimate, &weights)
     }
 
@@ -71,7 +79,10 @@ impl Leftover {
         let predicted = problem.predicted(&estimate.values);
         let weight = |row: usize| weights.get(row).copied().unwrap_or(1.0);
         let relative = predicted.iter().zip(problem.sigma()).enumerate();
-        let relative: Vec<f64> = relative.map(|(i, (p, s))| weight(i) * p / s).collect();
+        let mut relative: Vec<f64> = relative.map(|(i, (p, s))| weight(i) * p / s).collect();
+        let observations = relative.len();
+        let flats = problem.flat_sigma().iter().enumerate();
+        relative.extend(flats.map(|(k, s)| problem.flat_signal(k, &estimate.values) / s));
         if relative.iter().any(|v| !v.is_finite()) {
             return None;
         }
@@ -80,6 +91,7 @@ impl Leftover {
             residuals: -DVector::from_column_slice(&minimum.residuals),
             jacobian: minimum.jacobian.clone(),
             relative,
+            observations,
         };
         for (row, weight) in weights.iter().enumerate() {
             all.residuals[row] *= weight;
@@ -111,7 +123,13 @@ impl Leftover {
 
     /// Builds the column of a relative change of each observation.
     pub fn column(&self, of: impl Fn(usize) -> f64) -> DVector<f64> {
-        let rows = self.relative.iter().enumerate().map(|(i, r)| r * of(i));
+        let shares: Vec<f64> = (0..self.observations).map(of).collect();
+        self.column_of(&shares)
+    }
+
+    /// Builds the column of relative changes of the observations and then of the flats; those beyond the list do not change.
+    pub fn column_of(&self, shares: &[f64]) -> DVector<f64> {
+        let rows = self.relative.iter().zip(shares).map(|(r, share)| r * share);
         let mut column: Vec<f64> = rows.collect();
         column.resize(self.residuals.len(), 0.0);
         DVector::from_vec(column)
@@ -181,6 +199,6 @@ impl Leftover {
 
     /// Number of sample observations; their rows come first.
     pub fn observations(&self) -> usize {
-        self.relative.len()
+        self.observations
     }
 }

@@ -44,6 +44,17 @@ const LIKELY: f64 = 0.674;
 /// Normal quantile exceeded once in a thousand.
 const RARE: f64 = 3.09;
 
+/// Usual error of the closed form at the right surface, as a share of the signal and of the peak.
+const USUAL: (f64, f64) = (7e-4, 4e-4);
+
+/// Returns the usual error of the closed form at each observation, in the unit of the signals.
+#[must_use]
+pub fn usual_errors(set: &ObservationSet) -> Vec<f64> {
+    let floor = USUAL.1 * peak(set);
+    let signals = set.observations.iter().map(|o| o.signal);
+    signals.map(|s| floor.hypot(USUAL.0 * s)).collect()
+}
+
 /// Largest signal.
 #[must_use]
 pub fn peak(set: &ObservationSet) -> f64 {

@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use super::blunders::{bad_block, bad_poses};
 use super::estimate::Estimate;
 use super::findings::{Code, Finding, sorted};
-use super::misfit::{freedom, lightened, peak};
+use super::misfit::{freedom, lightened, usual_errors};
 use super::problem::{Problem, Quantity, Values};
 use super::search::usable;
 use super::solver::{Minimum, Settings};
@@ -32,8 +32,6 @@ use crate::material::Material;
 use crate::model::Variant;
 use tried::Step;
 
-/// Usual model error at the right surface, as a share of the signal and of the peak.
-const MISSES: (f64, f64) = (7e-4, 4e-4);
 /// Standard uncertainty, as a share of the signal, of a flat whose dependence on the tilt is not that of a Lambertian surface.
 const NOT_LAMBERTIAN: f64 = 0.02;
 /// Largest share of χ² that a reported suspect may leave.
@@ -187,9 +185,8 @@ fn is_large(chi2: f64, freedom: f64) -> bool {
 /// Standard uncertainties of the observations in the χ² of the suspects.
 fn usual(e: &Estimate<'_>) -> Vec<f64> {
     let set = e.problem.set();
-    let floor = MISSES.1 * peak(set);
-    let each = set.observations.iter();
-    let sigma = each.map(|o| o.sigma.hypot(MISSES.0 * o.signal).hypot(floor));
+    let each = set.observations.iter().zip(usual_errors(set));
+    let sigma = each.map(|(o, error)| o.sigma.hypot(error));
     lightened(&sigma.collect::<Vec<f64>>(), &e.loss_weights)
 }
 

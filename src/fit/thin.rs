@@ -166,7 +166,6 @@ pub fn subset(set: &ObservationSet, kept: &[usize]) -> ObservationSet {
         observations: kept.iter().map(|i| set.observations[*i]).collect(),
         views: Vec::new(),
         flats: set.flats.clone(),
-        flat_times_s: set.flat_times_s.clone(),
         rejected_frames: set.rejected_frames.clone(),
         warnings: set.warnings.clone(),
         region: set.region.clone(),

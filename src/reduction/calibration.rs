@@ -1,5 +1,6 @@
 //! Darks and flats → what the camera makes of light, pixel by pixel.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::ReductionError;
@@ -94,10 +95,12 @@ pub(super) fn unit(white: &WhiteReference, levels: &[FlatLevel], rig: &RigGeomet
     sum / weight
 }
 
-/// The white reference over its tilts in the observations' unit; empty without one.
+/// The white reference over its tilts in the observations' unit; empty without one. `times_s` has the times of its frames by
+/// their rows.
 pub(super) fn flat_observations(
     levels: &[FlatLevel],
     unit_dn_s: Option<f64>,
+    times_s: &BTreeMap<usize, f64>,
 ) -> Vec<FlatObservation> {
     let Some(unit) = unit_dn_s else {
         return Vec::new();
@@ -108,6 +111,11 @@ pub(super) fn flat_observations(
             theta_c: flat.theta_c,
             signal: flat.rate_dn_s / unit,
             sigma: flat.sigma_dn_s / unit,
+            times_s: flat
+                .frames
+                .iter()
+                .filter_map(|index| times_s.get(index).copied())
+                .collect(),
         })
         .collect()
 }

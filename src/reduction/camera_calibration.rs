@@ -1,5 +1,6 @@
 //! The camera's calibration for a per-pixel map: [`calibrate`].
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -170,7 +171,11 @@ impl CameraCalibration {
     /// The white reference over its tilts; empty without one.
     #[must_use]
     pub fn flats(&self) -> Vec<FlatObservation> {
-        flat_observations(&self.prepared.flats.levels, self.prepared.unit_dn_s)
+        flat_observations(
+            &self.prepared.flats.levels,
+            self.prepared.unit_dn_s,
+            &BTreeMap::new(),
+        )
     }
 
     /// Certificate of the white reference.

@@ -72,11 +72,13 @@ impl Response {
 }
 
 /// The white reference at one tilt, in counts per second.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct FlatLevel {
     pub(super) theta_c: Angle,
     pub(super) rate_dn_s: f64,
     pub(super) sigma_dn_s: f64,
+    /// Its frames, by their rows.
+    pub(super) frames: Vec<usize>,
 }
 
 /// Properties of the field that decide how flats are judged.
@@ -693,6 +695,7 @@ pub(super) fn by_tilt(mut rates: Vec<FlatRate>, lamp_scatter: Option<f64>) -> Ve
             theta_c: Angle::from_deg(theta / group.len() as f64),
             rate_dn_s: rate / weight,
             sigma_dn_s: (1.0 / weight).sqrt(),
+            frames: group.iter().map(|flat| flat.index).collect(),
         });
         from += group.len();
     }

@@ -38,6 +38,7 @@ mod shading;
 mod shading_check;
 mod viewing;
 
+use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 
 pub use self::cache::{CalibrationText, FrameText, ReductionCache, ReductionTexts, TextStore};
@@ -400,7 +401,11 @@ pub fn reduce(
         field: series.viewing.whole_field(&segments),
         views,
         material: manifest.material(),
-        flats: calibration::flat_observations(&scale.levels, scale.unit_dn_s),
+        flats: calibration::flat_observations(
+            &scale.levels,
+            scale.unit_dn_s,
+            &flat_times(source.rows(), began_s),
+        ),
         white_reference: reference,
         background: Prior {
             mean: 0.0,
@@ -413,7 +418,6 @@ pub fn reduce(
         translucency: manifest
             .translucency()
             .map(|(mean, std)| Prior { mean, std }),
-        flat_times_s: flat_times(source.rows(), began_s),
         lamp: None,
         detector: scale.detector.bent,
         region: region.map(str::to_owned),
@@ -484,10 +488,15 @@ fn zero_of_time(rows: &[FrameRow], poses: &[PoseLevels]) -> Option<f64> {
     })
 }
 
-/// Returns the times of the flats after the zero of time; empty if one has no time.
-fn flat_times(rows: &[FrameRow], began_s: Option<f64>) -> Vec<f64> {
-    let flats = rows.iter().filter(|row| row.kind == FrameKind::Flat);
-    let times: Option<Vec<f64>> = flats.map(|row| Some(row.taken_s()? - began_s?)).collect();
+/// Returns the times of the flats after the zero of time, by their rows; empty if one has no time.
+fn flat_times(rows: &[FrameRow], began_s: Option<f64>) -> BTreeMap<usize, f64> {
+    let flats = rows
+        .iter()
+        .enumerate()
+        .filter(|(_, row)| row.kind == FrameKind::Flat);
+    let times: Option<BTreeMap<usize, f64>> = flats
+        .map(|(index, row)| Some((index, row.taken_s()? - began_s?)))
+        .collect();
     times.unwrap_or_default()
 }
 

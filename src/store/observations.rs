@@ -48,8 +48,9 @@ struct Context {
     /// Mean and standard uncertainty.
     #[serde(default)]
     translucency: Option<(f64, f64)>,
+    /// Per flat, the times of its frames; empty in older rows.
     #[serde(default)]
-    flat_times_s: Vec<f64>,
+    times_of_flats_s: Vec<Vec<f64>>,
     #[serde(default)]
     detector: Option<DetectorCurve>,
     /// Per observation; empty in older rows.
@@ -164,7 +165,7 @@ impl Store {
             theta_l_std_deg: set.theta_l_std.map(Angle::deg),
             dark_std: set.dark_std,
             translucency: set.translucency.map(|t| (t.mean, t.std)),
-            flat_times_s: set.flat_times_s.clone(),
+            times_of_flats_s: set.flats.iter().map(|f| f.times_s.clone()).collect(),
             detector: set.detector,
             detector_errors: set.observations.iter().map(|o| o.shared.detector).collect(),
             region_azimuth_deg: set.region_azimuth.deg(),
@@ -289,10 +290,12 @@ impl Store {
             flats: context
                 .flats
                 .iter()
-                .map(|(theta_c_deg, signal, sigma)| FlatObservation {
+                .enumerate()
+                .map(|(k, (theta_c_deg, signal, sigma))| FlatObservation {
                     theta_c: Angle::from_deg(*theta_c_deg),
                     signal: *signal,
                     sigma: *sigma,
+                    times_s: context.times_of_flats_s.get(k).cloned().unwrap_or_default(),
                 })
                 .collect(),
             white_reference: context
@@ -310,7 +313,6 @@ impl Store {
             theta_l_std: context.theta_l_std_deg.map(Angle::from_deg),
             dark_std: context.dark_std,
             translucency: context.translucency.map(|(mean, std)| Prior { mean, std }),
-            flat_times_s: context.flat_times_s,
             lamp: None,
             detector: context.detector,
             region,
@@ -401,6 +403,7 @@ mod tests {
                 theta_c: Angle::from_deg(5.0),
                 signal: 0.31,
                 sigma: 1e-4,
+                times_s: vec![-2.5, 2.5],
             }],
             wedge_std: Some(Angle::from_deg(0.1)),
             azimuth_zero_std: Some(Angle::from_deg(0.3)),
@@ -410,7 +413,6 @@ mod tests {
                 mean: 0.4,
                 std: 0.05,
             }),
-            flat_times_s: vec![-2.5, 2.5],
             lamp: None,
             detector: Some(DetectorCurve {
                 c: 0.06,
@@ -452,7 +454,7 @@ mod tests {
         }
         assert_eq!(kept.white_reference, set(0).white_reference);
         assert_eq!(kept.detector, set(0).detector);
-        assert_eq!(kept.flat_times_s, set(0).flat_times_s);
+        assert_eq!(kept.flats[0].times_s, set(0).flats[0].times_s);
         assert_eq!(kept.warnings, set(0).warnings);
     }
 

@@ -74,6 +74,7 @@ fn observations(name: &str, bench: Bench) -> ObservationSet {
             theta_c,
             signal,
             sigma,
+            times_s: Vec::new(),
         });
     }
     let peak = samples.iter().map(|o| o.signal).fold(0.0, f64::max);

@@ -148,6 +148,7 @@ fn painted(seed: u64, poses: &[(f64, f64)], cones: Cones, alpha: f64, polarised:
                 theta_c,
                 signal: clean * (1.0 + 1e-4 * draw.normal()),
                 sigma: 1e-4 * clean,
+                times_s: Vec::new(),
             }
         })
         .collect();

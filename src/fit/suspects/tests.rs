@@ -96,6 +96,7 @@ fn with_flats(mut set: ObservationSet, falls: f64) -> ObservationSet {
             theta_c,
             signal: lambertian * (1.0 - falls * away * away),
             sigma: 1e-4 * lambertian,
+            times_s: Vec::new(),
         }
     });
     set.flats = flats.collect();
