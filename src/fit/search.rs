@@ -1,8 +1,10 @@
 //! Searches for the deepest minimum: a multistart with a Bayesian stopping rule.
 //!
-//! [`Search::quick`] descends from a few starts that the bright spot suggests, which finds the lobe if the poses see it. [`Search::multistart`] confirms it: starts of a Sobol sequence in the whole box descend as lanes of
-//! registers. Ends beside each other lead to the same minimum (single linkage; Rinnooy Kan and Timmer 1987), and the
-//! different ones are refined. Rounds follow until no further minimum is expected (Boender and Rinnooy Kan 1987).
+//! [`Search::quick`] descends from a few starts that the bright spot suggests, which finds the lobe if the poses see
+//! it. [`Search::multistart`] confirms it: starts of a Sobol sequence in the whole box descend as lanes of registers.
+//! Ends beside each other lead to the same minimum (single linkage; Rinnooy Kan and Timmer 1987), and the different ones
+//! are refined. Rounds follow until no further minimum is expected (Boender and Rinnooy Kan 1987) and several starts
+//! have reached the best one.
 //! [`Search::images`] adds the mirror images of the best end, and [`Search::creep`] continues it along a valley.
 //!
 //! If a model error blurs the minima, the rounds begin with the starts of the bright spot, and the rule alone decides. If
@@ -295,10 +297,16 @@ impl<'p> Search<'p> {
         self.cut_short.load(Ordering::Relaxed)
     }
 
+    /// Number of starts that have reached the best minimum.
+    fn at_minimum(&self) -> usize {
+        let best = self.best().map_or(f64::INFINITY, |m| m.cost);
+        self.runs.iter().filter(|m| same(m.cost, best)).count()
+    }
+
     /// Summarises the outcomes of the starts.
     pub(super) fn report(&self) -> StartReport {
         let best = self.best().map_or(f64::INFINITY, |m| m.cost);
-        let at_minimum = self.runs.iter().filter(|m| same(m.cost, best)).count();
+        let at_minimum = self.at_minimum();
         let elsewhere = self
             .runs
             .iter()

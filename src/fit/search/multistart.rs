@@ -22,12 +22,17 @@ const CREEPS: usize = 24;
 
 impl Search<'_> {
     /// Descends from starts in the whole box after `tried` others. Each round doubles their number, until [`is_enough`]
-    /// or the most starts of the tuning. The search ends with fewer than `least` only if its time is over.
+    /// and enough of them have reached the best minimum, or until the most starts of the tuning. The search ends with
+    /// fewer than `least` only if its time is over.
     pub(in crate::fit) fn multistart(&mut self, problem: &Problem<'_>, tried: u32, least: u32) {
         let most = self.tuning.most_starts as u32;
         let mut tried = tried;
         while tried < most && !self.started && !self.over() {
-            if tried >= least && is_enough(f64::from(tried), self.near_minima(problem)) {
+            let is_confirmed = self.at_minimum() as f64 >= self.tuning.reached;
+            if tried >= least
+                && is_confirmed
+                && is_enough(f64::from(tried), self.near_minima(problem))
+            {
                 break;
             }
             let count = least.saturating_sub(tried).max(tried).max(1);
