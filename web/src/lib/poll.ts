@@ -5,10 +5,10 @@ const POLL_MS = 500;
 
 /**
  * Reads rows and passes each answer on, repeatedly while one of them runs. The returned function ends the polling;
- * no answer is passed on after it. A failed request ends the polling too: the caller starts it again at the next
- * event, and a daemon that does not answer is reported elsewhere.
+ * no answer is passed on after it. A failed request ends the polling too, and `failed` gets its cause: the caller starts
+ * again at the next event, when the link is live again, or when the user asks for it.
  */
-export function whileRunning<Row extends { readonly state: string }>(ask: (signal: AbortSignal) => Promise<readonly Row[]>, take: (rows: readonly Row[]) => void): () => void {
+export function whileRunning<Row extends { readonly state: string }>(ask: (signal: AbortSignal) => Promise<readonly Row[]>, take: (rows: readonly Row[]) => void, failed: (error: unknown) => void): () => void {
   const abort = new AbortController();
   let timer: ReturnType<typeof setTimeout> | undefined;
   const once = async (): Promise<void> => {
@@ -17,8 +17,8 @@ export function whileRunning<Row extends { readonly state: string }>(ask: (signa
       if (abort.signal.aborted) return;
       take(rows);
       if (rows.some((row) => row.state === 'running')) timer = setTimeout(() => void once(), POLL_MS);
-    } catch {
-      // The next event starts the polling again.
+    } catch (error) {
+      if (!abort.signal.aborted) failed(error);
     }
   };
   void once();

@@ -30,6 +30,18 @@ it('asks for a token, refuses a wrong one, and shows who is logged in', async ()
   expect(page.url()).not.toContain('ridged_');
 });
 
+it('shows a command as one unbroken line of code, also in a refusal', async () => {
+  daemon.tokens.set('ridged_anna', { who: 'anna', role: 'operator' });
+  daemon.refusals.set('POST /session', { status: 401, body: { status: 401, code: 'wrong-token', title: 'the token is not valid', detail: 'the token is not valid, or was revoked; `ridged token list` on the daemon’s machine shows the valid ones' } });
+  await page.goto(url);
+  await page.getByRole('heading', { name: 'Log in to ridged' }).waitFor();
+  await loggedIn('ridged_wrong');
+  await page.getByRole('alert').locator('code').getByText('ridged token list').waitFor();
+  expect(await text('main')).not.toContain('`');
+  const command = page.locator('form > .note code');
+  expect(await command.evaluate((code) => { const range = document.createRange(); range.selectNodeContents(code); return new Set([...range.getClientRects()].map((r) => r.top)).size; })).toBe(1);
+});
+
 it('says that the session has ended after its token was revoked, and not that the daemon cannot be reached', async () => {
   daemon.tokens.set('ridged_anna', { who: 'anna', role: 'operator' });
   await page.goto(url);

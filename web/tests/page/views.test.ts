@@ -59,6 +59,28 @@ describe('the address', () => {
 });
 
 describe('every view', () => {
+  it('shows what a refusal quotes as code, not between backticks', async () => {
+    fill();
+    const body = { status: 503, code: 'store-failed', title: 'the database cannot be read', detail: 'the database cannot be read: `ridged doctor` states the cause' };
+    for (const [view, path] of [
+      ['records', '/results'], ['chart', '/charts'], ['compare/1,2', '/comparisons'], ['repeat/1,2', '/repeatability'], ['setup', '/calibrations'],
+      ['result/1', '/fits/1/curve'], ['result/1/frames', '/scans/1/frames'], ['result/1/map', '/maps'], ['result/1/verdict', '/verdicts'], ['lab', '/traces'],
+    ] as const) {
+      daemon.refusals.clear();
+      daemon.refusals.set(`GET ${path}`, { status: 503, body });
+      await page.goto(`${url}/#/${view}`);
+      await page.reload();
+      await page.getByText('The database cannot be read', { exact: false }).first().waitFor();
+      expect(await page.locator('main code').getByText('ridged doctor', { exact: true }).count(), view).toBeGreaterThan(0);
+      expect(await text('body'), view).not.toContain('`');
+    }
+    // The last of them is read again by its button.
+    daemon.refusals.clear();
+    await page.getByTestId('read-again').getByRole('button', { name: 'Read again' }).click();
+    await page.getByTestId('read-again').waitFor({ state: 'detached' });
+    await page.getByRole('button', { name: 'Trace' }).waitFor();
+  });
+
   it('has no violation of axe-core, in light and dark, and no console error', async () => {
     daemon.certainties.push(...[1, 2, 3].map(certainty));
     fill();

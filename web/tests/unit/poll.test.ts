@@ -3,6 +3,7 @@ import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
 import { whileRunning } from '../../src/lib/poll';
 
 type Row = { readonly state: string };
+const none = (): void => undefined;
 
 beforeEach(() => void vi.useFakeTimers());
 afterEach(() => void vi.useRealTimers());
@@ -13,7 +14,7 @@ describe('running work', () => {
     const left = [...answers];
     const ask = vi.fn(async () => left.shift() ?? []);
     const taken: (readonly Row[])[] = [];
-    whileRunning(ask, (rows) => taken.push(rows));
+    whileRunning(ask, (rows) => taken.push(rows), none);
     await vi.runAllTimersAsync();
     expect(taken).toEqual(answers);
     expect(ask).toHaveBeenCalledTimes(3);
@@ -22,7 +23,7 @@ describe('running work', () => {
   it('is not polled after the end, and a pending answer is not passed on', async () => {
     const ask = vi.fn(async (_: AbortSignal): Promise<Row[]> => [{ state: 'running' }]);
     const take = vi.fn();
-    const end = whileRunning(ask, take);
+    const end = whileRunning(ask, take, none);
     await vi.advanceTimersByTimeAsync(0);
     expect(take).toHaveBeenCalledTimes(1);
     await vi.advanceTimersToNextTimerAsync();
@@ -33,7 +34,7 @@ describe('running work', () => {
 
     let answer: (rows: Row[]) => void = () => undefined;
     const late = vi.fn();
-    const endLate = whileRunning(() => new Promise<Row[]>((resolve) => (answer = resolve)), late);
+    const endLate = whileRunning(() => new Promise<Row[]>((resolve) => (answer = resolve)), late, none);
     endLate();
     answer([{ state: 'running' }]);
     await vi.runAllTimersAsync();
@@ -43,10 +44,11 @@ describe('running work', () => {
 
   it('is not polled after a failed request', async () => {
     const ask = vi.fn(async (): Promise<Row[]> => Promise.reject(new Error('no answer')));
-    const take = vi.fn();
-    whileRunning(ask, take);
+    const [take, failed] = [vi.fn(), vi.fn()];
+    whileRunning(ask, take, failed);
     await vi.runAllTimersAsync();
     expect(ask).toHaveBeenCalledTimes(1);
     expect(take).not.toHaveBeenCalled();
+    expect(failed.mock.calls).toEqual([[new Error('no answer')]]);
   });
 });
