@@ -7,7 +7,8 @@ export default defineConfig({
   plugins: [svelte(), helpDocuments()],
   // The daemon serves the page at its root; relative paths keep it movable.
   base: './',
-  build: { target: 'es2023', outDir: 'dist', emptyOutDir: true, assetsInlineLimit: 0, reportCompressedSize: true },
+  // A browser of this target that does not preload modules still loads them, so the first view does not carry the polyfill.
+  build: { target: 'es2023', outDir: 'dist', emptyOutDir: true, assetsInlineLimit: 0, reportCompressedSize: true, modulePreload: { polyfill: false } },
   // The daemon only answers its own page, so requests that `npm run dev` forwards must not name another origin.
   server: {
     proxy: {

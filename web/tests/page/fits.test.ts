@@ -189,6 +189,38 @@ describe('the list of fits', () => {
   });
 });
 
+describe('the list of fits on half a screen', () => {
+  it('leaves the common axis out, whose ends would overlap, and separates the status from the number that it covers', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    await page.goto(`${url}/#/result/1/fits`);
+    const axis = page.getByTestId('fits').locator('th.forest');
+    await axis.waitFor();
+    await page.setViewportSize({ width: 720, height: 900 });
+    await axis.waitFor({ state: 'hidden' });
+    const status = page.getByTestId('fits').locator('tbody td').last();
+    expect(await status.evaluate((cell) => [getComputedStyle(cell).boxShadow === 'none', getComputedStyle(cell).backgroundImage])).toEqual([false, 'none']);
+    // On a phone no number is cut.
+    await page.setViewportSize({ width: 360, height: 800 });
+    await expect.poll(() => status.evaluate((cell) => { const list = cell.closest('.list'); return (list?.scrollWidth ?? 1e9) - (list?.clientWidth ?? 0); })).toBe(0);
+  });
+});
+
+describe('the answer', () => {
+  it('has its values on one line, however many lines their names take', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    const parameters = daemon.fits[0]?.['parameters'] as Record<string, object>;
+    for (const [name, expanded] of [['alpha_u', 0.0004], ['alpha_v', 0.00042], ['rho_d', 0.0054]] as const) Object.assign(parameters[name] ?? {}, { expanded, std: expanded / 2, coverage_factor: 2.07 });
+    for (const [width, view] of [[1440, 'measure'], [794, 'result/1'], [700, 'result/1']] as const) {
+      await page.setViewportSize({ width, height: 900 });
+      await page.goto(`${url}/#/${view}`);
+      const value = (name: string): Promise<number> => page.locator(`[data-parameter=${name}] .value`).evaluate((element) => element.getBoundingClientRect().bottom);
+      await page.locator('[data-parameter=rho_d]').waitFor();
+      const bottoms = await Promise.all(['alpha_u', 'alpha_v', 'rho_d'].map(value));
+      expect(Math.max(...bottoms) - Math.min(...bottoms), `${view} at ${width} pixels: ${bottoms.join(', ')}`).toBeLessThan(1);
+    }
+  });
+});
+
 describe('the fit of a metal', () => {
   it('has no diffuse reflectance, which is not a fault', async () => {
     daemon.addFit(daemon.addScan(1, 'paper'));

@@ -46,6 +46,12 @@ describe('a map', () => {
     expect(await readout()).toBe('column 30, row 20: 14.00 ± 0.10° (k = 2; noise u 0.030°, common u 0.040°; defect)');
   });
 
+  it('has a histogram with its unit at each mark', async () => {
+    const marks = page.locator('.range .axis span');
+    await expect.poll(() => marks.count()).toBe(3);
+    expect((await marks.allInnerTexts()).every((mark) => mark.endsWith('°'))).toBe(true);
+  });
+
   it('is read by keys only, region included', async () => {
     await stage().focus();
     await page.keyboard.press('ArrowRight');
