@@ -20,9 +20,9 @@ export function picture(id: number): Uint8Array {
 }
 
 /** The answer to `POST /rig/preview`. */
-export function lookThrough(id: number, exposures_s: readonly number[], suggest: number): Record<string, unknown> {
+export function lookThrough(id: number, exposures_s: readonly number[], suggest: number, pose: { readonly theta_c_deg: number; readonly referenced: boolean }): Record<string, unknown> {
   return {
-    theta_c_deg: 0, phi_s_deg: 90, referenced: true, lamp: true, area: { left_px: 0, top_px: 0, width_px: SIZE_PX, height_px: SIZE_PX }, defects_known: true,
+    ...pose, phi_s_deg: 90, lamp: true, area: { left_px: 0, top_px: 0, width_px: SIZE_PX, height_px: SIZE_PX }, defects_known: true,
     frames: exposures_s.map((exposure_s) => {
       const at = (share: number): number => Math.min(FULL_DN, Math.round(200 + share * (FULL_DN - 200) * (exposure_s / FULL_S)));
       const max_dn = at(1);

@@ -456,7 +456,7 @@ export class MockDaemon {
     if (path === '/rig/preview') {
       if (this.#rig()['activity'] !== 'idle') return problem(409, 'busy', 'the rig is busy: scan 1 holds the rig until its end; stop is always allowed');
       this.looks += 1;
-      return send(200, lookThrough(this.looks, body['exposures_s'] as number[], Number(body['suggest'] ?? 1)));
+      return send(200, lookThrough(this.looks, body['exposures_s'] as number[], Number(body['suggest'] ?? 1), { theta_c_deg: this.axes.theta_c.position_deg, referenced: this.axes.theta_c.referenced }));
     }
     // Orders reconnect a lost link if the stages can be connected.
     if (method === 'POST' && (path.startsWith('/rig/') || path === '/scans') && !this.connected) {

@@ -43,6 +43,22 @@ describe('the camera', () => {
     await expect.poll(() => page.locator(camera).count()).toBe(0);
   });
 
+  it('states whose exposures a recipe uses, and no pose that is not known', async () => {
+    daemon.recipes.add({ name: 'PX-1204', plan: { preset: 'paper' } });
+    daemon.recipes.add({ name: 'PX-1205', plan: { preset: 'paper', exposures_s: [0.01] } });
+    Object.assign(daemon.axes.theta_c, { position_deg: -65, referenced: false, homed: false });
+    await openCamera();
+    const recipes = page.getByRole('combobox', { name: 'Recipe' });
+    const suggest = page.getByRole('button', { name: 'Suggest exposures' });
+    await recipes.selectOption('PX-1204');
+    await suggest.click();
+    await page.getByText('The recipe PX-1204 uses the exposures of the rig; a new version of it can state these. A brighter pose may saturate: suggest them at the brightest pose once the axes are homed.').waitFor();
+    await recipes.selectOption('PX-1205');
+    Object.assign(daemon.axes.theta_c, { referenced: true, homed: true });
+    await suggest.click();
+    await page.getByText('The recipe PX-1205 states its own exposures; a new version of it can state these. A brighter pose may saturate: suggest them at the brightest pose, not at θc −65°.').waitFor();
+  });
+
   it('goes to the pose of the grid that is brightest for the newest ridge angle', async () => {
     daemon.axes.theta_c.position_deg = -60;
     await openCamera();
