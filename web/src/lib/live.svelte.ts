@@ -28,7 +28,8 @@ const RIG_IDLE_MS = 3000;
 const RIG_EVENT_MS = 200;
 /** Frames that come faster than this are shown together, so that a fast rig does not block the buttons. */
 const FRAMES_MS = 250;
-const RECONNECT_MS_MAX = 8000;
+/** A lost page asks for the rig that often in any case, so a rarer try of the event stream would only show a daemon that is back later. */
+const RECONNECT_MS_MAX = RIG_IDLE_MS;
 /** Most running fits that are polled for their progress; the others are updated by their events. */
 const POLLED_MAX = 6;
 
