@@ -328,15 +328,9 @@ class Live {
       void this.#pollRig();
     };
     source.onerror = () => {
-      this.link = 'lost';
-      this.settled = true;
-      // EventSource gives up for good after some answers; a new one is made in any case, with growing delays.
-      source.close();
+      this.#lose();
       // It does not say that the daemon asks for a login; this request does.
       void this.#pollRig();
-      const wait = this.#reconnectMs;
-      this.#reconnectMs = Math.min(RECONNECT_MS_MAX, 2 * wait);
-      this.#connectTimer = setTimeout(() => this.#connect(), wait);
     };
     const on = <T>(type: string, take: (data: T) => void): void => {
       source.addEventListener(type, (event) => {
@@ -419,6 +413,17 @@ class Live {
     });
   }
 
+  /** The link counts as lost until a new stream of events opens. EventSource gives up for good after some answers, so it is never waited for. */
+  #lose(): void {
+    this.link = 'lost';
+    this.settled = true;
+    this.#source?.close();
+    clearTimeout(this.#connectTimer);
+    const wait = this.#reconnectMs;
+    this.#reconnectMs = Math.min(RECONNECT_MS_MAX, 2 * wait);
+    this.#connectTimer = setTimeout(() => this.#connect(), wait);
+  }
+
   #takeRig(rig: Rig): void {
     this.rig = rig;
     this.rigProblem = rig.connected ? null : (rig.problem?.detail ?? 'The stages are not connected.');
@@ -446,7 +451,8 @@ class Live {
       this.#takeRig(await api.rig());
     } catch (error) {
       this.rigProblem = spoken(error);
-      if (error instanceof Problem && error.status === 0) this.link = 'lost';
+      // The stream may outlive the requests, and would then never open again.
+      if (error instanceof Problem && error.status === 0 && this.link !== 'lost') this.#lose();
     }
     this.#rigAsked = false;
     clearTimeout(this.#rigTimer);

@@ -280,6 +280,16 @@ describe('faults', () => {
     await stale.waitFor({ state: 'detached' });
   });
 
+  it('is live again after requests failed while the stream of events stayed open', async () => {
+    await page.goto(url);
+    await page.getByText('at rest').waitFor();
+    await page.route('**/api/v1/rig', (route) => route.abort());
+    await page.getByText('The daemon cannot be reached.').waitFor();
+    await page.unroute('**/api/v1/rig');
+    await page.getByText('at rest').waitFor();
+    await page.getByText('The daemon cannot be reached.').waitFor({ state: 'detached' });
+  });
+
   it('reconnects to a restarted daemon and shows what happened meanwhile', async () => {
     await page.goto(url);
     await page.getByText('at rest').waitFor();

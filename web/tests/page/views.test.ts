@@ -34,6 +34,21 @@ describe('the first view', () => {
   });
 });
 
+describe('a part of the page that did not arrive', () => {
+  it('has its styles when it is opened again', async () => {
+    fill();
+    await open('', 'Last results');
+    await page.route('**/ChartView*.css', (route) => route.abort());
+    await page.goto(`${url}/#/chart`);
+    await page.getByText('Control chart could not be opened').waitFor();
+    await page.unroute('**/ChartView*.css');
+    await open('records', 'Search');
+    await open('chart', 'Values, newest first');
+    const rules = (): Promise<number> => page.evaluate(() => [...document.styleSheets].filter((sheet) => sheet.href?.includes('/ChartView')).reduce((n, sheet) => n + sheet.cssRules.length, 0));
+    await expect.poll(rules, { timeout: 10_000 }).toBeGreaterThan(0);
+  });
+});
+
 describe('the address', () => {
   it('keeps view, scan, fit and part over a reload and the back button, also in its earlier form', async () => {
     daemon.addFit(daemon.addScan(1, 'full'), 'paper');
