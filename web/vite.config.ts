@@ -8,7 +8,16 @@ export default defineConfig({
   // The daemon serves the page at its root; relative paths keep it movable.
   base: './',
   // A browser of this target that does not preload modules still loads them, so the first view does not carry the polyfill.
-  build: { target: 'es2023', outDir: 'dist', emptyOutDir: true, assetsInlineLimit: 0, reportCompressedSize: true, modulePreload: { polyfill: false } },
+  build: {
+    target: 'es2023',
+    outDir: 'dist',
+    emptyOutDir: true,
+    assetsInlineLimit: 0,
+    reportCompressedSize: true,
+    modulePreload: { polyfill: false },
+    // The first view has the names of all parts; six characters of a hash are enough for the versions of one of them.
+    rollupOptions: { output: { chunkFileNames: 'assets/[name]-[hash:6].js', assetFileNames: 'assets/[name]-[hash:6][extname]' } },
+  },
   // The daemon only answers its own page, so requests that `npm run dev` forwards must not name another origin.
   server: {
     proxy: {

@@ -152,7 +152,7 @@ export const api = {
   takeLease: (name: string, take_over: boolean): Promise<LeaseTaken> => post('/lease', { name, take_over, seconds: LEASE_S }),
   returnLease: (): Promise<unknown> => post('/lease', undefined, 'DELETE'),
 
-  rig: (): Promise<Rig> => get('/rig'),
+  rig: (signal?: AbortSignal): Promise<Rig> => get('/rig', signal),
   move: (axis: AxisName, position_deg: number): Promise<unknown> => post(`/rig/axes/${axis}/move`, { position_deg }),
   moveBoth: (pose: { readonly theta_c_deg: number; readonly phi_s_deg: number }): Promise<unknown> => post('/rig/move', pose),
   home: (axis: AxisName): Promise<unknown> => post(`/rig/axes/${axis}/home`),

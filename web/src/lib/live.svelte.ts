@@ -24,6 +24,10 @@ interface FrameEvent extends Omit<FrameRow, 'id'> {
 /** Interval of position polls while something moves or is fitted, and at rest. */
 const RIG_BUSY_MS = 300;
 const RIG_IDLE_MS = 3000;
+/** Longest wait for the state of the rig: a line without an answer is a lost one. With silent stages the daemon answers within 2 s. */
+const RIG_ANSWER_MS = 10_000;
+/** After this time without an answer to a stop, the user is warned. The daemon answers within 1 s, also without stages. */
+const STOP_ANSWER_MS = 3000;
 /** Shortest time between two reads of the rig while its events come faster. */
 const RIG_EVENT_MS = 200;
 /** Frames that come faster than this are shown together, so that a fast rig does not block the buttons. */
@@ -46,6 +50,8 @@ interface Notice {
 export interface ShownAlarm extends Alarm {
   readonly times: number;
 }
+
+const LATE_STOP = 'The stop has no answer yet. If anything moves, use the rig’s emergency switch.';
 
 /** Most alarms that are kept after they were seen. */
 const PAST_MAX = 200;
@@ -202,12 +208,16 @@ class Live {
   async stop(byKey = false): Promise<void> {
     const scan = this.activeScan;
     const moving = scan?.state === 'running' || this.rig?.activity === 'moving' || this.rig?.activity === 'homing';
+    // The request goes on: it may still arrive.
+    const late = setTimeout(() => this.notify(LATE_STOP, { severe: true }), STOP_ANSWER_MS);
     try {
       await api.stop();
+      this.notices = this.notices.filter((n) => n.text !== LATE_STOP);
       if (byKey && moving) this.notify(`The key Esc stopped both axes.${scan ? ' The scan is paused. Press Resume to continue it.' : ''}`, { paused: scan?.id ?? null });
     } catch (error) {
       this.notify(`The stop did not reach the stages. Use the rig’s emergency switch. ${spoken(error)}`, { severe: true });
     } finally {
+      clearTimeout(late);
       void this.#pollRig();
     }
   }
@@ -448,7 +458,7 @@ class Live {
     this.#rigAgain = false;
     this.looks += 1;
     try {
-      this.#takeRig(await api.rig());
+      this.#takeRig(await api.rig(AbortSignal.timeout(RIG_ANSWER_MS)));
     } catch (error) {
       this.rigProblem = spoken(error);
       // The stream may outlive the requests, and would then never open again.

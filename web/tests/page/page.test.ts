@@ -290,6 +290,24 @@ describe('faults', () => {
     await page.getByText('The daemon cannot be reached.').waitFor({ state: 'detached' });
   });
 
+  it('says so on a silent line: of a stop within seconds, and of the rig', async () => {
+    await page.goto(url);
+    await page.getByText('at rest').waitFor();
+    const silent: (() => Promise<void>)[] = [];
+    await page.route(/\/api\/v1\/rig(\/stop)?$/, (route) => new Promise<void>((resolve) => silent.push(async () => { await route.continue(); resolve(); })));
+    await page.keyboard.press('Escape');
+    const warning = page.getByText('The stop has no answer yet. If anything moves, use the rig’s emergency switch.');
+    await warning.waitFor({ timeout: 6000 });
+    expect(posts()).not.toContain('/rig/stop');
+    await page.getByText('The daemon cannot be reached.').waitFor({ timeout: 20_000 });
+    // The line is back: the stop still arrives, and the page is live.
+    await page.unroute(/\/api\/v1\/rig(\/stop)?$/, undefined);
+    for (const answer of silent) await answer().catch(() => undefined);
+    await expect.poll(posts).toContain('/rig/stop');
+    await warning.waitFor({ state: 'detached' });
+    await page.getByText('at rest').waitFor();
+  });
+
   it('reconnects to a restarted daemon and shows what happened meanwhile', async () => {
     await page.goto(url);
     await page.getByText('at rest').waitFor();
