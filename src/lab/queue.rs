@@ -29,6 +29,9 @@ const LOOK_EVERY: Duration = Duration::from_secs(2);
 /// How often an order may fail before it no longer goes to the end of the queue.
 const FAILURES_MAX: i64 = 2;
 
+/// Why the queue stopped after its last order.
+const ALL_DONE: &str = "all orders are done";
+
 /// Returns who holds the lease of the rig.
 pub type LeaseHolder = Arc<dyn Fn() -> Option<Held> + Send + Sync>;
 
@@ -401,8 +404,7 @@ impl Lab {
     /// Begins the next order for the caller that started the queue. Returns its number once its scan has begun.
     async fn begin_next(&self, who: &str) -> Result<Option<i64>, LabError> {
         let Some(order) = self.first(OrderState::Waiting).await? else {
-            let reason = "all orders are done";
-            self.set_queue(QueueState::Stopped, Some(reason), "stopped")
+            self.set_queue(QueueState::Stopped, Some(ALL_DONE), "stopped")
                 .await?;
             return Ok(None);
         };
@@ -476,7 +478,12 @@ fn message(
     current: Option<&(QueueOrder, Scan)>,
     next: Option<&QueueOrder>,
 ) -> String {
-    let state = match (now.state, &now.reason) {
+    // Not true of orders that came later.
+    let reason = now
+        .reason
+        .as_deref()
+        .filter(|reason| next.is_none() || *reason != ALL_DONE);
+    let state = match (now.state, reason) {
         (QueueState::Stopped | QueueState::Paused, Some(reason)) => {
             return format!("The queue is {}: {reason}.", now.state);
         }
@@ -514,5 +521,46 @@ fn message(
             "Scan {} measures {part} (order {}).{state}",
             scan.id, order.id
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn orders_that_came_after_the_last_one_are_not_called_done() {
+        let now = QueueNow {
+            state: QueueState::Stopped,
+            reason: Some(ALL_DONE.to_owned()),
+            who: "local".to_owned(),
+            at: None,
+        };
+        let next = QueueOrder {
+            id: 3,
+            position: 3,
+            sample_id: 4,
+            sample_name: "B-27".to_owned(),
+            recipe: (1, "PX-1204".to_owned()),
+            specification: None,
+            lot: None,
+            external_id: None,
+            operator_name: None,
+            note: None,
+            state: OrderState::Waiting,
+            reason: None,
+            scan_id: None,
+            failures: 0,
+            who: "local".to_owned(),
+            created_at: "2026-11-29T10:00:00.000Z".to_owned(),
+        };
+        assert_eq!(
+            message(&now, None, None),
+            "The queue is stopped: all orders are done."
+        );
+        assert_eq!(
+            message(&now, None, Some(&next)),
+            "The queue is stopped. Next part: B-27 (order 3)."
+        );
     }
 }

@@ -104,9 +104,14 @@ pub fn gauge(
         found = evaluate(&factors);
     }
     if rest(&found) == 0 {
-        return Err(
-            "no part was measured twice: repeatability needs at least two scans of a part".into(),
-        );
+        let same = match by {
+            Some(GroupedBy::Operator) => " by one operator",
+            Some(GroupedBy::Day) => " on one day",
+            None => "",
+        };
+        return Err(format!(
+            "no part was measured twice{same}: repeatability needs at least two scans of a part{same}"
+        ));
     }
     let mut pooled = false;
     let mut probability = None;

@@ -283,3 +283,12 @@ fn each_arrangement_of_parts_and_groups_has_its_design() {
         (GaugeDesign::Crossed, day, 1)
     );
 }
+
+#[test]
+fn one_scan_by_each_operator_is_not_called_one_scan_of_the_part() {
+    let error = gauge(&[10.0, 10.1], &[0, 0], Some((GroupedBy::Operator, &[0, 1]))).unwrap_err();
+    assert_eq!(
+        error,
+        "no part was measured twice by one operator: repeatability needs at least two scans of a part by one operator"
+    );
+}

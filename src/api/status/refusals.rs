@@ -81,8 +81,8 @@ impl ApiError {
         ApiError::conflict(
             "lease-lost",
             "the lease has ended",
-            "the lease that the request presents has expired, was taken over, or ended with the daemon; take a new one \
-             (POST /api/v1/lease), or send the order without one",
+            "the request presents no lease that lasts: it has expired, was taken over, or ended with the daemon, or the header \
+             `Ridged-Lease` is missing; take a new one (POST /api/v1/lease), or send the order without one",
         )
     }
 

@@ -79,7 +79,7 @@ pub(super) fn scan(
             "scan {id} is {state}{why}; committed frames are kept"
         )));
     }
-    say(&format_args!("its result: {}/#/scan/{id}", client.url));
+    say(&format_args!("its result: {}/#/result/{id}", client.url));
     let mut answer = json!({ "id": id, "scan_id": id, "state": state });
     if args.specification.is_some() && !args.json {
         answer["verdicts"] = verdicts(client, id, &stopped)?;
@@ -140,7 +140,7 @@ fn verdicts(client: &Client, id: i64, stopped: &AtomicBool) -> Result<Value, Cli
         if running == 0 && ended_without > 0 {
             bar.clear();
             return Err(CliError::no_result(anyhow!(
-                "scan {id} has no verdict, since its fit has no result; see {}/#/scan/{id}",
+                "scan {id} has no verdict, since its fit has no result; see {}/#/result/{id}",
                 client.url
             )));
         }
