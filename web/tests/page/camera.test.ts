@@ -117,6 +117,17 @@ describe('the camera', () => {
 });
 
 describe('the newest frame of a running scan', () => {
+  it('is the next one, where the page was loaded after the first', async () => {
+    await page.goto(url);
+    await chooseSample();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    await page.getByText('Appears with the first frame.').waitFor();
+    await page.getByRole('button', { name: 'Continue' }).click();
+    await page.getByRole('heading', { name: 'Place the white reference' }).waitFor();
+    await page.reload();
+    await page.getByText('Appears with the next frame.').waitFor();
+  });
+
   it('is a small picture, not the whole file', async () => {
     daemon.frameMs = 120;
     await openCamera();
