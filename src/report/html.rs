@@ -153,7 +153,7 @@ fn warnings(page: &mut Markup, fit: &FitReport) {
     }
     page.tags("<div class=\"caution\">\n<strong>Warnings</strong>\n<ul>\n");
     for warning in &fit.warnings {
-        page.tags("<li>").foreign(warning).tags("</li>\n");
+        page.tags("<li>").message(warning).tags("</li>\n");
     }
     page.tags("</ul>\n</div>\n");
 }
@@ -212,7 +212,7 @@ fn verdict(page: &mut Markup, report: &MeasurementReport) {
     let own = judgement.warnings.iter().filter(|w| !fit.contains(w));
     for warning in own {
         page.tags("<p class=\"caution\">")
-            .foreign(warning)
+            .message(warning)
             .tags("</p>\n");
     }
 }

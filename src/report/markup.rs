@@ -33,6 +33,23 @@ impl Markup {
         self.tags("<bdi>").text(text).tags("</bdi>")
     }
 
+    /// Writes a message of the program: what it quotes between backticks is code.
+    pub fn message(&mut self, text: &str) -> &mut Self {
+        self.tags("<bdi>");
+        let mut parts = text.split('`').peekable();
+        let mut is_code = false;
+        while let Some(part) = parts.next() {
+            match is_code && parts.peek().is_some() {
+                true => self.tags("<code>").text(part).tags("</code>"),
+                // A backtick without a partner is a character.
+                false if is_code => self.text("`").text(part),
+                false => self.text(part),
+            };
+            is_code = !is_code;
+        }
+        self.tags("</bdi>")
+    }
+
     /// Writes a number as `shown`, with all its digits as the element's value.
     pub fn number(&mut self, value: f64, shown: &str) -> &mut Self {
         let full = serde_json::to_string(&value).unwrap_or_default();
@@ -164,6 +181,16 @@ mod tests {
         assert_eq!(
             text,
             "<bdi>&lt;script&gt;alert(&#39;1&#39;)&lt;/script&gt;&amp;&quot;\u{fffd}\u{fffd}</bdi>"
+        );
+    }
+
+    #[test]
+    fn a_message_shows_what_it_quotes_as_code() {
+        let mut page = Markup::default();
+        page.message("set `rig.<zero>` or `--shape`; 5` is an angle");
+        assert_eq!(
+            page.finish(),
+            "<bdi>set <code>rig.&lt;zero&gt;</code> or <code>--shape</code>; 5` is an angle</bdi>"
         );
     }
 

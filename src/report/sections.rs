@@ -309,8 +309,8 @@ pub(super) fn left_out(page: &mut Markup, fit: &FitReport) {
             .tags("<tbody>\n");
         for omission in &fit.left_out {
             page.tags("<tr>")
-                .cell(|p| p.foreign(&omission.what))
-                .cell(|p| p.foreign(&omission.why))
+                .cell(|p| p.message(&omission.what))
+                .cell(|p| p.message(&omission.why))
                 .figures(|p| match omission.cost {
                     Some(0.0) => p.text("none"),
                     Some(cost) => p.number(cost, &percent(cost)),
@@ -328,7 +328,7 @@ pub(super) fn left_out(page: &mut Markup, fit: &FitReport) {
     if !notes.is_empty() {
         page.tags("<h3>Findings and notes</h3>\n<ul class=\"note\">\n");
         for note in &notes {
-            page.tags("<li>").foreign(note).tags("</li>\n");
+            page.tags("<li>").message(note).tags("</li>\n");
         }
         page.tags("</ul>\n");
     }
@@ -378,7 +378,7 @@ pub(super) fn incidents(page: &mut Markup, report: &MeasurementReport) {
             })
             .cell(|p| p.foreign(&incident.code))
             .cell(|p| {
-                p.foreign(&incident.message);
+                p.message(&incident.message);
                 if !incident.points.is_empty() {
                     let points = counted(incident.points.len(), "point");
                     p.text(&format!(" ({points} taken again)"));
