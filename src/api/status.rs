@@ -399,6 +399,7 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         ),
         LabError::NotStopped { .. }
         | LabError::StopUnconfirmed
+        | LabError::AbortUnconfirmed { .. }
         | LabError::AbortedInMotion { .. } => (
             StatusCode::SERVICE_UNAVAILABLE,
             "the stages could not be stopped",
@@ -437,7 +438,7 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::Store(StoreError::DiskFull { .. }) => {
             (StatusCode::INSUFFICIENT_STORAGE, "the disk is full")
         }
-        LabError::Store(StoreError::Locked) => (
+        LabError::Store(StoreError::Locked) | LabError::WaitsForDatabase { .. } => (
             StatusCode::SERVICE_UNAVAILABLE,
             "the database is locked by another program",
         ),

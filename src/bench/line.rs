@@ -8,7 +8,8 @@
 //! - An id is not reused while its reply can still arrive.
 //! - Alerts are set aside.
 //! - A stop is sent before all waiting commands, at most 10 ms after it was issued although another command waits for its
-//!   reply. Motions issued before the stop are not sent after it.
+//!   reply. It is sent again every 100 ms until every device has acknowledged it. Motions issued before the stop are not sent after
+//!   it.
 //! - A command whose device has answered a later stop is no longer waited for: devices answer in order.
 //! - [`PortLine::close`] closes the port for all handles, so that no forgotten handle keeps a port
 //!   from being opened again.
@@ -22,6 +23,7 @@ mod request;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
+use std::time::Duration;
 
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
@@ -35,6 +37,8 @@ use owner::Owner;
 use request::{Counters, ExchangeFailure, ExpectedReplies, LineRequest, LineState};
 pub use request::{LineCounts, LineError, LineSettings};
 
+/// Time after which a stop without its replies is sent again: a reply takes a few milliseconds, and the axes may move meanwhile.
+const STOP_AGAIN_AFTER: Duration = Duration::from_millis(100);
 /// Capacity of the queue of requests; further callers wait for a place.
 const QUEUE: usize = 32;
 
@@ -129,7 +133,16 @@ impl PortLine {
     /// [`LineError`]; a refusal by the device is a reply, not an error.
     pub async fn ask(&self, command: &DeviceCommand) -> Result<Reply, LineError> {
         let attempts = self.shared.settings.attempts.max(1);
-        self.ask_up_to(command, None, attempts).await
+        self.ask_up_to(command, None, attempts, 1).await
+    }
+
+    /// As [`PortLine::ask`], with more and shorter attempts that take about as long together: a person waits for what it says.
+    ///
+    /// # Errors
+    /// As [`PortLine::ask`].
+    pub async fn ask_soon(&self, command: &DeviceCommand) -> Result<Reply, LineError> {
+        let attempts = self.shared.settings.attempts.max(1);
+        self.ask_up_to(command, None, 2 * attempts - 1, 3).await
     }
 
     /// Sends a command once, unless there has been a stop since [`PortLine::stops`] returned
@@ -143,7 +156,7 @@ impl PortLine {
         command: &DeviceCommand,
         stops: u64,
     ) -> Result<Reply, LineError> {
-        self.ask_up_to(command, Some(stops), 1).await
+        self.ask_up_to(command, Some(stops), 1, 1).await
     }
 
     /// Stops all devices of the line with one broadcast, before all waiting commands, and checks
@@ -152,31 +165,39 @@ impl PortLine {
     /// # Errors
     /// [`LineError`] if one of them does not answer.
     pub async fn stop(&self, addresses: &[u8]) -> Result<Vec<Reply>, LineError> {
+        match self.stop_each(addresses).await {
+            (replies, None) => Ok(replies),
+            (_, Some(error)) => Err(error),
+        }
+    }
+
+    /// As [`PortLine::stop`]; returns the replies also where one of the devices does not answer.
+    pub async fn stop_each(&self, addresses: &[u8]) -> (Vec<Reply>, Option<LineError>) {
         self.shared.stops.send_modify(|stops| *stops += 1);
         let command = DeviceCommand::new(0, 0, "stop");
-        let attempts = self.shared.settings.attempts.max(1);
-        let mut heard: BTreeMap<u8, Reply> = BTreeMap::new();
-        for attempt in 1..=attempts {
-            let missing: Vec<u8> = addresses
-                .iter()
-                .copied()
-                .filter(|a| !heard.contains_key(a))
-                .collect();
-            let expected = ExpectedReplies::Each(missing);
-            let (request, answer) = self.request(&command, expected, attempt, None);
-            // Fails only if the thread has ended; the answer then reports that.
-            let _ = self.urgent.send(request);
-            let replies = match self.answer(answer).await {
-                Ok(replies) | Err(ExchangeFailure::Silence(replies)) => replies,
-                Err(ExchangeFailure::Final(error)) => return Err(error),
-            };
-            heard.extend(replies.into_iter().map(|reply| (reply.address, reply)));
-            if addresses.iter().all(|address| heard.contains_key(address)) {
-                return Ok(heard.into_values().collect());
-            }
-        }
-        let silent = addresses.iter().find(|a| !heard.contains_key(a));
-        Err(self.silence(silent.copied().unwrap_or(0), attempts))
+        let LineSettings {
+            reply_timeout,
+            attempts,
+        } = self.shared.settings;
+        // As long as the attempts of another command.
+        let waits = (1..=attempts.max(1)).map(|attempt| reply_timeout * attempt);
+        let expected = ExpectedReplies::Each(addresses.to_vec());
+        let (request, answer) = self.request(&command, expected, waits.sum(), None);
+        let request = LineRequest {
+            again_after: Some(STOP_AGAIN_AFTER.min(reply_timeout)),
+            ..request
+        };
+        // Fails only if the thread has ended; the answer then reports that.
+        let _ = self.urgent.send(request);
+        let replies = match self.answer(answer).await {
+            Ok(replies) => return (replies, None),
+            Err(ExchangeFailure::Silence(replies)) => replies,
+            Err(ExchangeFailure::Final(error)) => return (Vec::new(), Some(error)),
+        };
+        let heard = |address: &&u8| replies.iter().any(|reply| reply.address == **address);
+        let silent = addresses.iter().find(|address| !heard(address));
+        let silence = self.silence(silent.copied().unwrap_or(0), attempts);
+        (replies, Some(silence))
     }
 
     /// Sends a command to every device and returns the replies that arrive within the reply
@@ -186,7 +207,12 @@ impl PortLine {
     /// [`LineError`] if the connection is lost.
     pub async fn ask_everyone(&self, words: &str) -> Result<Vec<Reply>, LineError> {
         let command = DeviceCommand::new(0, 0, words);
-        let (request, answer) = self.request(&command, ExpectedReplies::Anyone, 1, None);
+        let (request, answer) = self.request(
+            &command,
+            ExpectedReplies::Anyone,
+            self.shared.settings.reply_timeout,
+            None,
+        );
         let _ = self.requests.send(request).await;
         match self.answer(answer).await {
             Ok(replies) | Err(ExchangeFailure::Silence(replies)) => Ok(replies),
@@ -234,9 +260,11 @@ impl PortLine {
         command: &DeviceCommand,
         stops: Option<u64>,
         attempts: u32,
+        shorter: u32,
     ) -> Result<Reply, LineError> {
         for attempt in 1..=attempts {
-            let (request, answer) = self.request(command, ExpectedReplies::One, attempt, stops);
+            let wait = self.shared.settings.reply_timeout * attempt / shorter;
+            let (request, answer) = self.request(command, ExpectedReplies::One, wait, stops);
             let _ = self.requests.send(request).await;
             match self.answer(answer).await {
                 Ok(mut replies) => {
@@ -255,7 +283,7 @@ impl PortLine {
         &self,
         command: &DeviceCommand,
         expected: ExpectedReplies,
-        attempt: u32,
+        wait: Duration,
         stops: Option<u64>,
     ) -> (
         LineRequest,
@@ -265,7 +293,8 @@ impl PortLine {
         let request = LineRequest {
             command: command.clone(),
             expected,
-            wait: self.shared.settings.reply_timeout * attempt,
+            wait,
+            again_after: None,
             stops,
             answer,
         };

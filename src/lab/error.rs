@@ -189,9 +189,7 @@ pub enum LabError {
         found: Option<String>,
     },
     /// A stop command did not reach the stages.
-    #[error(
-        "the stop did not reach the stages, which may be moving: use the hardware emergency switch ({source})"
-    )]
+    #[error("{}", not_stopped(source))]
     NotStopped {
         /// Why not.
         source: StageError,
@@ -202,11 +200,29 @@ pub enum LabError {
          hardware emergency switch"
     )]
     StopUnconfirmed,
-    /// The stop of an abort did not reach the stages.
+    /// The stages have not confirmed the stop of an abort in time; the daemon continues to stop them.
     #[error(
-        "scan {scan_id} is aborted, but the stop did not reach the stages, which may be moving: use the hardware \
-         emergency switch ({source})"
+        "scan {scan_id} is being aborted, but the stages have not confirmed the stop yet and may be moving: the daemon repeats \
+         it; if they move on, use the hardware emergency switch"
     )]
+    AbortUnconfirmed {
+        /// The scan.
+        scan_id: i64,
+    },
+    /// An order waits for a locked database.
+    #[error(
+        "scan {scan_id} cannot record the order to {asked} yet, since another program has locked the database; it obeys as soon \
+         as the lock ends: end that program (`fuser` with the path of ridged.sqlite names it){}",
+        if *asked == "abort" { "; the stages have stopped" } else { "" }
+    )]
+    WaitsForDatabase {
+        /// The scan.
+        scan_id: i64,
+        /// The order.
+        asked: &'static str,
+    },
+    /// The stop of an abort did not reach the stages.
+    #[error("scan {scan_id} is aborted, but {}", not_stopped(source))]
     AbortedInMotion {
         /// The scan.
         scan_id: i64,
@@ -275,6 +291,20 @@ pub enum LabError {
     Stopping,
 }
 
+/// States why a stop is not confirmed.
+pub(super) fn not_stopped(source: &StageError) -> String {
+    match source {
+        // Connecting stops all devices of the line first.
+        StageError::OtherStages(_) | StageError::WrongDevice { .. } => format!(
+            "the controllers on the port acknowledged the stop, but they are not those of the rig: {source}; if an axis moves, \
+             use the hardware emergency switch"
+        ),
+        _ => format!(
+            "the stop did not reach the stages, which may be moving: use the hardware emergency switch ({source})"
+        ),
+    }
+}
+
 impl LabError {
     /// Returns a stable code for logs and scripts.
     #[must_use]
@@ -294,7 +324,8 @@ impl LabError {
             LabError::Stage(error)
             | LabError::NotStopped { source: error }
             | LabError::AbortedInMotion { source: error, .. } => stage_code(error),
-            LabError::StopUnconfirmed => "stop-unconfirmed",
+            LabError::StopUnconfirmed | LabError::AbortUnconfirmed { .. } => "stop-unconfirmed",
+            LabError::WaitsForDatabase { .. } => "store-locked",
             LabError::JogEnded => "jog-ended",
             LabError::OtherStagesAnswer { .. } => "other-stages",
             LabError::NoLampSwitch => "no-lamp-switch",

@@ -74,6 +74,7 @@ use std::sync::{Arc, Mutex, OnceLock, Weak};
 use std::time::Duration;
 
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
+use tokio::time::{Instant, timeout, timeout_at};
 
 use crate::access::{DAEMON, LOCAL};
 use crate::bench::stage::{StageError, StageSettings};
@@ -252,6 +253,12 @@ struct Occupation {
     /// Why the last motion of a single axis failed; none once another motion starts.
     failure: Option<(String, String)>,
 }
+
+/// Time after which an order to a scan is answered, also where the stages do not answer or the database is locked.
+const ORDER_ANSWER: Duration = Duration::from_millis(900);
+/// How long a daemon that ends waits for a database that another program has locked: the state of a scan that it cannot write is
+/// found at the next start.
+const LOCK_WAIT_AT_END: Duration = Duration::from_secs(2);
 
 impl Lab {
     /// Opens the store in `folder` and takes ownership of the rig, if there is one. Nothing moves.
@@ -461,12 +468,23 @@ impl Lab {
     /// # Errors
     /// [`LabError::NotNow`] if the scan's state does not allow it, [`LabError::AbortedInMotion`], or a store error.
     pub async fn order(&self, scan_id: i64, order: ScanCommand) -> Result<ScanState, LabError> {
-        let state = self.carry_out(scan_id, order).await?;
-        self.record_order(asked(order), Some(scan_id)).await;
-        Ok(state)
+        let carried_out = self.carry_out(scan_id, order).await;
+        let is_taken = matches!(
+            carried_out,
+            Ok(_) | Err(LabError::WaitsForDatabase { .. } | LabError::AbortUnconfirmed { .. })
+        );
+        if is_taken {
+            self.record_order(asked(order), Some(scan_id)).await;
+        }
+        carried_out
     }
 
     async fn carry_out(&self, scan_id: i64, order: ScanCommand) -> Result<ScanState, LabError> {
+        let answer_by = Instant::now() + ORDER_ANSWER;
+        if order_moves(order) {
+            // Nothing moves later, after a person was refused.
+            self.store().check_lock(ORDER_ANSWER).await?;
+        }
         let not_now = |state| LabError::NotNow {
             scan_id,
             state,
@@ -509,12 +527,20 @@ impl Lab {
             // Homing and connecting do not read commands; the stage does.
             ScanCommand::Abort => {
                 side.access.forbid_unasked_motion();
-                side.access.stop_what_may_move().await
+                let access = side.access.clone();
+                let stop = tokio::spawn(async move { access.stop_what_may_move().await });
+                match timeout_at(answer_by, stop).await {
+                    Ok(stopped) => stopped.expect("a stop does not panic"),
+                    Err(_) => return Err(LabError::AbortUnconfirmed { scan_id }),
+                }
             }
             _ => Ok(()),
         };
         let answer = match sent {
-            Ok(()) => answer.await.ok(),
+            Ok(()) => {
+                self.answer_in_time(scan_id, order, answer, answer_by)
+                    .await?
+            }
             Err(_) => None,
         };
         let state = match answer {
@@ -553,8 +579,31 @@ impl Lab {
         }
     }
 
+    /// Waits for the answer of a scan, but not for a database that another program has locked.
+    async fn answer_in_time(
+        &self,
+        scan_id: i64,
+        order: ScanCommand,
+        mut answer: oneshot::Receiver<Result<ScanState, ScanState>>,
+        by: Instant,
+    ) -> Result<Option<Result<ScanState, ScanState>>, LabError> {
+        if let Ok(answer) = timeout_at(by, &mut answer).await {
+            return Ok(answer.ok());
+        }
+        let asked = asked(order);
+        loop {
+            if self.store().is_locked() {
+                return Err(LabError::WaitsForDatabase { scan_id, asked });
+            }
+            if let Ok(answer) = timeout(ORDER_ANSWER, &mut answer).await {
+                return Ok(answer.ok());
+            }
+        }
+    }
+
     /// Sends a command to a scan that is not running.
     async fn order_unheld(&self, scan_id: i64, order: ScanCommand) -> Result<ScanState, LabError> {
+        self.store().check_lock(ORDER_ANSWER).await?;
         if let Some(side) = &self.inner.rig {
             side.sink.record_end_of(scan_id).await?;
         }
@@ -626,6 +675,7 @@ impl Lab {
         let mut stopped = Ok(());
         if let Some(side) = &self.inner.rig {
             side.sink.ending.cancel();
+            self.store().end_waits(LOCK_WAIT_AT_END);
             // Before the daemon's own stop. A link that was never opened stays closed.
             let parks = side.access.may_move_unasked() && side.access.stage().is_some();
             let orders = side.occupation.borrow().orders.clone();
@@ -664,9 +714,7 @@ impl Lab {
                 side.sink.live_fits.ended().await;
                 side.sink.flush().await;
             };
-            tokio::time::timeout(Duration::from_secs(5), written)
-                .await
-                .ok();
+            timeout(Duration::from_secs(5), written).await.ok();
         }
         stopped
     }
@@ -677,6 +725,14 @@ impl Lab {
         self.rest().await.ok();
         self.inner.store.close().await;
     }
+}
+
+/// Whether an order lets the stages move.
+fn order_moves(order: ScanCommand) -> bool {
+    matches!(
+        order,
+        ScanCommand::Resume | ScanCommand::Continue | ScanCommand::Done(_)
+    )
 }
 
 fn asked(order: ScanCommand) -> &'static str {

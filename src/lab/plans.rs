@@ -321,7 +321,12 @@ impl Lab {
     pub async fn start_scan(&self, request: &ScanRequest) -> Result<Scan, LabError> {
         let (lab, request) = (self.clone(), request.clone());
         // A client that disconnects between the row and the rig's answer would leave a planned scan that never starts.
-        to_the_end(async move { lab.plan_and_begin(&request, None).await }).await
+        to_the_end(async move {
+            // Nothing begins later, after a person was refused.
+            lab.store().check_lock(super::ORDER_ANSWER).await?;
+            lab.plan_and_begin(&request, None).await
+        })
+        .await
     }
 
     /// Starts the scan of an order of the queue.

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use tokio::sync::oneshot;
 
+use super::error::not_stopped;
 use super::motions::Motion;
 use super::request_checks::invalid;
 use super::rig_work;
@@ -375,9 +376,7 @@ impl Lab {
             },
             Err(error) => Event::Alarm {
                 code: stage_code(error).into(),
-                message: format!(
-                    "the stop did not reach the stages: {error}; use the hardware emergency switch"
-                ),
+                message: not_stopped(error),
                 scan_id: side.occupation.borrow().scan_id,
             },
         };

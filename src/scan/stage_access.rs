@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use crate::bench::port::PortAddress;
-use crate::bench::stage::{Notices, Stage, StageError, StageIdentity, StageLink};
+use crate::bench::stage::{Notices, OpenLine, Stage, StageError, StageIdentity, StageLink};
 
 /// Time between two attempts at a stop that is not confirmed. In real time, as the port answers.
 const STOP_AGAIN_AFTER: Duration = Duration::from_millis(500);
@@ -27,6 +27,8 @@ struct Inner {
     last: Mutex<Option<Stage>>,
     /// Held while the port is opened: it has one owner.
     opening: tokio::sync::Mutex<()>,
+    /// The line of the stages that are being connected.
+    connecting: Mutex<Option<OpenLine>>,
     /// Number of stops so far. A motion requested before a stop does not start after it.
     stops: AtomicU64,
     /// Whether the daemon may move the axes by itself: a person has requested motion, and since then neither a person nor a
@@ -61,6 +63,7 @@ impl StageAccess {
                 stops: AtomicU64::new(0),
                 may_move_unasked: AtomicBool::new(false),
                 motions_requested: AtomicU64::new(0),
+                connecting: Mutex::default(),
                 standing_stop: Mutex::default(),
                 found_on: Mutex::default(),
                 controllers: Mutex::default(),
@@ -168,7 +171,12 @@ impl StageAccess {
                 port,
                 ..named.clone()
             };
-            Stage::connect_known(&link, expected.as_ref(), &self.inner.notices).await
+            let notices = &self.inner.notices;
+            let opened = |line| *self.connecting() = Some(line);
+            let connected =
+                Stage::connect_stoppable(&link, expected.as_ref(), notices, opened).await;
+            *self.connecting() = None;
+            connected
         };
         let elsewhere = self.found_on().clone();
         if let Some(port) = elsewhere
@@ -215,6 +223,11 @@ impl StageAccess {
     pub fn expect(&self, controllers: Option<StageIdentity>) {
         *self.controllers() = Controllers {
             expected: controllers,
+    fn connecting(&self) -> MutexGuard<'_, Option<OpenLine>> {
+        let connecting = &self.inner.connecting;
+        connecting.lock().expect("no holder of this lock panics")
+    }
+
             refused: None,
         };
     }
@@ -308,7 +321,12 @@ impl StageAccess {
                 other => return other,
             }
         }
-        // Connecting stops what moves before it asks for anything.
+        // Connecting stops what moves before it asks for anything. Another task may be past that.
+        let connecting = self.connecting().clone();
+        if let Some(line) = connecting {
+            // Its failure is that of the connection.
+            line.stop().await.ok();
+        }
         let stage = self.connect().await?;
         // Another task may have connected and started a motion.
         stage.stop().await

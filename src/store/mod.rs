@@ -41,7 +41,7 @@ pub mod stages;
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use sqlx::Connection;
@@ -89,6 +89,10 @@ struct Inner {
     /// What reductions computed, of the scans that were reduced last.
     reductions: Mutex<reductions::Shared>,
     held: Mutex<Held>,
+    /// When a write last found the database locked by another program.
+    lock_seen: Mutex<Option<Instant>>,
+    /// From then on no write waits for such a lock.
+    no_wait_from: OnceLock<Instant>,
 }
 
 /// What a store keeps until it is closed.
@@ -154,6 +158,16 @@ impl Store {
         }
         MIGRATIONS.run(&store.inner.writer).await?;
         let recovery = store.recover().await?;
+        // From here on all writes go through `writing`, which waits itself.
+        let attempt_ms = LOCK_ATTEMPT.as_millis();
+        let writer = &store.inner.writer;
+        sqlx::query(sqlx::AssertSqlSafe(format!(
+            "PRAGMA busy_timeout = {attempt_ms}"
+        )))
+        .execute(writer)
+        .await?;
+        let options = writing(folder).create_if_missing(false);
+        writer.set_connect_options(options.busy_timeout(LOCK_ATTEMPT));
         Ok((store, recovery))
     }
 
@@ -253,6 +267,8 @@ impl Store {
                 holds: Arc::default(),
                 place,
                 reductions: Mutex::default(),
+                lock_seen: Mutex::default(),
+                no_wait_from: OnceLock::new(),
                 held: Mutex::new(held),
             }),
         })
@@ -340,16 +356,61 @@ impl Store {
     /// Begins a transaction that has the write lock from its start. SQLite fails a transaction that reads before it writes
     /// as soon as another program writes in between, whatever its busy timeout.
     async fn writing(&self) -> Result<Writing, StoreError> {
-        let Some(place) = &self.inner.place else {
+        self.writing_within(LOCK_WAIT).await
+    }
+
+    /// As [`Store::writing`], but waits no longer than this for another program's lock. Each attempt is short, so that a caller
+    /// can give up and the daemon can end.
+    async fn writing_within(&self, wait: Duration) -> Result<Writing, StoreError> {
+        let inner = &self.inner;
+        let Some(place) = &inner.place else {
             return Err(StoreError::ReadOnly);
         };
+        let began = Instant::now();
         self.find_folder().await?;
-        let transaction = match self.writer().begin_with("BEGIN IMMEDIATE").await {
-            // The writers before this one wait for the lock.
-            Err(sqlx::Error::PoolTimedOut) => return Err(StoreError::Locked),
-            begun => begun?,
-        };
-        Ok(Writing::new(transaction, Arc::clone(place)))
+        loop {
+            let error = match self.writer().begin_with("BEGIN IMMEDIATE").await {
+                Ok(transaction) => {
+                    *inner.lock_seen() = None;
+                    return Ok(Writing::new(transaction, Arc::clone(place)));
+                }
+                // The writers before this one wait for the lock.
+                Err(sqlx::Error::PoolTimedOut) => StoreError::Locked,
+                Err(error) => error.into(),
+            };
+            if !matches!(error, StoreError::Locked) {
+                return Err(error);
+            }
+            let now = Instant::now();
+            *inner.lock_seen() = Some(now);
+            let is_ending = inner.no_wait_from.get().is_some_and(|from| now >= *from);
+            if is_ending || now - began >= wait {
+                return Err(error);
+            }
+        }
+    }
+
+    /// Returns whether a write waits because another program holds the lock of the database.
+    #[must_use]
+    pub fn is_locked(&self) -> bool {
+        let seen = *self.inner.lock_seen();
+        seen.is_some_and(|seen| seen.elapsed() < 3 * LOCK_ATTEMPT)
+    }
+
+    /// Checks that no other program holds the lock of the database, or gives it up within this time.
+    ///
+    /// # Errors
+    /// [`StoreError::Locked`]; the next write reports what else is wrong.
+    pub async fn check_lock(&self, wait: Duration) -> Result<(), StoreError> {
+        match self.writing_within(wait).await {
+            Err(StoreError::Locked) => Err(StoreError::Locked),
+            _ => Ok(()),
+        }
+    }
+
+    /// Lets no write wait for another program's lock after this time: the daemon ends.
+    pub fn end_waits(&self, after: Duration) {
+        self.inner.no_wait_from.set(Instant::now() + after).ok();
     }
 
     fn writer(&self) -> &SqlitePool {
@@ -362,6 +423,19 @@ impl Store {
 
     fn now_text(&self) -> String {
         utc_text(self.inner.clock.utc())
+    }
+}
+
+/// How long a write waits for a lock that another program holds.
+const LOCK_WAIT: Duration = Duration::from_secs(10);
+/// How long SQLite waits for it at a time: nothing can cut this short.
+const LOCK_ATTEMPT: Duration = Duration::from_millis(200);
+
+impl Inner {
+    fn lock_seen(&self) -> MutexGuard<'_, Option<Instant>> {
+        self.lock_seen
+            .lock()
+            .expect("no holder of this lock panics")
     }
 }
 
@@ -443,7 +517,7 @@ fn writing(folder: &Path) -> SqliteConnectOptions {
         // FULL: a commit survives a power cut, not only a kill.
         .synchronous(SqliteSynchronous::Full)
         .foreign_keys(true)
-        .busy_timeout(Duration::from_secs(10))
+        .busy_timeout(LOCK_WAIT)
 }
 
 /// Options for a complete database file that no process writes.

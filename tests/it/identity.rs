@@ -178,6 +178,13 @@ async fn swapped_addresses_are_named_as_such_and_a_stated_serial_number_wins() {
         error.to_string().contains("swapped their addresses"),
         "{error}"
     );
+    // They have executed the stop that begins every connection.
+    let stop = LabError::NotStopped { source: error }.to_string();
+    assert!(
+        stop.contains("acknowledged the stop") && stop.contains("swapped their addresses"),
+        "{stop}"
+    );
+    assert!(!stop.contains("did not reach"), "{stop}");
     let mut stated = settings();
     (stated.theta_c.serial, stated.phi_s.serial) = (Some(90_002), Some(90_001));
     let link = rig.link(stated);

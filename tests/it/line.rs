@@ -195,6 +195,23 @@ async fn a_stop_is_repeated_until_every_device_has_acknowledged_it() {
 }
 
 #[tokio::test]
+async fn a_stop_whose_replies_are_lost_is_confirmed_within_the_time_of_its_answer() {
+    let rig = Rig::new();
+    let line = rig.line(3);
+    rig.faults.on("stop", LineFault::LoseReply, 4);
+    let asked = Instant::now();
+    assert_eq!(line.stop(&[1, 2]).await.unwrap().len(), 2);
+    assert!(asked.elapsed() < Duration::from_millis(900));
+    // A position that is asked for until the axes are at rest, too.
+    rig.faults.on("get pos", LineFault::LoseReply, 2);
+    let asked = Instant::now();
+    let position = DeviceCommand::new(1, 1, "get pos");
+    assert!(line.ask_soon(&position).await.unwrap().accepted);
+    assert!(asked.elapsed() < Duration::from_millis(600));
+    assert_eq!(line.counts().second_answers, 0);
+}
+
+#[tokio::test]
 async fn every_device_answers_a_broadcast() {
     let rig = Rig::new();
     let line = rig.line(1);

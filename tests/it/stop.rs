@@ -151,7 +151,8 @@ async fn a_stop_that_is_lost_on_the_line_is_sent_again_until_the_axes_are_at_res
         assert!(waited.is_ok(), "moving: {}", !moves);
     };
     until_moving(true).await;
-    faults.on("stop", LineFault::LoseCommand, 4);
+    // It is sent every 100 ms for 1.8 s, then again.
+    faults.on("stop", LineFault::LoseCommand, 22);
     let refused = lab.stop().await.unwrap_err();
     assert!(matches!(refused, LabError::NotStopped { .. }), "{refused}");
     until_moving(false).await;
@@ -273,6 +274,26 @@ async fn a_link_that_is_lost_in_a_pause_is_the_problem_of_the_rig_whatever_pause
     }
     faults.plug_in();
     lab.shut_down().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_abort_is_answered_within_a_second_while_the_controllers_are_silent() {
+    let bench = BenchInABox::with(Arc::new(RealDisk), false).await;
+    let scan = bench.start(small(&[0.0, 10.0], &[0.0])).await;
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    for axis in [ThetaC, PhiS] {
+        bench.rig.world.set_powered(axis, false);
+    }
+    let asked = std::time::Instant::now();
+    let aborted = bench.lab.order(scan.id, ScanCommand::Abort).await;
+    let took = asked.elapsed();
+    assert!(took < Duration::from_millis(1500), "{took:?}");
+    assert_eq!(aborted.unwrap_err().code(), "stop-unconfirmed");
+    assert_eq!(bench.finish(scan.id).await.state, ScanState::Aborted);
+    for axis in [ThetaC, PhiS] {
+        bench.rig.world.set_powered(axis, true);
+    }
+    bench.end().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

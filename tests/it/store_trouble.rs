@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use axum::body::Body;
 use ridged::bench::AxisName::PhiS;
 use ridged::clock::{Clock, ScaledClock};
+use ridged::lab::LabError;
 use ridged::scan::event::RigActivity;
 use ridged::scan::runner::ScanCommand;
 use ridged::scan::{Event, RecordedEvent, ScanState};
@@ -17,7 +18,7 @@ use sqlx::{ConnectOptions, Connection, SqliteConnection};
 use tokio::sync::broadcast::Receiver;
 
 use crate::bench_in_a_box::{BenchInABox, in_time, small};
-use crate::http::{request, router_of, send};
+use crate::http::{is_problem, request, router_of, send};
 use crate::stop::{disturbed_on, idle, next};
 
 /// Holds the write lock of the database, as another program does.
@@ -116,6 +117,77 @@ async fn a_state_of_a_scan_waits_for_a_database_that_is_locked_for_long() {
     locked.close().await.unwrap();
     bench.until(scan_id, ScanState::Paused).await;
     bench.lab.shut_down().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_order_is_answered_within_a_second_while_the_database_is_locked() {
+    let folder = tempfile::tempdir().unwrap();
+    let (bench, scan_id, mut events) = with_a_frame(folder.path()).await;
+    let router = router_of(&bench.lab);
+    bench.lab.order(scan_id, ScanCommand::Pause).await.unwrap();
+    bench.until(scan_id, ScanState::Paused).await;
+    let plan = r#"{"sample_id": 2, "plan": {"theta_c_deg": [0], "phi_s_deg": [0]}}"#;
+    let in_a_second = async |path: &str, body: &'static str| {
+        let order = request("POST", path).header("content-type", "application/json");
+        let asked = Instant::now();
+        let answer = send(&router, order.body(Body::from(body)).unwrap()).await;
+        let took = asked.elapsed();
+        assert!(took < Duration::from_millis(1500), "{path}: {took:?}");
+        answer
+    };
+    let locked = lock(folder.path()).await;
+    let of_scan = |order: &str| format!("/api/v1/scans/{scan_id}/{order}");
+    // What would move the stages later, when no person expects it, is refused.
+    for (path, body) in [(of_scan("resume"), ""), ("/api/v1/scans".into(), plan)] {
+        let refused = in_a_second(&path, body).await;
+        is_problem(&refused, 503, "store-locked");
+        assert!(refused.detail().contains("fuser"), "{}", refused.body);
+    }
+    let lease = in_a_second("/api/v1/lease", r#"{"name": "night"}"#).await;
+    assert_eq!(lease.status, 201, "{}", lease.body);
+    bench.lab.stop().await.unwrap();
+    // What stops them is taken, and recorded once the lock ends.
+    let begun = Instant::now();
+    let aborting = bench.lab.order(scan_id, ScanCommand::Abort).await;
+    assert!(begun.elapsed() < Duration::from_millis(1500));
+    let LabError::WaitsForDatabase { asked: "abort", .. } = aborting.unwrap_err() else {
+        panic!("the order is carried out later");
+    };
+    locked.close().await.unwrap();
+    bench.until(scan_id, ScanState::Aborted).await;
+    while let Ok(event) = events.try_recv() {
+        let running = matches!(
+            event.event,
+            Event::Scan {
+                state: ScanState::Running,
+                ..
+            }
+        );
+        assert!(!running, "{event:?}");
+    }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_daemon_ends_within_seconds_while_the_database_is_locked() {
+    let folder = tempfile::tempdir().unwrap();
+    let (bench, scan_id, _) = with_a_frame(folder.path()).await;
+    let frames = bench.lab.store().newest_frames(scan_id, 100).await.unwrap();
+    let locked = lock(folder.path()).await;
+    let asked = Instant::now();
+    bench.lab.shut_down().await;
+    assert!(
+        asked.elapsed() < Duration::from_secs(8),
+        "{:?}",
+        asked.elapsed()
+    );
+    locked.close().await.unwrap();
+    drop(bench);
+    let bench = BenchInABox::open(folder.path(), Arc::new(RealDisk), false).await;
+    bench.until(scan_id, ScanState::Interrupted).await;
+    let kept = bench.lab.store().newest_frames(scan_id, 100).await.unwrap();
+    assert_eq!(kept, frames);
+    bench.end().await;
 }
 
 /// A scan whose first frame is durable, and the events from then on.

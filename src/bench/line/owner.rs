@@ -119,18 +119,41 @@ impl Owner {
             self.lines.clear();
         }
         self.shared.history().sent(&command);
-        for packet in packets {
-            trace!(port = %self.shared.port, "> {}", packet.escape_ascii());
-            self.port.write(&packet)?;
-        }
+        self.write(&packets)?;
+        let now = self.port.now();
         self.waiting.push(Exchange {
-            deadline: self.port.now() + request.wait,
+            deadline: now + request.wait,
+            again_at: request.again_after.map(|wait| now + wait),
+            packets,
             request,
             command,
             whole: Vec::new(),
             open: None,
         });
         Ok(())
+    }
+
+    fn write(&mut self, packets: &[Vec<u8>]) -> io::Result<()> {
+        for packet in packets {
+            trace!(port = %self.shared.port, "> {}", packet.escape_ascii());
+            self.port.write(packet)?;
+        }
+        Ok(())
+    }
+
+    /// Sends the commands again that are due, under their ids: every reply to them counts.
+    fn send_again(&mut self, now: Duration) -> io::Result<()> {
+        let mut due = Vec::new();
+        for exchange in &mut self.waiting {
+            if let (Some(at), Some(wait)) = (exchange.again_at, exchange.request.again_after)
+                && at <= now
+                && !exchange.is_done()
+            {
+                exchange.again_at = Some(now + wait);
+                due.extend(exchange.packets.iter().cloned());
+            }
+        }
+        self.write(&due)
     }
 
     /// Waits a moment for replies and ends the exchanges that have theirs, or that can no longer get them.
@@ -144,6 +167,7 @@ impl Owner {
         let now = self.port.now();
         // At the deadline too: a reply that came while this thread did not run is here.
         self.take_in(first.saturating_sub(now).min(READ_WAIT_MAX))?;
+        self.send_again(now)?;
         let mut sent = mem::take(&mut self.waiting);
         while let Some(exchange) = (!sent.is_empty()).then(|| sent.remove(0)) {
             let outcome = if exchange.is_done() {
@@ -199,7 +223,10 @@ pub(super) struct Exchange {
     request: LineRequest,
     /// As it was sent, with its id.
     command: DeviceCommand,
+    packets: Vec<Vec<u8>>,
     deadline: Duration,
+    /// When to send it again.
+    again_at: Option<Duration>,
     whole: Vec<Reply>,
     /// A reply that continues in info messages.
     open: Option<Reply>,

@@ -127,6 +127,8 @@ pub(super) struct LineRequest {
     pub command: DeviceCommand,
     pub expected: ExpectedReplies,
     pub wait: Duration,
+    /// Time after which it is sent again, until its replies are complete; `None` for once.
+    pub again_after: Option<Duration>,
     /// Number of stops when this was requested; `None` if a stop does not cancel it.
     pub stops: Option<u64>,
     pub answer: oneshot::Sender<Result<Vec<Reply>, ExchangeFailure>>,

@@ -423,7 +423,8 @@ impl Axis {
         let began = self.clock.now();
         loop {
             let waited = self.clock.now().saturating_sub(began);
-            if self.read().await?.activity == Activity::Idle {
+            let reply = self.line.ask_soon(&self.command("get pos")).await?;
+            if reply.activity == Activity::Idle {
                 return Ok(());
             }
             if waited > self.stopping_time() {

@@ -32,6 +32,24 @@ pub struct StageLink {
     pub seam: Arc<dyn PortSeam>,
 }
 
+/// A line whose devices are not verified yet: it can only be stopped.
+#[derive(Clone)]
+pub struct OpenLine {
+    line: PortLine,
+    addresses: Vec<u8>,
+}
+
+impl OpenLine {
+    /// Stops both axes before all waiting commands.
+    ///
+    /// # Errors
+    /// [`StageError`] if a device does not answer.
+    pub async fn stop(&self) -> Result<(), StageError> {
+        self.line.stop(&self.addresses).await?;
+        Ok(())
+    }
+}
+
 impl Stage {
     /// Opens the port, stops all motion, verifies the devices against the settings, applies the
     /// settings and reads them back. Moves nothing.
@@ -63,6 +81,19 @@ impl Stage {
         expected: Option<&StageIdentity>,
         notices: &Notices,
     ) -> Result<Stage, StageError> {
+        Stage::connect_stoppable(link, expected, notices, |_| {}).await
+    }
+
+    /// As [`Stage::connect_known`]; `opened` gets the line while the devices are still being verified.
+    ///
+    /// # Errors
+    /// As [`Stage::connect_known`].
+    pub async fn connect_stoppable(
+        link: &StageLink,
+        expected: Option<&StageIdentity>,
+        notices: &Notices,
+        opened: impl FnOnce(OpenLine),
+    ) -> Result<Stage, StageError> {
         link.settings.validate()?;
         let line_settings = LineSettings {
             reply_timeout: Duration::from_millis(link.settings.reply_timeout_ms),
@@ -76,6 +107,10 @@ impl Stage {
         })
         .await
         .expect("opening a port does not panic")?;
+        opened(OpenLine {
+            line: line.clone(),
+            addresses: link.settings.addresses(),
+        });
         let connected = Stage::take_over(&line, link, expected, notices).await;
         if connected.is_err() {
             line.close();

@@ -26,7 +26,7 @@ mod ways;
 use std::sync::Arc;
 use std::time::Duration;
 
-pub use self::connect::StageLink;
+pub use self::connect::{OpenLine, StageLink};
 pub use self::error::StageError;
 pub use self::homing_order::{HomingOrder, HomingSettings};
 pub use self::identity::{DeviceIdentity, OtherStages, StageIdentity};
@@ -153,11 +153,20 @@ impl Stage {
     /// [`StageError`] if a device does not answer, or does not come to rest.
     pub async fn stop(&self) -> Result<(), StageError> {
         let addresses = self.inner.settings.addresses();
-        let heard = self.inner.line.stop(&addresses).await;
-        // Wait even if one axis did not answer: the other one may still come to rest.
-        let rest = self.at_rest().await;
-        heard?;
-        rest
+        let (replies, failure) = self.inner.line.stop_each(&addresses).await;
+        // An axis whose controller did not answer gives no answer about its rest; the other one may still come to rest.
+        let rest = async |axis: &Axis| match replies
+            .iter()
+            .any(|reply| reply.address == axis.settings.address)
+        {
+            true => axis.await_rest().await,
+            false => Ok(()),
+        };
+        let (theta_c, phi_s) = futures::join!(rest(&self.inner.theta_c), rest(&self.inner.phi_s));
+        match failure {
+            Some(error) => Err(error.into()),
+            None => theta_c.and(phi_s),
+        }
     }
 
     /// Waits until both axes are at rest after a stop.
