@@ -14,7 +14,7 @@ use super::rig_work::Work;
 use super::scan_run::{ScanRow, ScanWork};
 use super::tasks::{blocking, to_the_end};
 use super::{Lab, LabError};
-use crate::bench::stage::StageSettings;
+use crate::bench::stage::{Stage, StageSettings};
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::material::Material;
@@ -160,7 +160,8 @@ impl Lab {
                 Step::Shot(_) => None,
             };
             let mut estimate = plan::estimate(&steps, start, &move_time, frame_bytes_max);
-            let checks = reference.predicted(&steps, start, &move_time);
+            let slips_show = stage.as_ref().is_some_and(Stage::shows_slips);
+            let checks = reference.predicted(&steps, start, &limits, &move_time, slips_show);
             estimate.duration_s += checks.as_secs_f64();
             Ok(Estimated {
                 estimate,

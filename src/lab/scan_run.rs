@@ -21,7 +21,7 @@ use crate::scan::event::RigActivity;
 use crate::scan::look::Look;
 use crate::scan::reference::ReferenceRules;
 use crate::scan::runner::{self, CommandRequest, ScanRun};
-use crate::scan::{Event, Plan, Rig, ScanState, TravelLimits};
+use crate::scan::{Event, Plan, Rig, ScanState};
 use crate::store::StoreError;
 use crate::store::scans::{NewScan, Scan};
 
@@ -126,15 +126,12 @@ impl RigContext {
         };
         let start = start.unwrap_or(Pose::from_deg(0.0, 0.0));
         let (stages, plan) = (rig.link().settings.clone(), work.plan.clone());
+        let limits = rig.limits();
         // Ordering a large plan takes seconds.
         let in_order = move || {
             let move_time = |from, to| match &stage {
                 Some(stage) => stage.predicted_move(from, to),
                 None => stages.predicted_move(from, to),
-            };
-            let limits = TravelLimits {
-                theta_c: (stages.theta_c.limit_min, stages.theta_c.limit_max),
-                phi_s: (stages.phi_s.limit_min, stages.phi_s.limit_max),
             };
             plan.steps(&limits, start, &move_time)
         };

@@ -192,6 +192,19 @@ impl Look {
         !(long_is_too_dark || long_is_too_bright)
     }
 
+    /// Returns the same look in light that is brighter by this share.
+    pub(super) fn brighter_by(&self, share: f64) -> Look {
+        let brighter = |(dn, error): (f64, f64)| (dn * (1.0 + share), error);
+        Look {
+            blocks: self
+                .blocks
+                .iter()
+                .map(|block| block.map(brighter))
+                .collect(),
+            ..*self
+        }
+    }
+
     /// Compares with a later frame of the same exposure; `None` where exposure or size differ, or there is too little light.
     pub(super) fn difference(&self, later: &Look) -> Option<Difference> {
         match self.has_exposure_of(later) {

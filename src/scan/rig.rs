@@ -5,6 +5,7 @@
 
 use std::collections::BTreeSet;
 
+use super::plan::TravelLimits;
 use super::stage_access::StageAccess;
 use crate::bench::stage::{Stage, StageError, StageLink};
 use crate::bench::{AxisName, Camera};
@@ -30,6 +31,16 @@ impl Rig {
     #[must_use]
     pub fn link(&self) -> &StageLink {
         self.access.link()
+    }
+
+    /// Returns where the axes may go.
+    #[must_use]
+    pub fn limits(&self) -> TravelLimits {
+        let settings = &self.link().settings;
+        TravelLimits {
+            theta_c: (settings.theta_c.limit_min, settings.theta_c.limit_max),
+            phi_s: (settings.phi_s.limit_min, settings.phi_s.limit_max),
+        }
     }
 
     /// Returns the access that reads positions and stops the stages.
@@ -77,11 +88,15 @@ impl Rig {
             let unhomed = AxisName::ALL
                 .into_iter()
                 .find(|axis| !status.axis(*axis).homed);
-            if let Some(axis) = unhomed {
-                if !(by_a_person || may_home) {
-                    return Err(StageError::PowerCycled { axis });
-                }
-                return stage.home_all_since(stops_of_stage).await;
+            if let Some(axis) = unhomed
+                && !(by_a_person || may_home)
+            {
+                return Err(StageError::PowerCycled { axis });
+            }
+            if unhomed.is_some() || doubted.len() == AxisName::ALL.len() {
+                stage.home_all_since(stops_of_stage).await?;
+                self.access.set_may_have_slipped(false);
+                return Ok(());
             }
             for axis in doubted {
                 stage.home_since(*axis, stops_of_stage).await?;

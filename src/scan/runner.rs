@@ -178,6 +178,8 @@ struct Runner<'a> {
     /// Predicts moves. The runner keeps no handle of the stage: one that outlives its link would keep the port open and
     /// block the next connection.
     move_times: MoveTimes,
+    /// Whether both axes have an encoder.
+    slips_show: bool,
     /// Predicted time of all points.
     predicted_total_s: f64,
     /// Predicted time of each point in the order of the plan. A point taken out of turn has a longer way but the same share.
@@ -222,6 +224,7 @@ impl<'a> Runner<'a> {
             recorder,
             commands,
             state: ScanState::Planned,
+            slips_show: false,
             predicted_total_s: 0.0,
             in_turn_s: BTreeMap::new(),
             history,
@@ -238,6 +241,12 @@ impl<'a> Runner<'a> {
         self.rig.access().allow_unasked_motion();
         self.enter(ScanState::Running, None).await?;
         self.make_ready().await?;
+        if self.rig.access().may_have_slipped() && !self.slips_show {
+            // In an earlier scan or run that nothing confirmed, or before the daemon started.
+            self.doubted.extend(AxisName::ALL);
+            self.make_ready().await?;
+        }
+        self.rig.access().set_may_have_slipped(true);
         // Again, now with the speeds of the connected axes.
         let at = self.totals.at;
         self.totals = self.count_what_is_left();
@@ -399,13 +408,15 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// Returns what a complete scan has no frames of.
+    /// Returns what a complete scan has no frames of, and what no check confirmed.
     fn left_out(&self) -> Option<String> {
         let count = self.skipped.len();
-        (count > 0).then(|| {
+        let skipped = (count > 0).then(|| {
             let points = crate::wording::counted(count, "point");
             format!("{points} skipped after faults; the alarms of the scan name them")
-        })
+        });
+        let parts: Vec<String> = skipped.into_iter().chain(self.unconfirmed()).collect();
+        (!parts.is_empty()).then(|| parts.join("; "))
     }
 
     /// Moves and captures while it listens to commands; `None` where it was stopped and resumed. The outer error ends the

@@ -34,6 +34,9 @@ struct Inner {
     /// Whether the daemon may move the axes by itself: a person has requested motion, and since then neither a person nor a
     /// fault of the stages has stopped them.
     may_move_unasked: AtomicBool,
+    /// Whether an axis may have slipped since both were homed: a scan began, and nothing confirmed its points. Only matters for
+    /// axes without an encoder.
+    may_have_slipped: AtomicBool,
     /// Number of motions that a person has requested so far.
     motions_requested: AtomicU64,
     /// The number of requested motions at the stop that stands; `None` while none does.
@@ -60,10 +63,11 @@ impl StageAccess {
                 link,
                 last: Mutex::new(None),
                 opening: tokio::sync::Mutex::new(()),
+                connecting: Mutex::default(),
                 stops: AtomicU64::new(0),
                 may_move_unasked: AtomicBool::new(false),
+                may_have_slipped: AtomicBool::new(true),
                 motions_requested: AtomicU64::new(0),
-                connecting: Mutex::default(),
                 standing_stop: Mutex::default(),
                 found_on: Mutex::default(),
                 controllers: Mutex::default(),
@@ -111,6 +115,16 @@ impl StageAccess {
     /// A person or a fault of the stages has stopped the axes.
     pub fn forbid_unasked_motion(&self) {
         self.inner.may_move_unasked.store(false, Ordering::SeqCst);
+    }
+
+    /// Returns whether an axis without an encoder may have slipped since both were homed.
+    pub(super) fn may_have_slipped(&self) -> bool {
+        self.inner.may_have_slipped.load(Ordering::SeqCst)
+    }
+
+    /// Notes that both axes are where their counters say, or may no longer be there.
+    pub(super) fn set_may_have_slipped(&self, may: bool) {
+        self.inner.may_have_slipped.store(may, Ordering::SeqCst);
     }
 
     /// Returns whether a link was lost. An axis that moved then may still move.
@@ -209,6 +223,11 @@ impl StageAccess {
         Ok(stage)
     }
 
+    fn connecting(&self) -> MutexGuard<'_, Option<OpenLine>> {
+        let connecting = &self.inner.connecting;
+        connecting.lock().expect("no holder of this lock panics")
+    }
+
     fn found_on(&self) -> MutexGuard<'_, Option<PortAddress>> {
         let found_on = &self.inner.found_on;
         found_on.lock().expect("no holder of this lock panics")
@@ -223,11 +242,6 @@ impl StageAccess {
     pub fn expect(&self, controllers: Option<StageIdentity>) {
         *self.controllers() = Controllers {
             expected: controllers,
-    fn connecting(&self) -> MutexGuard<'_, Option<OpenLine>> {
-        let connecting = &self.inner.connecting;
-        connecting.lock().expect("no holder of this lock panics")
-    }
-
             refused: None,
         };
     }

@@ -542,6 +542,73 @@ async fn a_slip_that_a_homing_mended_has_the_points_before_it_taken_again() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_slip_between_reference_poses_is_found_by_a_point_that_was_confirmed_before() {
+    // In a scan shorter than a block; between a check and the next reference pose; and the first after a check.
+    for (every, slips_at) in [(20, 4), (3, 5), (2, 3)] {
+        let slip = AxisFault::Slip(Angle::from_deg(3.0));
+        let cues = [
+            (0, Cue::NoEncoder),
+            (slips_at, Cue::Cause(AxisName::ThetaC, slip)),
+        ];
+        let often = |settings: &mut RunnerSettings| settings.reference.every = every;
+        let (end, reported) = run_with(grid(), &[], cues, |_| u64::MAX, often).await;
+        assert_eq!(
+            end.state,
+            ScanState::Completed,
+            "{every}: {:?}",
+            reported.alarms
+        );
+        assert_eq!(reported.alarms, ["reference-changed"], "{every}");
+        assert!(!reported.of_another_pose.is_empty(), "{every}");
+        for wrong in &reported.of_another_pose {
+            assert!(
+                reported.withdrawn.concat().contains(wrong),
+                "{every}: {wrong}"
+            );
+        }
+        let mut accepted = reported.accepted.clone();
+        accepted.sort_unstable();
+        assert_eq!(accepted, [0, 1, 2, 3, 4, 5], "{every}");
+        assert_eq!(reported.reason, None);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn points_that_nothing_confirms_are_stated_at_the_end() {
+    // A sample without light at every pose, and no encoders.
+    let cues = [(0, Cue::NoEncoder), (1, Cue::Black)];
+    let (end, reported) = run(grid(), &[], cues, |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed, "{:?}", reported.alarms);
+    let reason = reported.reason.unwrap();
+    assert!(
+        reason.starts_with("6 points of the sample could not be"),
+        "{reason}"
+    );
+    let (_, reported) = run(grid(), &[], [(0, Cue::NoEncoder)], |_| u64::MAX).await;
+    assert_eq!(reported.reason, None);
+    // Encoders show slips at once.
+    let (_, reported) = run(grid(), &[], [(1, Cue::Black)], |_| u64::MAX).await;
+    assert_eq!(reported.reason, None);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_lamp_that_stays_dimmer_than_at_confirmed_points_waits_for_a_person() {
+    let often = |settings: &mut RunnerSettings| {
+        settings.reference.every = 2;
+        settings.reference.time_share_max = 10.0;
+    };
+    let cues = [(0, Cue::NoEncoder), (6, Cue::Fade(0.9))];
+    let (end, reported) = run_with(grid(), &[], cues, |_| u64::MAX, often).await;
+    assert_eq!(end.state, ScanState::Completed, "{:?}", reported.alarms);
+    // Then all points are taken in the new light.
+    assert!(reported.pauses >= 1);
+    assert_eq!(reported.withdrawn.last().unwrap()[..], [0, 1, 2, 3]);
+    let mut accepted = reported.accepted.clone();
+    accepted.sort_unstable();
+    assert_eq!(accepted, [0, 1, 2, 3, 4, 5]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_computer_that_was_suspended_in_an_exposure_takes_the_point_again() {
     let (end, reported) = run(grid(), &[], [(3, Cue::Suspend)], |_| u64::MAX).await;
     assert_eq!(end.state, ScanState::Completed);

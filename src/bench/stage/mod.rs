@@ -198,6 +198,12 @@ impl Stage {
         self.inner.phi_s.check_slip().await
     }
 
+    /// Whether both axes have an encoder, so that a slip shows after the move.
+    #[must_use]
+    pub fn shows_slips(&self) -> bool {
+        self.inner.theta_c.has_encoder() && self.inner.phi_s.has_encoder()
+    }
+
     /// Checks a pose against the limits.
     ///
     /// # Errors

@@ -82,7 +82,13 @@ impl TravelLimits {
         [0.0, -360.0, 360.0]
             .into_iter()
             .map(|turn| phi_s + Angle::from_deg(turn))
-            .find(|angle| within(*angle, self.phi_s))
+            .find(|angle| self.reaches_phi_s(*angle))
+    }
+
+    /// Whether φs is within the limits.
+    #[must_use]
+    pub fn reaches_phi_s(&self, phi_s: Angle) -> bool {
+        within(phi_s, self.phi_s)
     }
 }
 

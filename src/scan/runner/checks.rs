@@ -14,7 +14,7 @@ use crate::scan::frame_rules::FrameRules;
 use crate::scan::look::{Difference, Look};
 use crate::scan::plan::{Shot, Step};
 use crate::scan::recorder::{Rejected, Visit};
-use crate::scan::reference::Visited;
+use crate::scan::reference::{Aim, Covered, Detour, Visited, Ways, forget};
 use crate::scan::tag_history::off_temperature;
 use crate::scan::visit::VisitError;
 use crate::wording::{counted, percent};
@@ -30,25 +30,33 @@ const CONFIRMED_POINTS: u32 = 2;
 const BUFFERED_FRAMES_MAX: u32 = 4;
 /// Poses that were confirmed to look like the pose before, after which the scan no longer confirms such frames.
 const ALIKE_POSES_MAX: u32 = 3;
-/// Times that the points of one block are taken again before the scan pauses.
-const BLOCK_RETAKES: u32 = 1;
+/// Changes at a reference pose after which the points that no check confirmed are taken again; after more, all points are.
+const BLOCK_CHANGES: u32 = 2;
 
-/// A point that was accepted, and how its frames look.
+/// A point that was accepted, and how it looks.
 #[derive(Debug, Clone)]
 struct Seen {
     shot: Shot,
-    looks: Vec<Look>,
+    /// Of the first frame that can be compared.
+    look: Option<Look>,
     predicted: Duration,
+    /// Change of the light until then.
+    drift: f64,
+    /// Number of points, from the first one remembered, when a look at it last agreed, or when it was taken.
+    agreed_after: usize,
 }
 
 /// What the checks remember.
 #[derive(Debug)]
 pub(super) struct Checks {
-    /// Points since the last check of the reference, in the order taken.
-    block: Vec<Seen>,
-    /// How many of them were taken before an axis was homed, or before this run: a slip that the homing mended shows only at
-    /// the last of them.
+    /// Accepted points of the sample, in the order taken.
+    points: Vec<Seen>,
+    /// Which of them the reference checks covered.
+    covered: Covered,
+    /// How many of them were taken before an axis was homed: a slip that the homing mended shows only at the last of them.
     before_homing: usize,
+    /// Points that no check can confirm any more.
+    never_confirmed: usize,
     /// The last accepted point, of any kind.
     last: Option<(Shot, Vec<Look>)>,
     /// The dark frames of this run that were accepted last.
@@ -68,8 +76,10 @@ pub(super) struct Checks {
 impl Checks {
     pub(super) fn new() -> Checks {
         Checks {
-            block: Vec::new(),
+            points: Vec::new(),
+            covered: Covered::default(),
             before_homing: 0,
+            never_confirmed: 0,
             last: None,
             dark: Vec::new(),
             to_confirm: CONFIRMED_POINTS,
@@ -88,7 +98,63 @@ impl Checks {
 
     /// An axis was homed: the points so far may have been taken before a slip that shows no more.
     pub(super) fn homed(&mut self) {
-        self.before_homing = self.block.len();
+        self.before_homing = self.points.len();
+    }
+
+    /// Points without a look at a reference pose that would confirm them.
+    fn unconfirmed(&self) -> usize {
+        let visited = self.visited();
+        let trusted = self.covered.trusted(&visited);
+        self.never_confirmed + visited.len().saturating_sub(trusted)
+    }
+
+    fn visited(&self) -> Vec<Visited> {
+        let of_point = |seen: &Seen| Visited {
+            target: seen.shot.target.expect("only such points are remembered"),
+            predicted: seen.predicted,
+            exposure: seen.shot.longest_exposure(),
+            level: seen
+                .look
+                .as_ref()
+                .map(|look| look.level_dn() / look.exposure_s()),
+        };
+        self.points.iter().map(of_point).collect()
+    }
+
+    /// Takes out the points that may be wrong since the picture at a point has changed.
+    fn take_suspects(&mut self, index: usize, is_of_homing: bool, changes: u32) -> Vec<Seen> {
+        let visited = self.visited();
+        let from = match (changes, is_of_homing) {
+            // A homing mended it, whenever it was.
+            (..=BLOCK_CHANGES, true) => self.covered.confirmed,
+            // It came after the picture here was as before. A pose that shows less may have confirmed more.
+            (..=BLOCK_CHANGES, false) => {
+                Covered::suspect_from(self.points[index].agreed_after, &visited)
+            }
+            // What changed lasts, so nothing that was taken before fits to it.
+            _ => 0,
+        };
+        let suspects = self.points.split_off(from);
+        for seen in &mut self.points {
+            seen.agreed_after = seen.agreed_after.min(from);
+        }
+        self.covered.confirmed = self.covered.confirmed.min(from);
+        self.covered.checked = self.covered.checked.min(from);
+        suspects
+    }
+
+    /// The picture at a point is as before, but for a change of the level by this share.
+    fn agreed(&mut self, index: usize, level: f64) {
+        let (before, since) = (self.drift, self.covered.checked);
+        self.drift += level;
+        // The light changes steadily from one check to the next.
+        let n = self.points.len().saturating_sub(since);
+        for (i, seen) in self.points[since..].iter_mut().enumerate() {
+            seen.drift = before + level * (i + 1) as f64 / n as f64;
+        }
+        self.points[index].agreed_after = self.points.len();
+        let visited = self.visited();
+        self.covered.agreed(index, &visited);
     }
 
     /// Whether frames look like those of the last point, which was elsewhere or of another kind. The exposures do not count: a
@@ -239,15 +305,24 @@ impl Runner<'_> {
         if shot.kind == FrameKind::Dark {
             checks.dark.clone_from(&looks);
         }
-        checks.last = Some((shot.clone(), looks.clone()));
-        let covered = shot.kind == FrameKind::Sample && shot.target.is_some();
-        if covered && self.run.settings.reference.every > 0 {
-            checks.block.push(Seen {
+        let is_covered = shot.kind == FrameKind::Sample && shot.target.is_some();
+        if is_covered && self.run.settings.reference.every > 0 {
+            checks.points.push(Seen {
+                agreed_after: checks.points.len() + 1,
                 shot: shot.clone(),
-                looks,
+                look: comparable(&looks).cloned(),
                 predicted: Duration::try_from_secs_f64(predicted_s).unwrap_or_default(),
+                drift: checks.drift,
             });
+            let before = checks.points.len();
+            checks.never_confirmed += forget(&mut checks.points, &mut checks.covered);
+            let forgotten = before - checks.points.len();
+            for seen in &mut checks.points {
+                seen.agreed_after -= forgotten.min(seen.agreed_after);
+            }
+            checks.before_homing = checks.before_homing.saturating_sub(forgotten);
         }
+        checks.last = Some((shot.clone(), looks));
     }
 
     /// Remembers the points of earlier runs that no check covered.
@@ -262,7 +337,7 @@ impl Runner<'_> {
                 self.remember_look(shot, looks, predicted_s);
             }
         }
-        // A person may have homed the axes since then.
+        // The axes were homed as this run began, or their encoders show what happened.
         self.checks.homed();
         // The first frame of this run is compared with those of no other pose.
         self.checks.last = None;
@@ -278,39 +353,64 @@ impl Runner<'_> {
         self.suspensions.note_temperature(off);
     }
 
-    /// Returns to a reference pose if it is time or an axis was homed, and takes the points since the last check again if the
+    /// Returns to a reference pose if it is time or an axis was homed, and takes the points that may be wrong again if the
     /// picture changed.
     /// `next` is where the scan goes then; `None` after the last point.
     pub(super) async fn check_reference(&mut self, next: Option<Pose>) -> Result<(), Ending> {
         let rules = self.run.settings.reference;
-        let is_due = rules.is_due(self.checks.block.len(), next.is_some());
+        let points = self.checks.points.len() - self.checks.covered.checked;
+        let mut is_due = rules.is_due(points, next.is_some());
         if !is_due && self.checks.before_homing == 0 {
             return Ok(());
         }
         let mut suspect: Option<Trouble> = None;
-        let mut retakes = 0;
-        while let Some((seen, look, predicted)) =
-            self.reference_pose(next, is_due || suspect.is_some())
-        {
+        let mut changes = 0;
+        let mut aim = Aim::Both;
+        loop {
+            let homed_after = std::mem::take(&mut self.checks.before_homing);
+            let before_homing = self.last_before(homed_after, next);
+            let is_of_homing = before_homing.is_some();
+            let detour = match before_homing {
+                None if is_due => self.reference_pose(next, aim),
+                before_homing => before_homing,
+            };
+            let Some(detour) = detour else {
+                if matches!(aim, Aim::Axis(_)) {
+                    aim = Aim::Confirm;
+                    continue;
+                }
+                break;
+            };
             let started = self.run.clock.now();
-            let outcome = self.compare_at(&seen.shot, &look).await?;
+            let seen = self.checks.points[detour.index].clone();
+            let outcome = self.compare_at(&seen, detour).await?;
             let took = self.run.clock.now().saturating_sub(started);
             self.totals.progress.elapsed_s += took.as_secs_f64();
-            self.totals.ideal_s += predicted.as_secs_f64();
-            self.totals.predicted_done_s += predicted.as_secs_f64();
+            self.totals.ideal_s += detour.takes.as_secs_f64();
+            self.totals.predicted_done_s += detour.takes.as_secs_f64();
             let why = match outcome {
-                Ok(_) if std::mem::take(&mut self.checks.before_homing) > 0 => match is_due {
-                    true => continue,
-                    false => break,
-                },
+                Ok(_) if is_of_homing => {
+                    let covered = &mut self.checks.covered;
+                    covered.confirmed = covered.confirmed.max(homed_after);
+                    continue;
+                }
                 Ok(level) => {
-                    self.note_drift(level).await;
-                    break;
+                    self.checks.agreed(detour.index, level);
+                    self.report_drift().await;
+                    match self.next_aim(aim, detour.index, next) {
+                        Some(more) => aim = more,
+                        None => break,
+                    }
+                    continue;
                 }
                 Err(why) => why,
             };
-            let block = std::mem::take(&mut self.checks.block);
-            self.checks.before_homing = 0;
+            changes += 1;
+            aim = Aim::Both;
+            is_due = true;
+            let block = self
+                .checks
+                .take_suspects(detour.index, is_of_homing, changes);
             let points: BTreeSet<u32> = block.iter().map(|seen| seen.shot.index).collect();
             let count = counted(points.len(), "point");
             self.withdraw(&points, &why).await?;
@@ -320,30 +420,28 @@ impl Runner<'_> {
             let suspect =
                 suspect.get_or_insert_with(|| Trouble::new("reference-changed", &why, started));
             suspect.add(points);
-            if retakes < BLOCK_RETAKES {
-                let message = format!(
-                    "{why}; the scan homes the stages and takes the {count} since the last check again"
-                );
+            if changes == 1 {
+                let message = format!("{why}; the scan homes the stages and takes {count} again");
                 self.recorder.alarm("reference-changed", &message).await;
             } else {
                 let reason = format!(
-                    "{why}, also after the {count} since the last check were taken again; check lamp, sample, stages and \
-                     camera, then resume: the scan takes these points again (scan.reference_change_max is the limit)"
+                    "{why}, also after the points were taken again; check lamp, sample, stages and camera, then resume: the scan \
+                     takes {count} again (scan.reference_change_max is the limit)"
                 );
                 self.hold_with(&reason, Some("reference-changed"), None)
                     .await?;
                 self.make_ready().await?;
                 suspect.attended();
-                retakes = 0;
             }
-            retakes += 1;
             for seen in &block {
                 self.take(&seen.shot).await?;
             }
         }
-        self.checks.before_homing = 0;
+        if next.is_none() && self.checks.unconfirmed() == 0 {
+            self.rig.access().set_may_have_slipped(false);
+        }
         if is_due {
-            self.checks.block.clear();
+            self.checks.covered.checked = self.checks.points.len();
         }
         if let Some(trouble) = suspect {
             self.report(trouble, "the reference pose looks the same again")
@@ -352,60 +450,97 @@ impl Runner<'_> {
         Ok(())
     }
 
-    /// Returns the point to return to, its look and the time it takes: the last one before a homing, else, if it is time, one of
-    /// those since the last check.
-    fn reference_pose(&self, next: Option<Pose>, is_due: bool) -> Option<(Seen, Look, Duration)> {
-        let block = &self.checks.block;
-        let visited: Vec<Visited> = block
-            .iter()
-            .map(|seen| Visited {
-                target: seen.shot.target.expect("only such points are remembered"),
-                predicted: seen.predicted,
-                exposure: seen.shot.longest_exposure(),
-            })
-            .collect();
+    /// Returns the way to the last point before a homing after `homed_after` points, unless a check confirmed them.
+    fn last_before(&self, homed_after: usize, next: Option<Pose>) -> Option<Detour> {
+        let visited = self.checks.visited();
+        let unconfirmed = self.checks.covered.confirmed..homed_after;
+        let mut newest_first = unconfirmed.rev();
+        let index = newest_first.find(|index| visited[*index].level.is_some())?;
         let move_time = |from, to| self.move_times.predict(from, to);
-        let before_homing = block[..self.checks.before_homing].iter().rev();
-        let mut comparables =
-            before_homing.filter_map(|seen| Some((seen, comparable(&seen.looks)?)));
-        if let Some((seen, look)) = comparables.next() {
-            let way = visited.last().zip(seen.shot.target);
-            let way = way.map_or(Duration::ZERO, |(at, to)| move_time(at.target, to));
-            let takes = way + seen.shot.longest_exposure();
-            return Some((seen.clone(), look.clone(), takes));
-        }
-        if !is_due {
+        let limits = self.rig.limits();
+        let ways = Ways {
+            move_time: &move_time,
+            limits: &limits,
+            next,
+            slips_show: self.slips_show,
+        };
+        ways.detour(visited.last()?.target, index, &visited[index])
+    }
+
+    /// Returns what another look after the last point is for, after one that agreed: the axis that it shows less, then the points
+    /// that it does not confirm.
+    fn next_aim(&self, aim: Aim, index: usize, next: Option<Pose>) -> Option<Aim> {
+        if next.is_some() || self.slips_show {
             return None;
         }
         let rules = self.run.settings.reference;
-        let (chosen, takes) = rules.choose(&visited, next, &move_time)?;
-        // From there on, the first pose that shows light.
-        let (seen, look) = block[chosen..block.len() - 1]
-            .iter()
-            .find_map(|seen| Some((seen, comparable(&seen.looks)?)))?;
-        Some((seen.clone(), look.clone(), takes))
+        let visited = self.checks.visited();
+        let other_axis = match aim {
+            Aim::Both => rules.shown_worse(&visited, index),
+            Aim::Axis(_) | Aim::Confirm => None,
+        };
+        let confirms_all = self.checks.unconfirmed() == self.checks.never_confirmed;
+        match other_axis {
+            Some(axis) => Some(Aim::Axis(axis)),
+            None => (!confirms_all && aim != Aim::Confirm).then_some(Aim::Confirm),
+        }
+    }
+
+    /// Returns the way to the reference pose to compare now.
+    fn reference_pose(&self, next: Option<Pose>, aim: Aim) -> Option<Detour> {
+        let visited = self.checks.visited();
+        let rules = self.run.settings.reference;
+        let move_time = |from, to| self.move_times.predict(from, to);
+        let limits = self.rig.limits();
+        let ways = Ways {
+            move_time: &move_time,
+            limits: &limits,
+            next,
+            slips_show: self.slips_show,
+        };
+        rules.choose(&visited, self.checks.covered, &ways, aim)
+    }
+
+    /// States how many points of a complete scan nothing confirmed: neither an encoder nor a look at a reference pose.
+    pub(super) fn unconfirmed(&self) -> Option<String> {
+        let count = self.checks.unconfirmed();
+        (count > 0 && !self.slips_show).then(|| {
+            format!(
+                "{} of the sample could not be confirmed at a reference pose: a slip of an axis without an encoder, or a change \
+                 of the lamp, would not show there",
+                counted(count, "point")
+            )
+        })
     }
 
     /// Compares the picture at a pose with an earlier one: the change of its level, or what is wrong.
     async fn compare_at(
         &mut self,
-        shot: &Shot,
-        before: &Look,
+        seen: &Seen,
+        detour: Detour,
     ) -> Result<Result<f64, String>, Ending> {
         let limit = self.run.settings.reference.change_max;
+        let shot = &Shot {
+            target: Some(detour.target),
+            ..seen.shot.clone()
+        };
+        let before = seen.look.as_ref().expect("only such points are chosen");
+        // With the light of the last check: what changed slowly until then is in the drift.
+        let before = &before.brighter_by(self.checks.drift - seen.drift);
         let agrees = |found: &Option<Difference>| found.is_some_and(|d| d.is_within(limit));
         let (now, timed) = self.look_at(shot, before.exposure_s()).await?;
         let first = before.difference(&now);
         if agrees(&first) {
             return Ok(Ok(first.map_or(0.0, |found| found.level)));
         }
-        // Once more: a single frame may be wrong by itself.
-        let (now, _) = self.look_at(shot, before.exposure_s()).await?;
+        // Once more, since a single frame may be wrong by itself; where it was taken, since another turn may look different.
+        let is_elsewhere = shot.target != seen.shot.target;
+        let (now, _) = self.look_at(&seen.shot, before.exposure_s()).await?;
         let second = before.difference(&now);
         let pose = shot.pose.map_or_else(String::new, |pose| {
             format!("theta_c {:.3}, phi_s {:.3}", pose.theta_c, pose.phi_s)
         });
-        match (agrees(&second), timed) {
+        match (agrees(&second), timed || is_elsewhere) {
             (true, true) => Ok(Ok(second.map_or(0.0, |found| found.level))),
             (true, false) => Ok(Err(format!(
                 "at the reference pose ({pose}) only the second frame shows the picture that was taken there: the camera \
@@ -464,9 +599,8 @@ impl Runner<'_> {
         Ok(())
     }
 
-    /// Adds up the change of the light over the checks, and reports it once it exceeds the limit.
-    async fn note_drift(&mut self, level: f64) {
-        self.checks.drift += level;
+    /// Reports the change of the light over all checks once it exceeds the limit.
+    async fn report_drift(&mut self) {
         let (drift, limit) = (self.checks.drift, self.run.settings.reference.change_max);
         if drift.abs() <= limit || self.checks.drift_reported {
             return;

@@ -37,7 +37,9 @@ impl Runner<'_> {
         let move_time = |from, to| self.move_times.predict(from, to);
         let start = self.totals.at.unwrap_or(Pose::from_deg(0.0, 0.0));
         let reference = self.run.settings.reference;
-        let checks = reference.predicted(&self.run.steps, start, &move_time);
+        let limits = self.rig.limits();
+        let checks =
+            reference.predicted(&self.run.steps, start, &limits, &move_time, self.slips_show);
         self.predicted_total_s = checks.as_secs_f64();
         let mut at = None;
         for step in &self.run.steps {

@@ -117,14 +117,15 @@ impl Runner<'_> {
             let made_ready = async {
                 let stage = rig.make_ready(&doubted, by_a_person, may_home).await?;
                 let status = stage.status().await?;
-                Ok::<_, StageError>((stage.move_times(), status.pose()))
+                Ok::<_, StageError>((stage.move_times(), stage.shows_slips(), status.pose()))
             };
             match orders.during(made_ready).await? {
-                Ok(Ok((move_times, pose))) => {
+                Ok(Ok((move_times, slips_show, pose))) => {
                     if !std::mem::take(&mut self.doubted).is_empty() {
                         self.checks.homed();
                     }
                     self.move_times = move_times;
+                    self.slips_show = slips_show;
                     self.totals.at = Some(pose);
                     return Ok(Ok(()));
                 }

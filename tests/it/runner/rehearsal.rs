@@ -243,6 +243,8 @@ pub(super) struct Notebook {
     orders: mpsc::Sender<CommandRequest>,
     free_bytes: u64,
     pub(super) states: Vec<ScanState>,
+    /// Reason of the last state.
+    pub(super) reason: Option<String>,
     pub(super) alarms: Vec<String>,
     pub(super) recoveries: Vec<Recovery>,
     pub(super) withdrawn: Vec<Vec<u32>>,
@@ -272,6 +274,7 @@ impl Recorder for Notebook {
     ) -> BoxFuture<'a, Result<(), RecordError>> {
         Box::pin(async move {
             self.states.push(next);
+            self.reason = reason.map(str::to_owned);
             self.at_states.push((progress, self.clock.now()));
             if let Some(action) = operator {
                 self.world.cap_lens(action == OperatorAction::CapLens);
@@ -481,6 +484,7 @@ pub(super) async fn run_with(
         orders,
         free_bytes: free_bytes(&settings.runner),
         states: Vec::new(),
+        reason: None,
         alarms: Vec::new(),
         recoveries: Vec::new(),
         withdrawn: Vec::new(),

@@ -87,6 +87,11 @@ impl Axis {
         }
     }
 
+    /// Whether the device has an encoder, which shows slips.
+    pub fn has_encoder(&self) -> bool {
+        self.apart().is_some()
+    }
+
     /// Returns how far encoder and counter have moved apart since the last reference; zero without
     /// an encoder.
     pub(super) async fn slip(&self) -> Result<Angle, StageError> {
