@@ -93,7 +93,10 @@ pub struct WhiteReference {
 pub struct DetectorCurve {
     /// Relative loss at full scale.
     pub c: f64,
-    /// Standard uncertainty of c.
+    /// Exponent γ of counts ∝ light^γ, where the camera follows a power law instead; otherwise 1.
+    #[serde(default = "linear_exponent")]
+    pub exponent: f64,
+    /// Standard uncertainty of c, or of γ.
     pub std: f64,
     /// Number of pairs of exposures from which it was determined.
     pub pairs: usize,
@@ -101,6 +104,29 @@ pub struct DetectorCurve {
     pub full_scale_dn: f64,
     /// Fraction of the pairs' χ² that the curve explains, 0 to 1.
     pub explains: f64,
+}
+
+/// γ of a camera without a power law.
+fn linear_exponent() -> f64 {
+    1.0
+}
+
+/// A power law of the camera, counts ∝ light^γ, that explains the disagreement of exposures as well as errors of the exposure
+/// times do. Signals are corrected for the latter.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct PowerLaw {
+    /// γ.
+    pub exponent: f64,
+    /// Standard uncertainty of γ by that of the exposure times.
+    pub std: f64,
+    /// Largest error of an exposure time against another that it explains, as a share.
+    pub spread: f64,
+    /// Fraction of the pairs' χ² that it explains, 0 to 1.
+    pub explains: f64,
+    /// Number of pairs of exposures from which it was determined.
+    pub pairs: usize,
+    /// Warning of errors of the exposure times, which is void if the power law holds.
+    pub instead_of: String,
 }
 
 /// Drift of the lamp, determined from a fit's residuals: light = that of a steady lamp · (1 + Σ d_k
@@ -252,6 +278,8 @@ pub struct ObservationSet {
     pub lamp: Option<LampDrift>,
     /// The camera's nonlinearity, if significant; signals are corrected for it.
     pub detector: Option<DetectorCurve>,
+    /// A power law of the camera that a fit compares with errors of the exposure times.
+    pub power_law: Option<PowerLaw>,
     /// Region of interest, if the part has several.
     pub region: Option<String>,
     /// Direction of this region's lean relative to the rig's azimuth zero (90° for the odd patches
@@ -310,6 +338,7 @@ impl ObservationSet {
             translucency: None,
             lamp: None,
             detector: None,
+            power_law: None,
             region: None,
             region_azimuth: Angle::ZERO,
             rejected_frames: Vec::new(),

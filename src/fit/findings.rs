@@ -11,6 +11,8 @@ pub enum Code {
     Tails,
     /// The crests of the ridges are rounded.
     RoundedCrests,
+    /// A part of the surface is flat between the ridges.
+    FlatLands,
     /// Light that enters one facet leaves through others.
     Translucent,
     /// The sample is tilted across the lean of the facets, or the stated zero of the azimuth is wrong.
@@ -33,9 +35,10 @@ pub enum Code {
 
 impl Code {
     /// All codes.
-    pub const ALL: [Code; 11] = [
+    pub const ALL: [Code; 12] = [
         Code::Tails,
         Code::RoundedCrests,
+        Code::FlatLands,
         Code::Translucent,
         Code::WedgeAcross,
         Code::LampAzimuth,
@@ -53,6 +56,7 @@ impl Code {
         match self {
             Code::Tails => "tails",
             Code::RoundedCrests => "rounded-crests",
+            Code::FlatLands => "flat-lands",
             Code::Translucent => "translucent",
             Code::WedgeAcross => "wedge-across",
             Code::LampAzimuth => "lamp-azimuth",

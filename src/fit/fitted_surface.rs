@@ -77,5 +77,6 @@ fn real(report: &FitReport) -> Option<Real> {
         translucency: translucency.unwrap_or(0.0),
         tail: gamma.map_or(0.0, slopes::tail),
         crest: crest.unwrap_or(0.0),
+        land: 0.0,
     })
 }

@@ -94,6 +94,7 @@ fn parameter(report: &mut FitReport, quantity: Quantity) -> Option<&mut Paramete
         | Quantity::Eta
         | Quantity::K
         | Quantity::Tail
+        | Quantity::Land
         | Quantity::Wedge
         | Quantity::LampTurn => {
             return None;

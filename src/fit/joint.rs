@@ -36,7 +36,7 @@ use crate::observation::ObservationSet;
 use stacked::{Stacked, bounds};
 
 /// Quantities that all scans of one sample share.
-const SHARED: [Quantity; 9] = [
+const SHARED: [Quantity; 10] = [
     Quantity::ThetaR,
     Quantity::AlphaU,
     Quantity::AlphaV,
@@ -46,6 +46,7 @@ const SHARED: [Quantity; 9] = [
     Quantity::Translucency,
     Quantity::Tail,
     Quantity::CrestRadius,
+    Quantity::Land,
 ];
 /// The reason why the common report has no gain, stray light or offsets.
 pub(crate) const EACH_ITS_OWN: &str = "each scan has its own value; see scans";
@@ -132,7 +133,7 @@ pub fn fit_joint(
     let alone: Vec<Estimate<'_>> = scans
         .par_iter()
         .map(|scan| {
-            let refusal = super::variants::refused(scan.set, options);
+            let refusal = super::refusals::refused(scan.set, options);
             let fitted = match &refusal {
                 Some(_) => None,
                 None => estimate_until(scan.set, variant, options, integrated, late, cancel),

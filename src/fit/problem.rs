@@ -358,8 +358,12 @@ impl<'a> Problem<'a> {
         let terms = Terms::of(
             &ready.real,
             ready.prepared.optics(),
-            free(Quantity::Tail),
-            free(Quantity::CrestRadius),
+            &Real {
+                translucency: free(Quantity::Translucency),
+                tail: free(Quantity::Tail),
+                crest: free(Quantity::CrestRadius),
+                land: free(Quantity::Land),
+            },
         );
         extended::partials(
             directions,

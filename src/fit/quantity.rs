@@ -38,6 +38,8 @@ pub enum Quantity {
     Tail,
     /// Radius of the crests divided by the length of the facets.
     CrestRadius,
+    /// Share of the surface that is flat between the ridges.
+    Land,
     /// Tilt of the sample on the turntable across v.
     Wedge,
     /// Turn of the lamp about the camera's axis, from its stated place.
@@ -58,10 +60,11 @@ impl Quantity {
     ];
 
     /// The deviations of real samples and rigs, fitted only where the data need them.
-    pub const REAL: [Quantity; 5] = [
+    pub const REAL: [Quantity; 6] = [
         Quantity::Translucency,
         Quantity::Tail,
         Quantity::CrestRadius,
+        Quantity::Land,
         Quantity::Wedge,
         Quantity::LampTurn,
     ];
@@ -133,6 +136,7 @@ impl Values {
             Quantity::Translucency => self.real.translucency,
             Quantity::Tail => self.real.tail,
             Quantity::CrestRadius => self.real.crest,
+            Quantity::Land => self.real.land,
             Quantity::Wedge => self.wedge,
             Quantity::LampTurn => self.lamp_turn,
         }
@@ -173,6 +177,7 @@ impl Values {
             Quantity::Translucency => self.real.translucency = value,
             Quantity::Tail => self.real.tail = value,
             Quantity::CrestRadius => self.real.crest = value,
+            Quantity::Land => self.real.land = value,
             Quantity::Wedge => self.wedge = value,
             Quantity::LampTurn => self.lamp_turn = value,
         }

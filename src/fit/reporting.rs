@@ -3,7 +3,7 @@
 //! Call [`report_of`], or [`report_with`] if the uncertainties are known already. [`super::variants`] compares the
 //! variants and selects the one to report.
 
-mod causes;
+pub(super) mod causes;
 mod contradictions;
 mod conventions;
 mod doubts;
@@ -242,6 +242,7 @@ pub(super) fn spoken(quantity: Quantity) -> &'static str {
         Quantity::Translucency => "translucency τ",
         Quantity::Tail => "tail of the slope distribution",
         Quantity::CrestRadius => "crest radius",
+        Quantity::Land => "share of flat lands",
         Quantity::Wedge => "wedge of the sample",
         Quantity::LampTurn => "azimuth of the lamp",
     }
@@ -300,7 +301,7 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
             Quantity::RhoD => (values.rho_d, HOPELESS_RHO_D),
             Quantity::Scale => (values.scale, f64::INFINITY),
             Quantity::Eta | Quantity::K => (values.inner(q), f64::INFINITY),
-            Quantity::Translucency | Quantity::Tail | Quantity::CrestRadius => {
+            Quantity::Translucency | Quantity::Tail | Quantity::CrestRadius | Quantity::Land => {
                 (values.inner(q), HOPELESS_REAL)
             }
             Quantity::Wedge | Quantity::LampTurn => (values.inner(q).to_degrees(), HOPELESS_ANGLE),

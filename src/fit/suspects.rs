@@ -2,8 +2,8 @@
 //!
 //! Call [`investigated`]. χ² counts each observation with its own uncertainty and the usual error of the closed form (0.07 %
 //! of the signal and 0.04 % of the peak), not with the discrepancy of the fit that is examined. If it is unusually large for
-//! its degrees of freedom, or poses stand out, each suspect (a translucent body, tails of the slopes, rounded crests, a
-//! tilt of the sample, a lamp beside its stated place, a white reference that is not Lambertian, another index) is freed separately, with one more descent from the
+//! its degrees of freedom, or poses stand out, each suspect (a translucent body, tails of the slopes, rounded crests,
+//! flat lands between the ridges, a tilt of the sample, a lamp beside its stated place, a white reference that is not Lambertian, another index) is freed separately, with one more descent from the
 //! existing minimum. A suspect explains the residual if χ² falls below half. The best suspect joins the fit; so does one
 //! more if χ² is still too large, if it halves χ² again and stays inside its range. If no suspect explains the residual
 //! alone, other ends of the search are tried, and then two suspects together, which must quarter χ². The index never
@@ -22,6 +22,7 @@ use rayon::prelude::*;
 use super::blunders::{bad_block, bad_poses};
 use super::estimate::Estimate;
 use super::findings::{Code, Finding, sorted};
+use super::lighter::white_reference;
 use super::misfit::{freedom, lightened, usual_errors};
 use super::problem::{Problem, Quantity, Values};
 use super::search::usable;
@@ -32,8 +33,6 @@ use crate::material::Material;
 use crate::model::Variant;
 use tried::Step;
 
-/// Standard uncertainty, as a share of the signal, of a flat whose dependence on the tilt is not that of a Lambertian surface.
-const NOT_LAMBERTIAN: f64 = 0.02;
 /// Largest share of χ² that a reported suspect may leave.
 const EXPLAINED: f64 = 0.5;
 /// Ratio of χ² up to which two suspects cannot be distinguished.
@@ -335,16 +334,16 @@ impl<'a> Inquiry<'_, 'a> {
                 values.lamp_turn.to_degrees(),
                 self.e.problem.set().rig.light_azimuth.deg() + values.lamp_turn.to_degrees()
             ),
-            Code::WhiteReference => format!(
-                "The flats depend on the tilt otherwise than a Lambertian surface at the stated angles; the fit gives each of \
-                 them a standard uncertainty of {:.0} %. Check that the white reference is level, clean and larger than the \
-                 field, and compare its certificate at these angles.",
-                100.0 * NOT_LAMBERTIAN
-            ),
+            Code::WhiteReference => white_reference(),
             Code::RoundedCrests => format!(
                 "The crests are rounded with a radius of {:.2} of the facet length; the fit includes this to first order. \
                  To reduce the uncertainty of θr, use a measured profile or height map (--variant traced --shape FILE).",
                 values.real.crest
+            ),
+            Code::FlatLands => format!(
+                "{:.1} % of the surface is flat between the ridges; the fit includes this. θr, roughness and ρd are those of \
+                 the ridges.",
+                100.0 * values.real.land
             ),
             _ => format!(
                 "The data give an index of {:.3}, but {:.3} is stated. Check the material and the certificate of the \

@@ -166,6 +166,7 @@ pub fn subset(set: &ObservationSet, kept: &[usize]) -> ObservationSet {
         observations: kept.iter().map(|i| set.observations[*i]).collect(),
         views: Vec::new(),
         flats: set.flats.clone(),
+        power_law: set.power_law.clone(),
         rejected_frames: set.rejected_frames.clone(),
         warnings: set.warnings.clone(),
         region: set.region.clone(),

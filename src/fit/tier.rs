@@ -37,10 +37,12 @@ pub fn two_bounces(problem: &Problem<'_>, values: &Values) -> Option<Vec<f64>> {
     let integrated = Quadrature::new(&surface, &problem.optics(values))
         .with_polarisation(problem.is_polarised())
         .radiances(&directions, TOLERANCE * brightest);
+    // Flat lands have no second bounce.
+    let ridged = 1.0 - values.real.land;
     let offsets: Vec<f64> = integrated
         .iter()
         .zip(&closed)
-        .map(|(q, c)| q.value - c)
+        .map(|(q, c)| ridged * (q.value - c))
         .collect();
     offsets.iter().all(|v| v.is_finite()).then_some(offsets)
 }

@@ -9,28 +9,25 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::budget::{Uncertainty, judged, uncertainty};
 use super::drift::{to_correct, without};
 use super::estimate::Estimate;
+use super::findings::{Code, Finding, sorted};
 use super::intervals;
 use super::misfit::LOUD;
 use super::one_variant::estimate_until;
-use super::opening::free_quantities;
 use super::quantity::Quantity;
-use super::report::{
-    FitReport, Freedom, LeftOut, Parameter, Parameters, Starts, Status, Timing, TracerReport,
-    VariantName,
-};
-use super::reporting::{build, program, report_with, spoken, status, summary};
+use super::refusals::{empty, refusal};
+use super::report::{FitReport, LeftOut, Status, TracerReport, VariantName};
+use super::reporting::{report_with, spoken, status, summary};
 use super::solver::Ending;
 use super::suspects::investigated;
 use super::tier::Tier;
 use super::traced::{Watch, estimate_traced};
 use super::trail::{Time, retrace};
 use super::{FitOptions, VariantChoice};
-use super::{thin, wedge};
+use super::{lighter, response, thin};
 use crate::deadline;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::trace::surface_profile::SurfaceProfile;
-use crate::wording::counted;
 
 /// Gain in QAIC that counts as clear.
 const CLEAR_QAIC: f64 = 10.0;
@@ -38,6 +35,8 @@ const CLEAR_QAIC: f64 = 10.0;
 const INADEQUATE: f64 = 4.0;
 /// Ratio of root mean square residuals from which the printed lobe does not describe a sample that the sawtooth does.
 const MUCH_LARGER: f64 = 1.5;
+/// Largest share of the squared model error that a cause may leave in order to be named.
+const EXPLAINED: f64 = 0.5;
 /// Factor by which `traced` has to be less certain than `sawtooth` for the report to say why.
 const LESS_CERTAIN: f64 = 1.2;
 
@@ -107,7 +106,14 @@ pub fn fit_with_tracer(
     let asked = options.variant == VariantChoice::Traced || options.judge;
     let kept = thin::representative(all).filter(|_| asked);
     let few = kept.map(|kept| thin::subset(all, &kept));
-    let mut report = fit_each(few.as_ref().unwrap_or(all), options, tier, tracer, cancel);
+    let mut report = fit_each(
+        few.as_ref().unwrap_or(all),
+        options,
+        tier,
+        tracer,
+        cancel,
+        &[],
+    );
     if let Some(few) = few {
         let (kept, of) = (few.observations.len(), all.observations.len());
         report.left_out.push(LeftOut::new(
@@ -143,13 +149,14 @@ pub fn fit_with_tracer(
     report
 }
 
-/// [`fit_with_tracer`] for a set that can be fitted.
+/// [`fit_with_tracer`] for a set that can be fitted; `carried` are the causes for which it was changed.
 fn fit_each(
     set: &ObservationSet,
     options: &FitOptions,
     tier: Option<Tier<'_>>,
     tracer: &Tracer<'_>,
     cancel: &AtomicBool,
+    carried: &[Finding],
 ) -> FitReport {
     let late = || tracer.time.is_some_and(|time| !time.allows());
     let mut finer = None;
@@ -184,16 +191,54 @@ fn fit_each(
     if let Some(finer) = finer
         && !(enough || cancel.load(Ordering::Relaxed))
     {
-        return fit_each(&finer, options, tier, tracer, cancel);
+        return fit_each(&finer, options, tier, tracer, cancel, carried);
     }
     let [paper, ideal, sawtooth] = all;
+    let may_go_on = || !(enough || cancel.load(Ordering::Relaxed));
+    let again = |set: &ObservationSet| {
+        let attempt = |over: &AtomicBool| {
+            let e = estimate_until(set, Variant::Sawtooth, options, tier, &late, over)?;
+            Some(investigated(e, options, tier, over).discrepancy)
+        };
+        match is_limited {
+            true => deadline::flagging(&late, cancel, attempt),
+            false => attempt(cancel),
+        }
+    };
+    let explained_by = |set: &ObservationSet| {
+        let left = (again(set)? / sawtooth.as_ref()?.discrepancy).powi(2);
+        (left < EXPLAINED).then_some(1.0 - left)
+    };
+    let known = |code: Code| carried.iter().any(|f| f.code == code);
+    let with = |finding: Finding| [carried, &[finding]].concat();
+    if may_go_on()
+        && let Some(e) = &sawtooth
+        && let Some(decided) = response::decided(set, e.discrepancy, again)
+    {
+        return fit_each(&decided, options, tier, tracer, cancel, carried);
+    }
+    if may_go_on()
+        && !known(Code::WhiteReference)
+        && let Some((lighter, mut finding)) = sawtooth.as_ref().and_then(lighter::of_flats)
+        && let Some(explains) = explained_by(&lighter)
+    {
+        finding.explains = explains;
+        return fit_each(&lighter, options, tier, tracer, cancel, &with(finding));
+    }
+    if may_go_on()
+        && !(known(Code::BadPose) || known(Code::BadBlock))
+        && let Some((lighter, finding)) = sawtooth.as_ref().and_then(lighter::of)
+        && explained_by(&lighter).is_some()
+    {
+        return fit_each(&lighter, options, tier, tracer, cancel, &with(finding));
+    }
     if set.lamp.is_none()
         && let Some(lamp) = sawtooth.as_ref().and_then(to_correct)
-        && !(enough || cancel.load(Ordering::Relaxed))
+        && may_go_on()
         && let Some(steady) = without(set, lamp)
     {
         // Fits everything again to the observations of a steady lamp.
-        return fit_each(&steady, options, tier, tracer, cancel);
+        return fit_each(&steady, options, tier, tracer, cancel, carried);
     }
     let asked = options.variant == VariantChoice::Traced || options.judge;
     // A measured profile has its own crests.
@@ -263,6 +308,9 @@ fn fit_each(
         None => uncertainty(main),
     };
     let mut report = report_with(main, &u, chosen);
+    report.findings.retain(|f| !known(f.code));
+    report.findings.extend_from_slice(carried);
+    report.findings = sorted(report.findings);
     report.tracer = traced.as_ref().and_then(|e| tracer.report(e));
     if options.judge && traced.is_none() {
         report.warnings.push(
@@ -388,103 +436,6 @@ fn less_certain(
         "Variant traced is less certain about {} than sawtooth, mostly by the budget line `{line}`. {cause}",
         names.join(", ")
     ))
-}
-
-/// Why a set cannot be fitted.
-fn refusal(set: &ObservationSet) -> Option<Status> {
-    let finite = |v: f64| v.is_finite();
-    let samples = set.observations.iter().all(|o| {
-        finite(o.signal)
-            && finite(o.sigma)
-            && o.sigma > 0.0
-            && o.pose.theta_c.is_finite()
-            && o.pose.phi_s.is_finite()
-    });
-    let flats = set
-        .flats
-        .iter()
-        .all(|f| finite(f.signal) && finite(f.sigma) && f.sigma > 0.0 && f.theta_c.is_finite());
-    let prior = finite(set.background.mean) && set.background.std > 0.0;
-    if !(samples && flats && prior) {
-        return Some(Status::NotFinite);
-    }
-    // Flats and priors help to determine offsets and stray light, but not the surface.
-    let needed = free_quantities(set, Variant::Sawtooth).0.len() + 1;
-    (set.observations.len() < needed).then_some(Status::TooFewObservations)
-}
-
-/// Why a set cannot be fitted, as a message.
-pub(super) fn refused(set: &ObservationSet, options: &FitOptions) -> Option<String> {
-    let status = refusal(set)?;
-    empty(set, options, status).warnings.pop()
-}
-
-/// A report without numbers.
-fn empty(set: &ObservationSet, options: &FitOptions, status: Status) -> FitReport {
-    let reason = match status {
-        Status::TooFewObservations => format!(
-            "{} cannot determine the free parameters and their scatter. Measure more poses.",
-            counted(set.observations.len(), "observation")
-        ),
-        Status::NotFinite => {
-            "An observation, its uncertainty or the model's value for it is not finite. Check the frames and their \
-             reduction."
-                .to_owned()
-        }
-        Status::Cancelled => "The fit was cancelled before it was done.".to_owned(),
-        Status::Stalled if options.variant == VariantChoice::Traced => {
-            "The ray tracer did not finish its first pass. Allow more time.".to_owned()
-        }
-        _ => "No minimum was reached. Allow more starts, or check the residuals.".to_owned(),
-    };
-    let none = || Parameter::unknown(reason.clone());
-    let mut warnings = set.warnings.clone();
-    warnings.push(reason.clone());
-    FitReport {
-        variant: match options.variant {
-            VariantChoice::Paper => VariantName::Paper,
-            VariantChoice::Sawtooth | VariantChoice::Auto => VariantName::Sawtooth,
-            VariantChoice::Traced => VariantName::Traced,
-        },
-        status,
-        n_observations: set.observations.len(),
-        n_frames_used: set.n_frames_used,
-        region: set.region.clone(),
-        reference_plane: wedge::plane(set),
-        wedge_across: None,
-        parameters: Parameters {
-            theta_r_deg: none(),
-            alpha_u: none(),
-            alpha_v: none(),
-            rho_d: none(),
-            scale: none(),
-            background: none(),
-            azimuth_offset_deg: none(),
-            tilt_offset_deg: none(),
-            translucency: None,
-            crest_radius: None,
-        },
-        covariance: None,
-        rms_residual: None,
-        model_discrepancy: None,
-        chi2_reduced: None,
-        chi2_reduced_without_model: None,
-        rejected_frames: set.rejected_frames.clone(),
-        warnings,
-        notes: Vec::new(),
-        findings: Vec::new(),
-        slope_distribution: None,
-        variants: Vec::new(),
-        left_out: Vec::new(),
-        tracer: None,
-        fitted: Vec::new(),
-        starts: Starts::default(),
-        iterations: Vec::new(),
-        freedom: Freedom::default(),
-        timing_s: Timing::default(),
-        program: program(),
-        build: build(),
-    }
 }
 
 #[cfg(test)]

@@ -255,7 +255,7 @@ impl Costly {
             };
             let directions = self.rig.directions(pose);
             let optics = &self.table.optics;
-            let terms = Terms::of(real, optics, false, false);
+            let terms = Terms::of(real, optics, &Real::default());
             let (sin, cos) = (pose.phi_s + self.rig.azimuth_zero).sin_cos();
             extended::partials(&directions, &surface, real, terms, optics, walls).on_rig(
                 &directions,

@@ -42,7 +42,7 @@ impl ClosedForm {
             parameters: Parameters::of(&surface, real, optics),
             terms: Terms {
                 body,
-                ..Terms::of(real, optics, false, false)
+                ..Terms::of(real, optics, &Real::default())
             },
             walls,
             widening: optics.cones.widening(),

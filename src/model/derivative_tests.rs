@@ -91,7 +91,7 @@ fn by_num_dual(variant: Variant, c: &Case) -> [f64; 14] {
     );
     let terms = Terms {
         body: true,
-        ..Terms::of(&Real::NONE, &c.optics, false, false)
+        ..Terms::of(&Real::NONE, &c.optics, &Real::default())
     };
     if c.incident[2] <= 0.0 || c.outgoing[2] <= 0.0 {
         return [0.0; 14];

@@ -1,5 +1,5 @@
 //! The sawtooth with the terms of real samples: rough walls that conserve light, a translucent body, slopes with tails,
-//! rounded crests.
+//! rounded crests, flat lands.
 //!
 //! Names, frame and terms are those of [`super::sawtooth`]; L (o·n) is
 //!
@@ -12,7 +12,9 @@
 //! T_S(ω) (ω·n) is the light that a ridge transmits, E_f + E_r of the exchange term, at most ω·n. The appearance of a
 //! flat piece does not depend on τ. *Slopes* are Student's t ([`slopes`]). *Crests* of radius R (relative to the
 //! facet length p = cos θr; R per unit period in the form) shorten facet and riser by R and add an arc ([`crest`]);
-//! the retro lobe keeps the riser's straight part f = 1 − R/r, mirror hops the mean of 1 and f.
+//! the retro lobe keeps the riser's straight part f = 1 − R/r, mirror hops the mean of 1 and f. *Lands*, the share of the
+//! surface that is flat at the height of the crests, shade nothing more than the crests do: L is that of the ridges and that of
+//! a flat piece of the same material (the form at θr = 0), mixed by their shares of the surface.
 //!
 //! With τ, ι and R 0 and smooth walls the form is the ideal sawtooth. It is written once over [`Number`]. Call
 //! [`radiance_of`]; fits call [`partials`].
@@ -23,24 +25,22 @@
 //! The form omits the mutual masking of slopes on single reflection, the second order of R, and a draft of the riser.
 
 pub(super) mod crest;
+mod derivatives;
 pub mod slopes;
 pub(super) mod three_bounces;
 mod walls;
 
-use std::array;
-
-use super::dual::Dual;
 use super::gauss::LEGENDRE_4;
 use super::number::Number;
-use super::prepared::Partials;
-use super::real::DEVIATIONS;
 pub use super::real::Real;
 use super::sawtooth::{RETRO_TILT_MAX, RETRO_TILT_MIN};
 use super::{Optics, Surface};
-use crate::geometry::Directions;
+pub use derivatives::partials;
 use slopes::Slopes;
 pub use walls::Walls;
 
+/// Largest share of the lands of a search: beyond it the surface is a flat one with some ridges.
+pub const LAND_MAX: f64 = 0.8;
 /// Largest crest radius of a search, as a share of the riser.
 pub const CREST_MAX: f64 = 0.8;
 
@@ -91,18 +91,21 @@ pub struct Terms {
     pub tails: bool,
     /// Rounded crests.
     pub crests: bool,
+    /// Flat lands.
+    pub lands: bool,
     /// Polarised products of two metal mirrors.
     pub metal: bool,
 }
 
 impl Terms {
-    /// Returns the terms of a surface; a free tail or crest is included even if it is 0.
+    /// Returns the terms of a surface; a deviation that `moves` is included even if it is 0.
     #[must_use]
-    pub fn of(real: &Real, optics: &Optics, tail_moves: bool, crest_moves: bool) -> Self {
+    pub fn of(real: &Real, optics: &Optics, moves: &Real<bool>) -> Self {
         Terms {
             body: optics.k == 0.0,
-            tails: tail_moves || real.tail != 0.0,
-            crests: crest_moves || real.crest != 0.0,
+            tails: moves.tail || real.tail != 0.0,
+            crests: moves.crest || real.crest != 0.0,
+            lands: moves.land || real.land != 0.0,
             metal: optics.k > 0.0,
         }
     }
@@ -219,6 +222,47 @@ fn ray<N: Number>(w: [N; 3], q: &Parameters<N>, shape: &Shape<N>, walls: &Walls)
 /// Returns the radiance towards `o` for irradiance 1 on a surface that faces the light at `i`; components of the unit
 /// vectors along u, v, n, both above the surface. `widening` is the contribution of the cones of lamp and lens to α².
 pub fn radiance_of<N: Number>(
+    i: [N; 3],
+    o: [N; 3],
+    q: &Parameters<N>,
+    terms: Terms,
+    walls: &Walls,
+    widening: f64,
+) -> N {
+    let ridges = of_ridges(i, o, q, terms, walls, widening);
+    match terms.lands {
+        true => ridges + q.real.land * (of_land(i, o, q, terms, walls, widening) - ridges),
+        false => ridges,
+    }
+}
+
+/// The same of a flat piece of the same material.
+fn of_land<N: Number>(
+    i: [N; 3],
+    o: [N; 3],
+    q: &Parameters<N>,
+    terms: Terms,
+    walls: &Walls,
+    widening: f64,
+) -> N {
+    let zero = q.theta_r.like(0.0);
+    let flat = Parameters {
+        theta_r: zero,
+        real: Real {
+            crest: zero,
+            ..q.real
+        },
+        ..*q
+    };
+    let terms = Terms {
+        crests: false,
+        ..terms
+    };
+    of_ridges(i, o, &flat, terms, walls, widening)
+}
+
+/// The same of the ridges between the lands.
+fn of_ridges<N: Number>(
     i: [N; 3],
     o: [N; 3],
     q: &Parameters<N>,
@@ -428,67 +472,6 @@ fn retro<N: Number>(
     let share = pair.share_below(tilt / q.alpha_v);
     let product = q.amplitude * q.amplitude * length * share * f * b.rho * density;
     N::choose(on, product.times(0.25), zero)
-}
-
-/// First variable of the deviations from an ideal sawtooth, of amplitude and index, and of the two directions' components.
-const REAL: usize = 4;
-const OPTICAL: usize = REAL + DEVIATIONS;
-const INCIDENT: usize = OPTICAL + 3;
-const OUTGOING: usize = INCIDENT + 3;
-/// Number of variables of the derivatives.
-const VARIABLES: usize = OUTGOING + 3;
-
-/// Returns the radiance with its derivatives for θr ≥ 0.
-#[must_use]
-pub fn partials(
-    directions: &Directions,
-    surface: &Surface,
-    real: &Real,
-    terms: Terms,
-    optics: &Optics,
-    walls: &Walls,
-) -> Partials {
-    let (i, o) = (directions.incident.into(), directions.outgoing.into());
-    let lit = |w: [f64; 3]| w[2] > 0.0;
-    if !(lit(i) && lit(o)) {
-        return Partials::default();
-    }
-    type D = Dual<VARIABLES>;
-    let deviations = real.into_array();
-    let q = Parameters {
-        theta_r: D::variable(surface.theta_r, 0),
-        alpha_u: D::variable(surface.alpha_u, 1),
-        alpha_v: D::variable(surface.alpha_v, 2),
-        rho_d: D::variable(surface.rho_d, 3),
-        real: Real::from_array(array::from_fn(|j| D::variable(deviations[j], REAL + j))),
-        amplitude: D::variable(surface.amplitude, OPTICAL),
-        eta: D::variable(optics.eta, OPTICAL + 1),
-        k: D::variable(optics.k, OPTICAL + 2),
-    };
-    let direction = |w: [f64; 3], first: usize| [0, 1, 2].map(|j| D::variable(w[j], first + j));
-    let widening = optics.cones.widening();
-    let found = radiance_of(
-        direction(i, INCIDENT),
-        direction(o, OUTGOING),
-        &q,
-        terms,
-        walls,
-        widening,
-    );
-    let d = found.partials;
-    Partials {
-        value: found.value,
-        theta_r: d[0],
-        alpha_u: d[1],
-        alpha_v: d[2],
-        rho_d: d[3],
-        real: Real::from_array(array::from_fn(|j| d[REAL + j])),
-        amplitude: d[OPTICAL],
-        eta: d[OPTICAL + 1],
-        k: d[OPTICAL + 2],
-        incident: array::from_fn(|j| d[INCIDENT + j]),
-        outgoing: array::from_fn(|j| d[OUTGOING + j]),
-    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The deviations of real samples from an ideal sawtooth.
 
 /// Number of the deviations.
-pub const DEVIATIONS: usize = 3;
+pub const DEVIATIONS: usize = 4;
 
 /// The deviations of real samples from an ideal [`Surface`](super::Surface); also the derivatives with respect to them.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -12,23 +12,26 @@ pub struct Real<N = f64> {
     pub tail: N,
     /// Radius of the crests over the facet's length.
     pub crest: N,
+    /// Share of the surface that is flat between the ridges.
+    pub land: N,
 }
 
 impl<N> Real<N> {
     /// Makes one of a list, in the order of the fields.
     #[must_use]
-    pub fn from_array([translucency, tail, crest]: [N; DEVIATIONS]) -> Self {
+    pub fn from_array([translucency, tail, crest, land]: [N; DEVIATIONS]) -> Self {
         Real {
             translucency,
             tail,
             crest,
+            land,
         }
     }
 
     /// Returns the fields as a list.
     #[must_use]
     pub fn into_array(self) -> [N; DEVIATIONS] {
-        [self.translucency, self.tail, self.crest]
+        [self.translucency, self.tail, self.crest, self.land]
     }
 }
 
@@ -44,5 +47,6 @@ impl Real {
         translucency: 0.0,
         tail: 0.0,
         crest: 0.0,
+        land: 0.0,
     };
 }

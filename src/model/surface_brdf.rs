@@ -94,6 +94,7 @@ mod tests {
             translucency: 0.2,
             tail: 0.4,
             crest: 0.05,
+            land: 0.1,
         };
         for (variant, real) in [
             (Variant::Paper, None),

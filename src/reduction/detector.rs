@@ -10,19 +10,21 @@
 //! (`camera.exposure_rel_std`, with Cauchy's loss to allow for a clock that is clearly wrong), and both are fitted ([`fit`]).
 //! The light of each visit to a pose is free. The flicker of the lamp from frame to frame is fitted, too; visits with a bad
 //! frame are left out. The error of the dark level is an unknown as well, since it bends small signals. A curve that all
-//! exposures share cannot be detected.
+//! exposures share cannot be detected. A power law makes the ratio the same at every level, as errors of the exposure times do;
+//! [`power`] states it beside them.
 //!
 //! *Conditioning.* The curve is evaluated as 2 s/(1 + √(1 − 4 c s/S)), which has no cancelling difference as c → 0. The
 //! normal equations have a prior on every unknown but c, whose information is at least a millionth of the largest.
 
 mod exposures;
+mod power;
 mod shares;
 
 use nalgebra::{DMatrix, DVector};
 
 pub(super) use self::exposures::{Exposures, compare, groups, read_exposures, shown};
 pub(super) use self::shares::shares;
-use crate::observation::DetectorCurve;
+use crate::observation::{DetectorCurve, PowerLaw};
 use crate::wording::counted;
 
 /// Standard uncertainty of an exposure time where the manifest states none.
@@ -360,6 +362,8 @@ pub(super) struct Detector {
     times: Vec<(f64, f64)>,
     /// Whether the errors of the exposure times are to be corrected.
     times_differ: bool,
+    /// A power law that explains the errors of the exposure times as well.
+    power_law: Option<PowerLaw>,
     /// Covariance of c (if it is significant) and of the errors of the exposure times.
     covariance: DMatrix<f64>,
 }
@@ -395,6 +399,7 @@ impl Detector {
             });
             DetectorCurve {
                 c: f.x[C],
+                exponent: 1.0,
                 std: f.covariance[(C, C)].sqrt(),
                 pairs: f.pairs,
                 full_scale_dn: known.full_dn,
@@ -453,7 +458,9 @@ impl Detector {
                 covariance[(k, C)] = 0.0;
             }
         }
+        let law = fitted.filter(|_| times_differ && curve.is_none());
         Detector {
+            power_law: law.and_then(|f| power::power_law(visits, &f, known, stated)),
             bent: curve,
             full_dn: known.full_dn,
             times,

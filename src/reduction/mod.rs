@@ -420,6 +420,7 @@ pub fn reduce(
             .map(|(mean, std)| Prior { mean, std }),
         lamp: None,
         detector: scale.detector.bent,
+        power_law: scale.detector.power_law(),
         region: region.map(str::to_owned),
         region_azimuth: match (chosen, &manifest.sample.layout) {
             (Some(chosen), Some(layout)) => layout.lean_azimuth(chosen.is_odd()),

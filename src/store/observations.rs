@@ -7,7 +7,7 @@ use super::{PROGRAM, Store, StoreError};
 use crate::geometry::{Cones, Directions, Field, Imaging, Pose, RigGeometry};
 use crate::material::Material;
 use crate::observation::{
-    DetectorCurve, FlatObservation, Observation, ObservationSet, Prior, RejectedFrame,
+    DetectorCurve, FlatObservation, Observation, ObservationSet, PowerLaw, Prior, RejectedFrame,
     SharedErrors, View, WhiteReference, WholeField,
 };
 use crate::units::Angle;
@@ -53,6 +53,8 @@ struct Context {
     times_of_flats_s: Vec<Vec<f64>>,
     #[serde(default)]
     detector: Option<DetectorCurve>,
+    #[serde(default)]
+    power_law: Option<PowerLaw>,
     /// Per observation; empty in older rows.
     #[serde(default)]
     detector_errors: Vec<f64>,
@@ -167,6 +169,7 @@ impl Store {
             translucency: set.translucency.map(|t| (t.mean, t.std)),
             times_of_flats_s: set.flats.iter().map(|f| f.times_s.clone()).collect(),
             detector: set.detector,
+            power_law: set.power_law.clone(),
             detector_errors: set.observations.iter().map(|o| o.shared.detector).collect(),
             region_azimuth_deg: set.region_azimuth.deg(),
             n_frames_used: set.n_frames_used,
@@ -315,6 +318,7 @@ impl Store {
             translucency: context.translucency.map(|(mean, std)| Prior { mean, std }),
             lamp: None,
             detector: context.detector,
+            power_law: context.power_law,
             region,
             region_azimuth: Angle::from_deg(context.region_azimuth_deg),
             n_frames_used: context.n_frames_used,
@@ -416,10 +420,19 @@ mod tests {
             lamp: None,
             detector: Some(DetectorCurve {
                 c: 0.06,
+                exponent: 1.0,
                 std: 0.0005,
                 pairs: 41,
                 full_scale_dn: 65335.0,
                 explains: 0.99,
+            }),
+            power_law: Some(PowerLaw {
+                exponent: 0.95,
+                std: 0.001,
+                spread: 0.08,
+                explains: 0.99,
+                pairs: 41,
+                instead_of: "exposure times deviate".into(),
             }),
             white_reference: Some(WhiteReference {
                 reflectance: 0.99,

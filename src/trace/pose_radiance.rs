@@ -356,7 +356,7 @@ mod tests {
                 .enumerate()
                 .map(|(n, pose)| {
                     let directions = rig.directions(pose);
-                    let terms = Terms::of(&real, &optics, false, false);
+                    let terms = Terms::of(&real, &optics, &Real::default());
                     let closed = partials(&directions, &surface, &real, terms, &optics, &walls);
                     let options = RadianceOptions {
                         paths: 1 << 14,

@@ -7,7 +7,7 @@ from typing import Any, Literal, NotRequired, TypedDict
 Activity = Literal["idle", "moving", "homing", "scanning", "paused", "not-connected"]
 """What the rig is doing."""
 
-FitFindingCode = Literal["tails", "rounded-crests", "translucent", "wedge-across", "lamp-azimuth", "white-reference", "non-linear", "lamp-drift", "index", "bad-block", "bad-pose"]
+FitFindingCode = Literal["tails", "rounded-crests", "flat-lands", "translucent", "wedge-across", "lamp-azimuth", "white-reference", "non-linear", "lamp-drift", "index", "bad-block", "bad-pose"]
 """A known cause. Scripts compare its code."""
 
 FitReferencePlane = Literal["turntable", "sample"]
@@ -1029,7 +1029,7 @@ class Result(TypedDict):
     ended_at: NotRequired[str | None]
     eta: NotRequired[float | None]
     external_id: NotRequired[str | None]
-    finding: NotRequired[Literal["tails", "rounded-crests", "translucent", "wedge-across", "lamp-azimuth", "white-reference", "non-linear", "lamp-drift", "index", "bad-block", "bad-pose", None]]
+    finding: NotRequired[Literal["tails", "rounded-crests", "flat-lands", "translucent", "wedge-across", "lamp-azimuth", "white-reference", "non-linear", "lamp-drift", "index", "bad-block", "bad-pose", None]]
     fit_id: NotRequired[int | None]
     fitted_at: NotRequired[str | None]
     k: NotRequired[float | None]

@@ -72,6 +72,7 @@ fn compute(row: &InputCase<'_>) -> Result<Vec<f64>, String> {
         translucency: share(11, "translucency", 1.0)?,
         tail: share(12, "tail", TAIL_MAX)?,
         crest: share(13, "crest_radius", CREST_MAX)?,
+        land: 0.0,
     };
     let real = (real != Real::NONE).then_some(real);
     let brdf = SurfaceBrdf::new(Variant::Sawtooth, surface, real, &optics);

@@ -5,8 +5,8 @@ use std::f64::consts::PI;
 use super::{Problem, Quantity};
 use crate::fit::solver::Bounds;
 use crate::model::Variant;
-use crate::model::extended::CREST_MAX;
 use crate::model::extended::slopes::TAIL_MAX;
+use crate::model::extended::{CREST_MAX, LAND_MAX};
 
 /// Smallest and largest gain as multiples of the brightest signal. Without a limit, a lobe that all poses miss by far
 /// could be scaled up until its skirt equals the signal. The fit's form of the model is 0 from 43 decades below the top
@@ -59,6 +59,7 @@ impl Problem<'_> {
             Quantity::Translucency => (0.0, 1.0),
             Quantity::Tail => (0.0, TAIL_MAX),
             Quantity::CrestRadius => (0.0, CREST_MAX),
+            Quantity::Land => (0.0, LAND_MAX),
             Quantity::Wedge => (-WEDGE_MAX, WEDGE_MAX),
             Quantity::LampTurn => (-LAMP_TURN_MAX, LAMP_TURN_MAX),
         };

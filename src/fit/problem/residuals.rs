@@ -80,6 +80,7 @@ impl Problem<'_> {
                     Quantity::Translucency => gain * g.real.translucency,
                     Quantity::Tail => gain * g.real.tail,
                     Quantity::CrestRadius => gain * g.real.crest,
+                    Quantity::Land => gain * g.real.land,
                     Quantity::Wedge => gain * g.wedge,
                     Quantity::LampTurn => gain * g.lamp_turn,
                     Quantity::AzimuthOffset => gain * g.phi_s,

@@ -1,7 +1,7 @@
 //! The known causes of a residual of an estimate: of the surface, the detector, the lamp, the index and single poses.
 
 use super::contradictions::index;
-use crate::fit::blunders::{bad_block, bad_poses};
+use crate::fit::blunders::{BadBlock, BadPoses, bad_block, bad_poses};
 use crate::fit::budget::{Budget, Uncertainty};
 use crate::fit::drift::Drift;
 use crate::fit::estimate::Estimate;
@@ -12,6 +12,10 @@ use crate::fit::wedge::{self, Across};
 use crate::units::Angle;
 use crate::wording::{counted, significant};
 
+/// Share of χ² that bad poses explain at least, as every other cause: where they explain less, poses on a steep flank show the model
+/// error.
+pub(in crate::fit) const EXPLAINS: f64 = 0.5;
+
 /// Returns all findings of an estimate: of the surface, the detector, the lamp, the index and single poses.
 pub(super) fn all(
     e: &Estimate<'_>,
@@ -20,19 +24,21 @@ pub(super) fn all(
 ) -> Vec<Finding> {
     let mut found = e.findings.clone();
     let set = e.problem.set();
-    let (pose, frames) = match set.is_of_goniometer() {
-        true => ("reading", ""),
-        false => ("pose", "the frames of "),
-    };
     if let Some(curve) = set.detector {
         found.push(Finding {
             code: Code::NonLinear,
             explains: curve.explains,
             change_of_theta_r_deg: None,
-            advice: format!(
-                "The camera reads {:.1} % low at full scale; the signals are corrected. Measure each pose at two or more exposures, or stay below half of full scale.",
-                100.0 * curve.c
-            ),
+            advice: match curve.exponent == 1.0 {
+                true => format!(
+                    "The camera reads {:.1} % low at full scale; the signals are corrected. Measure each pose at two or more exposures, or stay below half of full scale.",
+                    100.0 * curve.c
+                ),
+                false => format!(
+                    "The camera counts light^{:.3}; the signals are corrected. Set its gamma to 1.",
+                    curve.exponent
+                ),
+            },
         });
     }
     if let Some(drift) = drift {
@@ -45,30 +51,11 @@ pub(super) fn all(
             advice: drift.advice().to_owned(),
         });
     }
-    if let Some(poses) = bad_poses(e) {
-        found.push(Finding {
-            code: Code::BadPose,
-            explains: poses.explains,
-            change_of_theta_r_deg: None,
-            advice: format!(
-                "Check {frames}{}: {} robust standard deviations from the others.",
-                named(e, &poses.observations),
-                significant(poses.deviations)
-            ),
-        });
+    if let Some(poses) = bad_poses(e).filter(|poses| poses.explains > EXPLAINS) {
+        found.push(of_poses(e, &poses));
     }
     if let Some(block) = bad_block(e) {
-        found.push(Finding {
-            code: Code::BadBlock,
-            explains: block.explains,
-            change_of_theta_r_deg: None,
-            advice: format!(
-                "The {} starting at {} deviate by {} %, all in one direction. Find out what changed then, and measure them again.",
-                counted(block.observations.len(), pose),
-                named(e, &block.observations[..1]),
-                significant(100.0 * block.share)
-            ),
-        });
+        found.push(of_block(e, &block));
     }
     found.extend(index(e));
     let is_known = found.iter().any(|f| f.code == Code::WedgeAcross);
@@ -81,6 +68,43 @@ pub(super) fn all(
         });
     }
     sorted(found)
+}
+
+/// Describes single poses that disagree with the others.
+pub(in crate::fit) fn of_poses(e: &Estimate<'_>, poses: &BadPoses) -> Finding {
+    let frames = match e.problem.set().is_of_goniometer() {
+        true => "",
+        false => "the frames of ",
+    };
+    Finding {
+        code: Code::BadPose,
+        explains: poses.explains,
+        change_of_theta_r_deg: None,
+        advice: format!(
+            "Check {frames}{}: {} robust standard deviations from the others.",
+            named(e, &poses.observations),
+            significant(poses.deviations)
+        ),
+    }
+}
+
+/// Describes a run of poses that disagrees with the others.
+pub(in crate::fit) fn of_block(e: &Estimate<'_>, block: &BadBlock) -> Finding {
+    let pose = match e.problem.set().is_of_goniometer() {
+        true => "reading",
+        false => "pose",
+    };
+    Finding {
+        code: Code::BadBlock,
+        explains: block.explains,
+        change_of_theta_r_deg: None,
+        advice: format!(
+            "The {} starting at {} deviate by {} %, all in one direction. Find out what changed then, and measure them again.",
+            counted(block.observations.len(), pose),
+            named(e, &block.observations[..1]),
+            significant(100.0 * block.share)
+        ),
+    }
 }
 
 /// Lists poses by their angles, and readings of a table by their rows.

@@ -90,6 +90,7 @@ fn real_terms(e: &Estimate<'_>) -> Vec<LeftOut> {
         (Quantity::Translucency, "translucency of the body"),
         (Quantity::Tail, "tails of the slope distribution"),
         (Quantity::CrestRadius, "rounded crests"),
+        (Quantity::Land, "flat lands between the ridges"),
         (
             Quantity::Wedge,
             "tilt of the sample across the ridges, beyond the azimuth that it causes",

@@ -15,7 +15,7 @@ pub(super) struct Suspect {
 }
 
 /// All of them.
-pub(super) const SUSPECTS: [Suspect; 7] = [
+pub(super) const SUSPECTS: [Suspect; 8] = [
     Suspect {
         code: Code::Translucent,
         quantity: Quantity::Translucency,
@@ -32,6 +32,12 @@ pub(super) const SUSPECTS: [Suspect; 7] = [
         code: Code::RoundedCrests,
         quantity: Quantity::CrestRadius,
         starts: &[0.04, 0.1],
+        least: 0.01,
+    },
+    Suspect {
+        code: Code::FlatLands,
+        quantity: Quantity::Land,
+        starts: &[0.1],
         least: 0.01,
     },
     Suspect {

@@ -185,6 +185,18 @@ fn tails_are_found_at_few_poses_where_another_surface_fits_better_without_them()
 }
 
 #[test]
+fn flat_lands_between_the_ridges_are_found() {
+    for (theta_r_deg, alpha, land) in [(12.0, 0.1, 0.09), (15.0, 0.12, 0.2), (20.0, 0.08, 0.04)] {
+        let mut truth = surface(theta_r_deg, alpha, 0.4, 0.0, 0.0);
+        truth.real.land = land;
+        let set = painted(poses(7, 7.0, 8), &truth, 2e-4, 5);
+        let (away, u, codes) = found(&set, &truth);
+        assert_eq!(codes, [Code::FlatLands], "{truth:?}");
+        assert!(away.abs() < 2.5 && u < 0.5, "{truth:?}: {away} {u}");
+    }
+}
+
+#[test]
 fn two_causes_that_explain_little_alone_are_found_together() {
     let truth = surface(13.15, 0.169, 0.669, 0.67, 0.073);
     let set = painted(poses(7, 7.0, 8), &truth, 2e-4, 5);

@@ -3,13 +3,11 @@
 use rayon::prelude::*;
 
 use super::list::{SUSPECTS, Suspect};
-use super::{
-    ALIKE, BESIDE, BRIEF, EXPLAINED, Inquiry, NOT_LAMBERTIAN, OTHERS, TURNED, Trial, has_body,
-};
+use super::{ALIKE, BESIDE, BRIEF, EXPLAINED, Inquiry, OTHERS, TURNED, Trial, has_body};
 use crate::fit::findings::Code;
+use crate::fit::lighter::without_shape;
 use crate::fit::problem::{Quantity, Values};
 use crate::fit::start::{ONE_SURFACE, distance};
-use crate::observation::ObservationSet;
 
 /// A suspect, the fit with it free, and the suspects that cannot be distinguished from it.
 #[derive(Clone)]
@@ -208,14 +206,6 @@ impl<'a> Inquiry<'_, 'a> {
 /// Returns a list with one more quantity.
 fn with(joined: &[Quantity], q: Quantity) -> Vec<Quantity> {
     joined.iter().copied().chain([q]).collect()
-}
-
-/// Standard uncertainties of the flats of a white reference that is not Lambertian.
-fn without_shape(set: &ObservationSet) -> Vec<f64> {
-    let flats = set.flats.iter();
-    flats
-        .map(|f| f.sigma.hypot(NOT_LAMBERTIAN * f.signal))
-        .collect()
 }
 
 /// Sorts steps, lowest cost first.

@@ -18,7 +18,7 @@ fn useless(quantity: Quantity, values: &Values) -> Option<f64> {
         }
         Quantity::AlphaU | Quantity::AlphaV => Some(0.002),
         Quantity::RhoD => Some(0.002 * values.rho_d),
-        Quantity::Translucency | Quantity::Tail => Some(0.005),
+        Quantity::Translucency | Quantity::Tail | Quantity::Land => Some(0.005),
         Quantity::CrestRadius => Some(0.002),
         Quantity::Scale
         | Quantity::Background

@@ -4,6 +4,7 @@ use crate::geometry::{Cones, Directions, Pose, RigGeometry};
 use crate::model::Variant;
 use crate::model::lanes::Lane;
 use crate::model::prepared::OpticsTable;
+use crate::model::prepared::Partials;
 use crate::model::prepared::Prepared;
 use crate::units::Angle;
 use nalgebra::Vector3;
@@ -66,7 +67,7 @@ fn partials(
     optics: &Optics,
     walls: &Walls,
 ) -> Partials {
-    let terms = Terms::of(real, optics, moves, moves);
+    let terms = Terms::of(real, optics, &Real::from_array([moves; 4]));
     super::partials(directions, surface, real, terms, optics, walls)
 }
 
@@ -212,6 +213,7 @@ fn draws(count: usize) -> impl Iterator<Item = Draw> {
                 translucency: between(0.0, 1.0),
                 tail: between(0.0, 1.2),
                 crest: between(0.0, 0.01),
+                land: between(0.0, 0.5),
             },
             optics: Optics {
                 eta: between(1.2, 2.5),
@@ -368,7 +370,7 @@ fn a_register_of_surfaces_has_the_values_of_single_surfaces() {
                 eta: k(draw.optics.eta),
                 k: k(draw.optics.k),
             };
-            let terms = Terms::of(&draw.real, &draw.optics, true, true);
+            let terms = Terms::of(&draw.real, &draw.optics, &Real::from_array([true; 4]));
             let d = draw.rig.directions(draw.pose);
             let of = |w: Vector3<f64>| [k(w.x), k(w.y), k(w.z)];
             let (i, o) = (of(d.incident), of(d.outgoing));
@@ -421,6 +423,7 @@ fn the_transmittance_of_a_sawtooth_is_one_less_its_traced_albedo() {
             translucency: 1.0,
             tail,
             crest: 0.0,
+            land: 0.0,
         };
         let optics = optics(row.index, 0.0);
         let table = OpticsTable::new(&optics);

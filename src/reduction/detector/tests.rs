@@ -130,6 +130,22 @@ fn a_late_shutter_is_no_curve_and_is_put_right_by_itself() {
 }
 
 #[test]
+fn errors_of_exposure_times_that_follow_their_logarithm_may_be_a_power_law() {
+    for exponent in [0.92, 1.05] {
+        let kappa = (4.0_f64.ln() * (exponent - 1.0)).exp_m1();
+        let (visits, known) = visits(&spread(40, 3e3, 6e4), 0.0, kappa, 3e-4, 8);
+        let found = detector(&visits, &known, None);
+        assert!(found.bent.is_none());
+        let law = found.power_law().expect("a power law");
+        assert!((law.exponent - exponent).abs() < 5e-4, "{law:?}");
+        assert!((law.spread - kappa.abs()).abs() < 0.01 && law.explains > 0.99);
+        assert_eq!(Some(law.instead_of), found.words());
+    }
+    let (visits, known) = visits(&spread(40, 3e3, 6e4), 0.0, 0.0, 3e-4, 8);
+    assert_eq!(detector(&visits, &known, None).power_law(), None);
+}
+
+#[test]
 fn what_shutter_and_curve_would_make_alike_is_not_reported_as_a_curve() {
     // One level: half a per cent of shutter is a curve of 2 % or none.
     let (visits, known) = visits(&[3e4; 20], 0.0, 0.005, 3e-4, 7);

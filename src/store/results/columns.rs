@@ -81,6 +81,7 @@ const VERDICTS: &[&str] = &["pass", "fail", "cannot-tell"];
 const FINDINGS: &[&str] = &[
     "tails",
     "rounded-crests",
+    "flat-lands",
     "translucent",
     "wedge-across",
     "lamp-azimuth",

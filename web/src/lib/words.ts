@@ -34,6 +34,7 @@ export const KNOWABLE: Readonly<Record<string, ParameterWords>> = {
 export const FINDINGS: Readonly<Record<string, string>> = {
   tails: 'Tails of the lobe',
   'rounded-crests': 'Rounded crests',
+  'flat-lands': 'Flat lands',
   translucent: 'Translucent body',
   'wedge-across': 'Wedge across the ridges',
   'lamp-azimuth': 'Lamp beside its stated place',
