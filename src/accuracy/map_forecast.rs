@@ -18,7 +18,7 @@ pub const READ: &str = "to read and resample";
 pub const SETTLE: &str = "for what pixels share";
 /// Name of the part for the pixels.
 pub const FIT: &str = "for the pixels";
-/// Name of the part for the fit of their mean, which reads the frames again.
+/// Name of the part for their mean, for which the frames are read again.
 pub const MEAN: &str = "for their mean";
 /// Name of the part for the files.
 pub const WRITE: &str = "for files";
@@ -29,8 +29,8 @@ const POSES_MIN: usize = 8;
 const THINNED: usize = 6;
 /// Pixels that are fitted for the forecast.
 const PIXELS: usize = 128;
-/// Descents per pixel for the shared quantities, and the number of pixels for them.
-const SETTLING: (f64, f64) = (25.0, 2048.0);
+/// Descents per sampled pixel for the shared quantities, and the number of these pixels.
+const SETTLING: (f64, f64) = (5.0, 2048.0);
 /// Descents per pixel of a map: noise and edges take longer than a clean surface.
 const DESCENTS: f64 = 2.0;
 /// Integrations of double reflections.

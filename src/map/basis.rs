@@ -7,11 +7,10 @@ use super::globals::Globals;
 use super::kernel::{FREE, Parameters};
 use super::layers::Layers;
 use super::settle::Settled;
+use super::shared::Mean;
 use super::tiles::Tiles;
-use super::together::Together;
 use super::view::View;
 use super::{Map, MapError, defects};
-use crate::geometry::turn_by_wedge;
 use crate::model::{LeftOut, left_out};
 use crate::observation::RejectedFrame;
 use crate::plan::Decision;
@@ -36,7 +35,7 @@ pub(super) struct Basis {
     sampled: usize,
     has_white: bool,
     /// The fit of the pixels' mean, or why there is none.
-    mean: Result<Together, String>,
+    mean: Result<Mean, String>,
     warnings: Vec<String>,
     left_out: Vec<LeftOut>,
     rejected_frames: Vec<RejectedFrame>,
@@ -65,7 +64,6 @@ impl Basis {
         warnings: &[String],
         rejected_frames: Vec<RejectedFrame>,
         has_white: bool,
-        mean: Result<Together, String>,
         settled: &Settled,
     ) -> Self {
         let mut warnings = warnings.to_owned();
@@ -78,7 +76,7 @@ impl Basis {
             shared_std: settled.shared_std,
             sampled: settled.sampled,
             has_white,
-            mean,
+            mean: settled.mean.clone(),
             warnings,
             left_out: what_is_left_out(settled, wedge_of(manifest)),
             rejected_frames,
@@ -104,12 +102,23 @@ impl Basis {
         Basis {
             manifest: manifest.clone(),
             n_poses: 0,
-            globals: Globals::first(1.0, 1.0),
+            globals: Globals::first(1.0),
             birge,
             shared_std: Some([f64::INFINITY, 0.1 + 0.2, -0.0, 1e-300, 5e-324]),
             sampled: 0,
             has_white: false,
-            mean: Err("there is none".to_owned()),
+            mean: Ok(Mean {
+                known: [
+                    Some((f64::INFINITY, 0.1 + 0.2)),
+                    None,
+                    Some((-0.0, 1e-300)),
+                    Some((5e-324, 0.0)),
+                    None,
+                ],
+                of_all: true,
+                stray: None,
+                tilt_offset_deg: None,
+            }),
             warnings: vec!["a warning".to_owned()],
             left_out: vec![left_out::third_bounce()],
             rejected_frames: Vec::new(),
@@ -157,26 +166,20 @@ pub(super) fn finished(basis: Basis, tiles: Tiles) -> Result<Map, MapError> {
                 .to_owned(),
         );
     }
-    let alike = leans.len() <= 1 || basis.manifest.sample.layout.is_some();
-    let mean = match alike {
-        true => basis.mean,
-        false => Err(
-            "the sample leans in several directions, and the manifest states no layout".to_owned(),
-        ),
-    };
     let mut globals = basis.globals;
-    match &mean {
-        Ok(mean) => mean.raise(&mut globals),
+    let mut shared_std = basis.shared_std.map(|std| in_layer_units(&std, &layers));
+    match &basis.mean {
+        Ok(mean) => {
+            mean.raise(&mut globals);
+            let uniform = leans.len() <= 1;
+            shared_std = shared_std
+                .map(|std| mean.at_least(std, &layers, uniform, |k| average(&layers, k)));
+        }
         Err(why) => warnings.push(format!(
             "the mean of the pixels was not fitted ({why}), so std_shared is too small: it includes only the counting \
              statistics of gain, stray light and tilt offset, not the uncertainties of the stages and the model"
         )),
     }
-    let at_least = |std: [f64; FREE]| match &mean {
-        Ok(mean) => mean.at_least(std, &layers, |k| average(&layers, k)),
-        Err(_) => std,
-    };
-    let wedge = wedge_of(&basis.manifest);
     let mut left_out = basis.left_out;
     if pixels_left_out > 0 {
         left_out.push(LeftOut::new(
@@ -186,9 +189,7 @@ pub(super) fn finished(basis: Basis, tiles: Tiles) -> Result<Map, MapError> {
         ));
     }
     Ok(Map {
-        shared_std: basis
-            .shared_std
-            .map(|std| at_least(with_wedge(in_layer_units(&std, &layers), wedge, &layers))),
+        shared_std,
         layers,
         pixel_mm,
         axis_px: view.imaging.rotation_axis_px,
@@ -244,12 +245,15 @@ fn what_is_left_out(settled: &Settled, wedge: Option<Angle>) -> Vec<LeftOut> {
 
 /// Converts shared shifts to the layers' units; those of ln α are multiplied by the median α.
 fn in_layer_units(std: &Parameters, layers: &Layers) -> [f64; FREE] {
-    let typical = |k: usize| typical(layers, k);
+    let alpha = |k: usize| {
+        let values = layers.parameters[k].values.iter();
+        robust::median_of_finite(values.map(|x| f64::from(*x))).unwrap_or(0.0)
+    };
     [
         std[0].to_degrees(),
         std[1].to_degrees(),
-        std[2] * typical(2),
-        std[3] * typical(3),
+        std[2] * alpha(2),
+        std[3] * alpha(3),
         std[4],
     ]
 }
@@ -264,23 +268,6 @@ fn average(layers: &Layers, k: usize) -> f64 {
     middle.iter().sum::<f64>() / middle.len().max(1) as f64
 }
 
-/// Returns the median of a layer's values.
-fn typical(layers: &Layers, k: usize) -> f64 {
-    let values = layers.parameters[k].values.iter();
-    robust::median_of_finite(values.map(|x| f64::from(*x))).unwrap_or(0.0)
-}
-
-/// Adds the wedge of the sample: its tilt along v to the ridge angle, its tilt along u, as a turn, to the lean
-/// direction.
-fn with_wedge(mut std: [f64; FREE], wedge: Option<Angle>, layers: &Layers) -> [f64; FREE] {
-    if let Some(wedge) = wedge {
-        let turn = turn_by_wedge(wedge, Angle::from_deg(typical(layers, 0)));
-        std[0] = std[0].hypot(wedge.deg());
-        std[1] = std[1].hypot(turn.deg());
-    }
-    std
-}
-
 fn doubts(settled: &Settled) -> Vec<String> {
     let mut doubts = Vec::new();
     let zero = settled.globals.tilt_offset_std.deg();
@@ -289,7 +276,9 @@ fn doubts(settled: &Settled) -> Vec<String> {
             "these poses do not determine the tilt offset (± {zero:.1}°), so the recorded tilts are used; scan more azimuths"
         ));
     }
-    let shared = settled.shared_std.map_or(0.0, |std| std[0].to_degrees());
+    let mean = settled.mean.as_ref().ok().and_then(|mean| mean.known[0]);
+    let of_pixels = settled.shared_std.map_or(0.0, |std| std[0].to_degrees());
+    let shared = mean.map_or(0.0, |(_, std)| std).max(of_pixels);
     if shared > SHARED_THETA_R_STD_MAX_DEG {
         doubts.push(format!(
             "these poses leave an uncertainty of {shared:.1}° (k = 1) that the ridge angles of all pixels share (they do not separate it from gain, stray light, tilt offset and model error): differences between pixels are valid, the absolute angle is not; scan more tilts"

@@ -29,8 +29,7 @@ use crate::model::extended::{self, Real, Terms, Walls};
 use crate::model::prepared::{OpticsTable, Prepared};
 use crate::model::quadrature::Quadrature;
 use crate::model::{Optics, Surface, Variant};
-pub(super) use expansion::Cell;
-use expansion::{Expanded, Expansion};
+use expansion::{Cell, Expanded, Expansion};
 use few::few_of;
 
 /// Widths of a cell: rad, rad, logarithms, ρd or amplitude. Within half a width the second order is below 1e-3 of the
@@ -64,8 +63,8 @@ type Key = [i32; FREE];
 type Cells = FxHashMap<Key, Arc<Cell>>;
 
 /// Returns coordinates and centre of the cell that contains `p`.
-fn key(p: &Parameters, coarseness: f64) -> (Key, Parameters) {
-    let mut width = CELL.map(|w| w * coarseness);
+fn key(p: &Parameters, factor: f64) -> (Key, Parameters) {
+    let mut width = CELL.map(|w| w * factor);
     let theta = (f64::from(floor(p[0] / width[0])) + 0.5) * width[0];
     width[1] *= (SHALLOW / theta).max(1.0);
     let mut x = *p;
@@ -105,8 +104,6 @@ pub(super) struct Costly {
     few_geometry: Vec<Geometry>,
     lamp: f64,
     amplitude: bool,
-    /// Factor on [`CELL`].
-    coarseness: f64,
     cells: RwLock<Cells>,
     /// Larger cells for use far from the minimum; few enough to stay in the processor's cache.
     large_cells: RwLock<Cells>,
@@ -136,7 +133,6 @@ impl Costly {
         material: Material,
         poses: Vec<Pose>,
         geometry: Vec<Geometry>,
-        coarseness: f64,
         integrated: Integrated,
     ) -> Self {
         let lamp = rig.cones.widening();
@@ -156,7 +152,6 @@ impl Costly {
             poses,
             geometry,
             lamp,
-            coarseness,
             cells: RwLock::new(Cells::default()),
             large_cells: RwLock::new(Cells::default()),
             integrated,
@@ -194,12 +189,6 @@ impl Costly {
     /// Geometry of [`Costly::few`].
     pub(super) fn few_geometry(&self) -> &[Geometry] {
         &self.few_geometry
-    }
-
-    /// Returns the cell that contains `p`.
-    pub(super) fn cell(&self, p: &Parameters) -> Arc<Cell> {
-        let (key, centre) = key(p, self.coarseness);
-        self.cell_of(key, centre, Size::Usual)
     }
 
     fn cell_of(&self, key: Key, centre: Parameters, size: Size) -> Arc<Cell> {
@@ -268,7 +257,6 @@ impl Costly {
             offset: Vec::with_capacity(n),
             basis: Vec::with_capacity(n),
             slopes: std::array::from_fn(|_| Vec::with_capacity(n)),
-            tilt: Vec::with_capacity(n),
         };
         for j in observations {
             let (pose, geometry) = (&self.poses[j], &self.geometry[j]);
@@ -292,20 +280,14 @@ impl Costly {
             for (column, slope) in cell.slopes.iter_mut().zip(slopes) {
                 column.push(slope);
             }
-            cell.tilt.push(full.theta_c);
         }
         // The change of B with the shape belongs to the pixel's ρd; the slopes contain it to first order, at the
         // centre's ρd.
         cell
     }
 
-    /// Writes offset and B at `p`.
-    pub(super) fn write(&self, p: &Parameters, offset: &mut [f64], basis: &mut [f64]) {
-        self.write_from(p, Size::Usual, &mut Met::default(), offset, basis);
-    }
-
-    /// As [`Costly::write`], from a cell of the given size; `met` holds the thread's cells.
-    pub(super) fn write_from(
+    /// Writes offset and B at `p`, from a cell of the given size; `met` holds the thread's cells.
+    pub(super) fn write(
         &self,
         p: &Parameters,
         size: Size,
@@ -313,11 +295,11 @@ impl Costly {
         offset: &mut [f64],
         basis: &mut [f64],
     ) {
-        let (met, coarseness) = match size {
-            Size::Usual => (&mut met.usual, self.coarseness),
-            Size::Large => (&mut met.large, LARGE * self.coarseness),
+        let (met, factor) = match size {
+            Size::Usual => (&mut met.usual, 1.0),
+            Size::Large => (&mut met.large, LARGE),
         };
-        let (key, centre) = key(p, coarseness);
+        let (key, centre) = key(p, factor);
         let cell = met
             .entry(key)
             .or_insert_with(|| self.cell_of(key, centre, size));
@@ -383,10 +365,15 @@ impl Costly {
         let (mut offset, mut basis) = (vec![0.0; n], vec![0.0; n]);
         let mut largest = 0.0f64;
         for side in [-0.25, 0.0, 0.25] {
-            let mut at: Parameters =
-                std::array::from_fn(|k| p[k] + side * self.coarseness * CELL[k]);
+            let mut at: Parameters = std::array::from_fn(|k| p[k] + side * CELL[k]);
             at[0] = at[0].max(0.0);
-            self.write(&at, &mut offset, &mut basis);
+            self.write(
+                &at,
+                Size::Usual,
+                &mut Met::default(),
+                &mut offset,
+                &mut basis,
+            );
             let closed = self.closed(&at);
             let brightest = closed.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
             for (j, exact) in closed.iter().enumerate() {
@@ -486,7 +473,7 @@ pub(super) mod near {
     pub(in crate::map) fn costly((material, view): &(Material, View), poses: Vec<Pose>) -> Costly {
         let geometry = poses.iter().map(|p| view.central(*p)).collect();
         let none = Integrated::default();
-        Costly::new(view.imaging.rig, *material, poses, geometry, 1.0, none)
+        Costly::new(view.imaging.rig, *material, poses, geometry, none)
     }
 }
 

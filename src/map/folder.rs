@@ -146,7 +146,7 @@ impl StageTimes {
                 .map_or(now, |(_, time)| *time)
         };
         let (settling, fitting) = (at(Stage::Settling), at(Stage::Fitting));
-        // The mean is not fitted if time is short.
+        // A map that fails before has no such step.
         let averaging = at(Stage::Averaging).min(settling);
         Timing {
             read: (averaging - self.started).as_secs_f64(),

@@ -1,21 +1,34 @@
 //! The quantities that all pixels share: gain, stray light and tilt offset.
 //!
-//! signal = gain · (L(θc + Δθc) + s) and flat = gain · (ρ/π cos θi(θc + Δθc) + s). Gain and stray light come from the
-//! flats and from a prior: on a dielectric, s is almost indistinguishable from a pixel's diffuse light. [`step`]
-//! takes the tilt offset from the pixels.
-
-pub(super) mod step;
+//! signal = gain · (L(θc + Δθc) + s) and flat = gain · (ρ/π cos θi(θc + Δθc) + s). Gain and stray light come from the flats and
+//! from a prior: on a dielectric, s is almost indistinguishable from a pixel's diffuse light. Without flats they come from the
+//! fit of the pixels' mean, as do s on metal and the tilt offset; the sampled pixels then refine these (`settle`).
 
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::RigGeometry;
+use crate::geometry::{Pose, RigGeometry};
+use crate::material::Material;
 use crate::observation::{FlatObservation, WhiteReference};
 use crate::units::Angle;
 
-/// Prior standard uncertainty of the stray light as a share of the largest signal.
+/// Standard uncertainty of the stray light, as a share of the largest signal, if nothing determines it.
 const STRAY_SHARE: f64 = 0.02;
-/// Prior standard uncertainty of the tilt offset.
+/// Standard uncertainty of the tilt offset if nothing determines it.
 const TILT_PRIOR_RAD: f64 = 0.17;
+
+/// Inputs that are known beforehand.
+pub(super) struct Given<'a> {
+    pub(super) rig: RigGeometry,
+    pub(super) material: &'a Material,
+    pub(super) recorded: &'a [Pose],
+    /// The white reference over its tilts.
+    pub(super) flats: &'a [FlatObservation],
+    pub(super) white: Option<WhiteReference>,
+    /// Largest signal of the sampled pixels.
+    pub(super) largest: f64,
+    /// Share of the brightest radiance that may be omitted.
+    pub(super) target_error: Option<f64>,
+}
 
 /// Values that all pixels share, with standard uncertainties.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -53,31 +66,29 @@ mod radians {
 
 impl Globals {
     /// Returns the values before any data are used.
-    pub(super) fn first(gain: f64, largest_signal: f64) -> Self {
+    pub(super) fn first(largest_signal: f64) -> Self {
         Globals {
-            gain,
+            gain: 1.0,
             gain_relative_std: 1.0,
             stray: 0.0,
-            stray_std: STRAY_SHARE * largest_signal / gain,
+            stray_std: STRAY_SHARE * largest_signal,
             tilt_offset: Angle::ZERO,
             tilt_offset_std: Angle::from_rad(TILT_PRIOR_RAD),
         }
     }
 
-    /// Computes gain and stray light from the flats at the present tilt offset.
-    pub(super) fn with_flats(
-        self,
-        flats: &[FlatObservation],
-        white: &WhiteReference,
-        rig: &RigGeometry,
-        largest_signal: f64,
-    ) -> Self {
+    /// Computes the gain, and except on metal the stray light, from the flats at the present tilt offset; without flats they
+    /// stay.
+    pub(super) fn with_flats(self, given: &Given<'_>) -> Self {
+        let Some(white) = &given.white else {
+            return self;
+        };
         // Unknowns: gain and b = gain · s; prior b = 0 ± STRAY_SHARE · largest.
-        let prior = (STRAY_SHARE * largest_signal).powi(-2);
+        let prior = (STRAY_SHARE * given.largest).powi(-2);
         let (mut aa, mut ab, mut bb, mut ya, mut yb) = (0.0, 0.0, prior, 0.0, 0.0);
-        for flat in flats {
+        for flat in given.flats {
             let due = white.reflectance / std::f64::consts::PI
-                * rig.cos_incidence(flat.theta_c + self.tilt_offset);
+                * given.rig.cos_incidence(flat.theta_c + self.tilt_offset);
             let w2 = flat.sigma.powi(-2);
             aa += w2 * due * due;
             ab += w2 * due;
@@ -87,14 +98,48 @@ impl Globals {
         }
         let determinant = aa * bb - ab * ab;
         let gain = (ya * bb - yb * ab) / determinant;
-        let stray = (yb * aa - ya * ab) / determinant;
         let reference = white.reflectance_std / white.reflectance;
-        Globals {
+        let own = Globals {
             gain,
             gain_relative_std: (bb / determinant / (gain * gain) + reference * reference).sqrt(),
-            stray: stray / gain,
-            stray_std: (aa / determinant).sqrt() / gain,
             ..self
+        };
+        let stray = (yb * aa - ya * ab) / determinant / gain;
+        match given.material {
+            Material::Conductor { .. } => own,
+            Material::Dielectric { .. } => {
+                own.with(Which::Stray, (stray, (aa / determinant).sqrt() / gain))
+            }
         }
     }
+
+    /// Returns one of the values with its standard uncertainty.
+    pub(super) fn get(&self, which: Which) -> (f64, f64) {
+        match which {
+            Which::Gain => (self.gain, self.gain * self.gain_relative_std),
+            Which::Stray => (self.stray, self.stray_std),
+            Which::Tilt => (self.tilt_offset.rad(), self.tilt_offset_std.rad()),
+        }
+    }
+
+    /// Returns the values with another one of them.
+    pub(super) fn with(mut self, which: Which, (value, std): (f64, f64)) -> Self {
+        match which {
+            Which::Gain => (self.gain, self.gain_relative_std) = (value, std / value),
+            Which::Stray => (self.stray, self.stray_std) = (value, std),
+            Which::Tilt => {
+                self.tilt_offset = Angle::from_rad(value);
+                self.tilt_offset_std = Angle::from_rad(std);
+            }
+        }
+        self
+    }
+}
+
+/// One of the shared quantities.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Which {
+    Gain,
+    Stray,
+    Tilt,
 }

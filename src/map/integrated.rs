@@ -54,7 +54,7 @@ impl Integrated {
 }
 
 /// Returns the largest distance of a parameter in units of its reach, without the fifth.
-fn distance(a: &Parameters, b: &Parameters) -> f64 {
+pub(super) fn distance(a: &Parameters, b: &Parameters) -> f64 {
     let apart = difference(a, b);
     let shares = apart.iter().zip(REACH).map(|(d, reach)| d.abs() / reach);
     shares.fold(0.0, f64::max)

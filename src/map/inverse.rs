@@ -4,6 +4,8 @@
 //! first. A pivot below 1e-9 fails the test. What passes has a scaled Jacobian with a condition below 3e4, and
 //! variances with six correct digits, as many as a map in float32 stores. Units do not affect the test.
 
+use nalgebra::SMatrix;
+
 use super::kernel::{FREE, PACKED, packed};
 
 /// Pivot of the column-scaled normal matrix below which the data do not determine the parameters.
@@ -11,49 +13,24 @@ const PIVOT_MIN: f64 = 1e-9;
 
 /// Inverts a packed normal matrix; `None` if a pivot of its column-scaled form is too small.
 pub(super) fn invert(normal: &[f64; PACKED]) -> Option<[f64; PACKED]> {
-    let scale: [f64; FREE] = std::array::from_fn(|i| normal[packed(i, i)].sqrt());
+    let at = |i: usize, j: usize| normal[packed(i.max(j), i.min(j))];
+    let scale: [f64; FREE] = std::array::from_fn(|i| at(i, i).sqrt());
     if scale.iter().any(|s| !(s.is_finite() && *s > 0.0)) {
         return None;
     }
-    let mut l = [0.0; PACKED];
+    let scaled = |i, j| at(i, j) / (scale[i] * scale[j]);
+    let factor = SMatrix::<f64, FREE, FREE>::from_fn(scaled).cholesky()?;
+    let pivots = factor.l_dirty().diagonal();
+    if pivots.iter().any(|l| l * l <= PIVOT_MIN) {
+        return None;
+    }
+    let (inverse, mut packed_inverse) = (factor.inverse(), [0.0; PACKED]);
     for i in 0..FREE {
         for j in 0..=i {
-            let mut x = normal[packed(i, j)] / (scale[i] * scale[j]);
-            for m in 0..j {
-                x -= l[packed(i, m)] * l[packed(j, m)];
-            }
-            if i == j {
-                if x.is_nan() || x <= PIVOT_MIN {
-                    return None;
-                }
-                l[packed(i, i)] = x.sqrt();
-            } else {
-                l[packed(i, j)] = x / l[packed(j, j)];
-            }
+            packed_inverse[packed(i, j)] = inverse[(i, j)] / (scale[i] * scale[j]);
         }
     }
-    // Columns of L⁻¹, then L⁻ᵀ L⁻¹.
-    let mut inverse = [0.0; PACKED];
-    for j in 0..FREE {
-        inverse[packed(j, j)] = 1.0 / l[packed(j, j)];
-        for i in j + 1..FREE {
-            let mut x = 0.0;
-            for m in j..i {
-                x -= l[packed(i, m)] * inverse[packed(m, j)];
-            }
-            inverse[packed(i, j)] = x / l[packed(i, i)];
-        }
-    }
-    Some(std::array::from_fn(|at| {
-        let i = (0..FREE)
-            .rfind(|i| packed(*i, 0) <= at)
-            .expect("at is within the matrix");
-        let j = at - packed(i, 0);
-        let product: f64 = (i..FREE)
-            .map(|m| inverse[packed(m, i)] * inverse[packed(m, j)])
-            .sum();
-        product / (scale[i] * scale[j])
-    }))
+    Some(packed_inverse)
 }
 
 #[cfg(test)]

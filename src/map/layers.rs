@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 
 use super::kernel::{FREE, packed};
-use super::settle::identifiable;
 use super::solve::{End, PixelFit};
 use crate::units::Angle;
 
@@ -201,7 +200,7 @@ impl Answer {
             flags |= AT_BOUND;
         }
         let lobe_at_bound = fit.p[2] > -1e-6 || fit.p[3] > -1e-6;
-        if lobe_at_bound || !identifiable(fit, scale) {
+        if lobe_at_bound || !fit.is_identifiable(scale) {
             flags |= NOT_IDENTIFIABLE;
         }
         let mut answer = Answer::none(flags, used);

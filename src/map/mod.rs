@@ -3,9 +3,10 @@
 //! Call [`map`]. It works in these steps:
 //!
 //! 1. It reads darks and flats, and resamples every sample frame into the sample's frame (`observe`, `view`).
-//! 2. It determines what all pixels share, from a sample of pixels (`settle`, `globals`).
-//! 3. It fits every pixel with the `sawtooth` closed form, several pixels per vector register and tiles in parallel
-//!    (`kernel`, `solve`, `costly`, `integrated`), and refits pixels that may have ended in a local minimum (`doubt`).
+//! 2. It fits the mean of the pixels, which gives what all of them share (`shared`, `globals`), and the means of clusters of
+//!    like pixels (`clusters`, `settle`).
+//! 3. It fits every pixel with the `sawtooth` closed form, from the surface of the cluster that it resembles, several pixels
+//!    per vector register and tiles in parallel (`kernel`, `solve`, `costly`, `integrated`).
 //! 4. It marks borders and defects (`defects`), and lists what is doubtful or omitted (`basis`).
 //!
 //! [`shards`](mod@shards) fits a part of the tiles and merges the parts: each repeats steps 1 and 2, and the merge does step 4.
@@ -21,16 +22,15 @@
 
 mod basis;
 mod beside;
+mod clusters;
 mod costly;
 pub mod defects;
-mod doubt;
 pub mod folder;
 mod globals;
 mod integrated;
 mod inverse;
 mod kernel;
 pub mod layers;
-mod misfit;
 mod observe;
 mod picture;
 pub mod pixels;
@@ -39,35 +39,38 @@ mod planes;
 mod run;
 mod settle;
 pub mod shards;
+mod shared;
 mod solve;
 mod start;
 pub mod summary;
 mod tiles;
-mod together;
 mod view;
 pub mod write;
 
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use self::basis::{Basis, finished};
+use self::globals::Given;
 pub use self::globals::Globals;
 use self::kernel::FREE;
 use self::layers::Layers;
 use self::observe::Light;
 use self::planes::Planes;
-use self::settle::{References, Settled};
+use self::settle::Settled;
 use self::tiles::{fit_tiles, sampled};
 use self::view::View;
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::model::LeftOut;
 use crate::observation::RejectedFrame;
-use crate::reduction::{FrameSource, ReductionError, calibrate};
+use crate::reduction::{CountedReads, FrameSource, ReductionError, calibrate};
 use crate::shard::Shard;
 
 /// Number of times that the costly terms are recomputed within a pixel's descent, at most.
 const REFRESHES: u8 = 3;
+/// The region of a layout whose mean is fitted.
+const REGION: &str = "even";
 
 /// Limits and tolerances of a map.
 #[derive(Debug, Clone)]
@@ -316,47 +319,38 @@ fn prepared(
 
     let recorded: Vec<Pose> = groups.iter().map(|g| g.pose).collect();
     let batch = sampled(&planes)?;
-    let flats = calibration.flats();
-    let references = References {
-        flats: &flats,
-        white: calibration.white_reference(),
-    };
-    // The mean is fitted first: it provides the deviations from an ideal sawtooth for all pixels.
-    let together = match late() {
-        false => together::together(source, progress, cancel),
-        true => Err("the time limit passed".to_owned()),
-    };
-    // A cancelled fit of the mean must not count as one without a result.
-    if cancel.load(Ordering::Relaxed) {
-        return Err(MapError::Cancelled);
+    if late() {
+        return Err(MapError::Late);
     }
-    let (mean, real) = match together {
-        Ok((mean, real)) => (Ok(mean), real),
-        Err(why) => (Err(why), None),
+    // All frames are read once more, which takes as long as the first time.
+    let averaging = |done: usize, total| {
+        progress(Progress {
+            stage: Stage::Averaging,
+            done: done.min(total),
+            total,
+        });
     };
+    let region = manifest.sample.layout.is_some().then_some(REGION);
+    let mean = crate::reduction::reduce(&CountedReads::new(source, &averaging), region, cancel);
+    let white = calibration.white_reference();
     let settled = settle::settle(
         &batch,
         &view,
-        &settle::Given {
+        &Given {
+            rig: view.imaging.rig,
             material: &material,
             recorded: &recorded,
-            references: &references,
+            flats: &calibration.flats(),
+            white,
+            largest: batch.largest(),
             target_error: options.target_error,
-            real,
         },
+        mean,
         progress,
         cancel,
     )?;
-    drop(batch);
-    let has_white = references.white.is_some();
-    let basis = Basis::new(
-        manifest,
-        &calibration.warnings,
-        rejected,
-        has_white,
-        mean,
-        &settled,
-    );
+    let warnings = &calibration.warnings;
+    let basis = Basis::new(manifest, warnings, rejected, white.is_some(), &settled);
     Ok((planes, settled, basis))
 }
 

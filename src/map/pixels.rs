@@ -74,14 +74,13 @@ impl PixelFitter {
                 material,
                 poses.clone(),
                 geometry,
-                1.0,
                 Integrated::default(),
             ),
             view,
             poses,
             globals: Globals {
                 stray_std: 0.0,
-                ..Globals::first(1.0, 0.0)
+                ..Globals::first(0.0)
             },
         }
     }

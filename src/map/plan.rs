@@ -37,7 +37,6 @@ pub fn plan(source: &dyn FrameSource, target_error: Option<f64>) -> ComputationP
         material,
         poses,
         geometry,
-        1.0,
         Integrated::default(),
     );
     let fifth = if costly.is_amplitude() { 1.0 } else { 0.35 };
@@ -112,6 +111,23 @@ fn largest(costs: impl Iterator<Item = f64>) -> f64 {
     })
 }
 
+/// Makes a choice whose cost is an estimate.
+fn choice(
+    decision: Decision,
+    what: &str,
+    (included, why): (bool, &str),
+    cost: Option<f64>,
+) -> PlanChoice {
+    PlanChoice {
+        decision,
+        included,
+        what: what.to_owned(),
+        why: why.to_owned(),
+        cost,
+        basis: Basis::Estimate,
+    }
+}
+
 /// Decides on light reflected twice: integrated on the surfaces that represent most pixels, or the closed
 /// approximation.
 fn double_reflections(
@@ -119,28 +135,20 @@ fn double_reflections(
     surfaces: &[Parameters],
     target_error: Option<f64>,
 ) -> PlanChoice {
-    let choice = |included: bool, what: &str, why: &str, cost: Option<f64>| PlanChoice {
-        decision: Decision::Bounces,
-        included,
-        what: what.to_owned(),
-        why: why.to_owned(),
-        cost,
-        basis: Basis::Estimate,
+    let cost = target_error.map(|_| largest(surfaces.iter().map(|p| costly.share_lacking(p))));
+    let decided = match target_error.zip(cost) {
+        None => (true, "no target error was stated"),
+        Some((target, cost)) if cost <= target => (
+            false,
+            "on the surfaces that represent most pixels they change less than the target error",
+        ),
+        Some(_) => (
+            true,
+            "on the surfaces that represent most pixels they change more than the target error",
+        ),
     };
-    const WHAT: &str = "double reflections by integration";
-    let Some(target) = target_error else {
-        return choice(true, WHAT, "no target error was stated", None);
-    };
-    let cost = largest(surfaces.iter().map(|p| costly.share_lacking(p)));
-    if cost <= target {
-        let why =
-            "on the surfaces that represent most pixels they change less than the target error";
-        choice(false, WHAT, why, Some(cost))
-    } else {
-        let why =
-            "on the surfaces that represent most pixels they change more than the target error";
-        choice(true, WHAT, why, Some(cost))
-    }
+    let what = "double reflections by integration";
+    choice(Decision::Bounces, what, decided, cost)
 }
 
 /// States the closed correction of the lobes' widths, the only one that a map has; it takes no time.
@@ -180,36 +188,40 @@ fn own_directions(
     surfaces: &[Parameters],
     allowed: Option<f64>,
 ) -> PlanChoice {
-    let choice = |included: bool, why: &str, cost: Option<f64>, basis: Basis| PlanChoice {
-        decision: Decision::PerPixelGeometry,
-        included,
-        what: "each pixel's own directions".to_owned(),
-        why: why.to_owned(),
-        cost,
-        basis,
+    let cost = match view.is_telecentric() {
+        true => 0.0,
+        false => largest(
+            surfaces
+                .iter()
+                .map(|p| off_centre(costly, view, p).followed),
+        ),
     };
-    if view.is_telecentric() {
-        let why = "camera and lamp are far: all pixels have the same directions";
-        return choice(false, why, Some(0.0), Basis::Exact);
-    }
-    let cost = largest(
-        surfaces
-            .iter()
-            .map(|p| off_centre(costly, view, p).followed),
-    );
-    match allowed {
-        None => {
-            let why = "camera or lamp are near, and no target error was stated";
-            choice(true, why, Some(cost), Basis::Estimate)
-        }
-        Some(allowed) if cost <= allowed => {
-            let why = "camera or lamp are near, but over the field a reflection changes by less than the target error";
-            choice(false, why, Some(cost), Basis::Estimate)
-        }
-        Some(_) => {
-            let why = "camera or lamp are near: over the field a reflection changes by more than the target error";
-            choice(true, why, Some(cost), Basis::Estimate)
-        }
+    let decided = match allowed {
+        _ if view.is_telecentric() => (
+            false,
+            "camera and lamp are far: all pixels have the same directions",
+        ),
+        None => (
+            true,
+            "camera or lamp are near, and no target error was stated",
+        ),
+        Some(allowed) if cost <= allowed => (
+            false,
+            "camera or lamp are near, but over the field a reflection changes by less than the target error",
+        ),
+        Some(_) => (
+            true,
+            "camera or lamp are near: over the field a reflection changes by more than the target error",
+        ),
+    };
+    let what = "each pixel's own directions";
+    let estimate = choice(Decision::PerPixelGeometry, what, decided, Some(cost));
+    PlanChoice {
+        basis: match view.is_telecentric() {
+            true => Basis::Exact,
+            false => Basis::Estimate,
+        },
+        ..estimate
     }
 }
 
@@ -262,16 +274,11 @@ pub(super) fn centre_for_all(costly: &Costly, view: &View, surfaces: &[Parameter
 /// States the expansion of everything but single reflections. A plan does not decide how often it is recomputed: each
 /// pixel's descent does so while it moves by a part of its own uncertainty.
 fn costly_terms(costly: &Costly, surfaces: &[Parameters]) -> PlanChoice {
-    PlanChoice {
-        decision: Decision::CostlyTerms,
-        included: false,
-        what: "the whole closed form at every step of a pixel".to_owned(),
-        why: "all terms but single reflections are expanded about nearby surfaces, and recomputed while a pixel's descent \
-              still moves"
-            .to_owned(),
-        cost: Some(largest(surfaces.iter().map(|p| costly.share_expanded(p)))),
-        basis: Basis::Estimate,
-    }
+    let cost = largest(surfaces.iter().map(|p| costly.share_expanded(p)));
+    let why = "all terms but single reflections are expanded about nearby surfaces, and recomputed while a pixel's descent \
+               still moves";
+    let what = "the whole closed form at every step of a pixel";
+    choice(Decision::CostlyTerms, what, (false, why), Some(cost))
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use super::globals::Globals;
 use super::kernel::{FREE, Geometry, Parameters};
 use super::planes::Planes;
 use super::solve::{End, Job, PixelFit, Pixels, Way, solve_on};
-use super::start::{Leaders, Templates, lambert_chi2};
+use super::start::Starts;
 use super::view::View;
 use crate::geometry::Pose;
 use crate::robust::reduced_chi2_at;
@@ -83,6 +83,13 @@ impl Batch {
         }
     }
 
+    /// Returns signal and σ of a pixel's observations; σ is 0 where masked.
+    pub(super) fn observed(&self, index: usize) -> impl Iterator<Item = (f64, f64)> {
+        let all = index * self.observations..(index + 1) * self.observations;
+        let pairs = self.signal[all.clone()].iter().zip(&self.sigma[all]);
+        pairs.map(|(y, s)| (f64::from(*y), f64::from(*s)))
+    }
+
     /// Returns the number of a pixel's observations that are not masked.
     pub(super) fn used(&self, index: usize) -> usize {
         let n = self.observations;
@@ -110,11 +117,6 @@ impl Batch {
     }
 }
 
-/// Of the fits, the best one in this number is followed by the others.
-const FOLLOWED: usize = 8;
-/// Largest number of pixels that are used to compare two models.
-const ASKED_MAX: usize = 500;
-
 /// All inputs for the fit of any pixel.
 pub(super) struct Run<'a> {
     pub(super) batch: &'a Batch,
@@ -128,17 +130,6 @@ pub(super) struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Returns the sum of χ² over some of these pixels, each fitted on from its present parameters.
-    pub(super) fn misses(&self, pixels: &[(usize, PixelFit)]) -> f64 {
-        let step = pixels.len().div_ceil(ASKED_MAX).max(1);
-        let asked = || pixels.iter().step_by(step);
-        let chosen: Vec<usize> = asked().map(|(index, _)| *index).collect();
-        let starts: Vec<Parameters> = asked().map(|(_, fit)| fit.p).collect();
-        let fits = self.fit(&chosen, &starts, 1);
-        let each = fits.iter().map(|fit| fit.chi2);
-        each.filter(|chi2| chi2.is_finite()).sum()
-    }
-
     /// Writes a pixel's radiances for the irradiance at the field's centre, and its weights (1/σ, 0 where masked).
     pub(super) fn read(&self, index: usize, signal: &mut [f64], weight: &mut [f64]) {
         let n = self.batch.observations;
@@ -286,63 +277,32 @@ impl Run<'_> {
         fits
     }
 
-    /// Fits the chosen pixels from the best template of every quarter turn; returns the fits with the lowest χ².
-    pub(super) fn fit_from_templates(
-        &self,
-        chosen: &[usize],
-        templates: &Templates,
-    ) -> Vec<PixelFit> {
+    /// Fits the chosen pixels from their best start of every set; returns the fits with the lowest χ².
+    pub(super) fn fit_from(&self, chosen: &[usize], sets: &[Starts]) -> Vec<PixelFit> {
         let n = self.batch.observations;
         let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
-        let starts: Vec<_> = chosen
-            .iter()
-            .map(|index| {
-                self.read(*index, &mut signal, &mut weight);
-                templates.starts(&signal, &weight)
-            })
-            .collect();
         let mut best: Vec<PixelFit> = Vec::new();
-        for quarter in 0..super::start::QUARTERS {
-            let from: Vec<Parameters> = starts.iter().map(|s| s[quarter]).collect();
-            let fits = self.fit(chosen, &from, super::REFRESHES);
+        for set in sets {
+            let starts = chosen.iter().filter_map(|index| {
+                self.read(*index, &mut signal, &mut weight);
+                set.best(&signal, &weight).map(|(start, _)| start)
+            });
+            let starts: Vec<Parameters> = starts.collect();
+            if starts.len() < chosen.len() {
+                continue;
+            }
+            let fits = self.fit(chosen, &starts, super::REFRESHES);
             if best.is_empty() {
                 best = fits;
-            } else {
-                for (best, fit) in best.iter_mut().zip(fits) {
-                    if better(&fit, best) {
-                        *best = fit;
-                    }
+                continue;
+            }
+            for (best, fit) in best.iter_mut().zip(fits) {
+                if better(&fit, best) {
+                    *best = fit;
                 }
             }
         }
         best
-    }
-
-    /// Fits the chosen pixels again from the surfaces of the best fits; keeps the lower χ².
-    ///
-    /// Templates contain single reflections only, so on metal most descents from them may end in local minima. The few
-    /// that reach the global one provide the start for the others.
-    pub(super) fn follow_the_best(&self, chosen: &[usize], fits: &mut [PixelFit]) {
-        let mut best: Vec<&PixelFit> = fits.iter().filter(|f| f.end == End::Converged).collect();
-        best.sort_by(|a, b| (a.chi2 / freedom(a)).total_cmp(&(b.chi2 / freedom(b))));
-        best.truncate(best.len().div_ceil(FOLLOWED));
-        let best: Vec<Parameters> = best.iter().map(|fit| fit.p).collect();
-        for leader in Leaders::gather(&best).points {
-            let again = self.fit(chosen, &vec![leader; chosen.len()], super::REFRESHES);
-            for (fit, again) in fits.iter_mut().zip(again) {
-                if better(&again, fit) {
-                    *fit = again;
-                }
-            }
-        }
-    }
-
-    /// Returns χ² of the best Lambert surface for a pixel.
-    pub(super) fn lambert_chi2(&self, index: usize, lambert: &[f64]) -> f64 {
-        let n = self.batch.observations;
-        let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
-        self.read(index, &mut signal, &mut weight);
-        lambert_chi2(&signal, &weight, lambert)
     }
 }
 
@@ -409,7 +369,7 @@ impl Pixels for Chosen<'_> {
         offset: &mut [f64],
         basis: &mut [f64],
     ) {
-        self.run.costly.write_from(p, size, met, offset, basis);
+        self.run.costly.write(p, size, met, offset, basis);
     }
 }
 

@@ -1,55 +1,58 @@
-//! Before the map: a sample of pixels determines what all pixels share, the starts of the descents, and the usual χ².
+//! Before the map: what all pixels share, the surfaces that represent most of them, and the usual χ².
+//!
+//! The fit of the pixels' mean gives the shared quantities (`shared`). With these, the means of the clusters of pixels
+//! (`clusters`) are fitted in lanes; their surfaces are the starts of all pixels, decide the plan, and are those on which
+//! double reflections are integrated.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::beside::Beside;
+use super::clusters::{clusters, means};
 use super::costly::{Costly, RealSurface};
-use super::globals::Globals;
-use super::globals::step::{Second, shared_std};
-use super::integrated::Integrated;
-use super::kernel::{FREE, Parameters, packed};
-use super::misfit::shared_misfit;
+use super::globals::{Given, Globals, Which};
+use super::integrated::{Integrated, distance};
+use super::kernel::{FREE, Parameters, difference};
 use super::run::{Batch, Run, freedom};
+use super::shared::{Mean, Shared};
 use super::solve::{End, PixelFit};
-use super::start::{Leaders, Templates, lambert};
+use super::start::{LEADERS_MAX, Starts};
 use super::view::View;
 use super::{MapError, Progress, Stage, plan};
 use crate::geometry::Pose;
 use crate::material::Material;
-use crate::observation::{FlatObservation, WhiteReference};
+use crate::observation::ObservationSet;
 use crate::plan::{ComputationPlan, Decision};
+use crate::reduction::ReductionError;
 use crate::robust;
 
-/// Rounds that alternate between tilt offset, gain and fits.
-const ROUNDS: usize = 6;
-/// Number of passes through the rounds; before each but the first, double reflections are integrated again.
-const PASSES: usize = 3;
-/// A search is outdated if the usual χ² has fallen to this share of its value after that search.
-const OUTDATED: f64 = 0.9;
+/// Times that double reflections are integrated; the surfaces move little by the second time.
+const PASSES: usize = 2;
 /// Number of surfaces on which the need to integrate double reflections is evaluated.
 const PROBED: usize = 2;
+/// Distance, as a share of that up to which a surface's double reflections are used, below which two surfaces are one.
+const ALIKE: f64 = 0.5;
 /// Least decrease of χ², in usual χ² units, that makes a lobe significant.
 pub(super) const LOBE_SIGNIFICANCE: f64 = 30.0;
-/// Largest standard uncertainties of determined parameters: θr 2°, ln α 0.3.
-const THETA_R_STD_MAX_RAD: f64 = 0.035;
-const LN_ALPHA_STD_MAX: f64 = 0.3;
-/// Largest coarseness of cells; it is the typical uncertainty over the cell width, at least 1.
-const COARSENESS_MAX: f64 = 3.0;
+/// Largest number of pixels that determine the shared quantities: their noise averages out to far below that of the references.
+const ASKED_MAX: usize = 500;
 
 /// The results, which the map needs for its pixels.
 pub(super) struct Settled {
     pub(super) globals: Globals,
     pub(super) poses: Vec<Pose>,
     pub(super) costly: Costly,
-    pub(super) leaders: Leaders,
-    pub(super) templates: Templates,
-    /// Lambert's term per observation.
-    pub(super) lambert: Vec<f64>,
+    /// The surfaces of the clusters' means.
+    pub(super) leaders: Starts,
+    /// All shapes, by quarter turn.
+    pub(super) quarters: Vec<Starts>,
+    pub(super) matte: Starts,
     /// Usual χ² per degree of freedom, at least 1.
     pub(super) birge: f64,
-    /// Median shift of each parameter by one standard uncertainty of all shared quantities and of the model error.
+    /// Median shift of each parameter by one standard uncertainty of all shared quantities.
     pub(super) shared_std: Option<Parameters>,
+    /// The fit of the pixels' mean, or why there is none.
+    pub(super) mean: Result<Mean, String>,
     /// Sampled pixels with a good fit.
     pub(super) sampled: usize,
     /// The view, with the centre's directions for all pixels if the plan decided so.
@@ -63,425 +66,306 @@ pub(super) struct Settled {
     pub(super) beside: Option<Beside>,
 }
 
-/// The observations of the camera's references.
-pub(super) struct References<'a> {
-    pub(super) flats: &'a [FlatObservation],
-    pub(super) white: Option<WhiteReference>,
-}
-
-/// Inputs that are known beforehand.
-pub(super) struct Given<'a> {
-    pub(super) material: &'a Material,
-    pub(super) recorded: &'a [Pose],
-    pub(super) references: &'a References<'a>,
-    /// Share of the brightest radiance that may be omitted.
-    pub(super) target_error: Option<f64>,
-    /// The sample's deviations from an ideal sawtooth.
-    pub(super) real: Option<Arc<RealSurface>>,
-}
-
-/// Whether a fit determines all parameters.
-pub(super) fn identifiable(fit: &PixelFit, birge: f64) -> bool {
-    let Some(covariance) = &fit.covariance else {
-        return false;
-    };
-    let std = |k: usize| (birge * covariance[packed(k, k)]).sqrt();
-    std(0) < THETA_R_STD_MAX_RAD && std(2) < LN_ALPHA_STD_MAX && std(3) < LN_ALPHA_STD_MAX
-}
-
-/// Determines tilt offset, gain and the fits of sampled pixels in turn; first with the closed form only, then with
-/// double reflections integrated on the surfaces that were found.
+/// Determines what the sampled pixels share. `mean` is their mean, or that of a region of them, as a reduction gives it.
 pub(super) fn settle(
     batch: &Batch,
     view: &View,
     given: &Given<'_>,
+    mean: Result<ObservationSet, ReductionError>,
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
 ) -> Result<Settled, MapError> {
-    let mut settling = Settling::new(batch, view, given)?;
-    let lobed = settling.lobed()?;
-    let (mut passes_left, mut rounds_left) = (PASSES, ROUNDS);
-    // The usual χ² after the last search.
-    let mut searched = f64::INFINITY;
-    for round in 0..ROUNDS * PASSES {
-        if cancel.load(Ordering::Relaxed) {
-            return Err(MapError::Cancelled);
-        }
+    let step = |done: usize| {
         progress(Progress {
             stage: Stage::Settling,
-            done: round,
-            total: ROUNDS * PASSES,
+            done,
+            total: 3,
         });
-        // The first round searches from every template; in later rounds the fits continue. Which minimum of a pixel
-        // is the deepest depends on the shared quantities, so a pass searches again if these now explain the pixels
-        // better.
-        let searching = rounds_left == ROUNDS && settling.birge < OUTDATED * searched;
-        let fits = match searching || settling.good.is_empty() {
-            true => settling.search(&lobed),
-            false => settling.follow(),
-        };
-        settling.keep_the_usual(fits)?;
-        if searching {
-            searched = settling.birge;
+        match cancel.load(Ordering::Relaxed) {
+            true => Err(MapError::Cancelled),
+            false => Ok(()),
         }
-        let step = settling.step();
-        rounds_left -= 1;
-        let settled = rounds_left + 1 < ROUNDS && step[0].abs() < 2e-5 && step[1].abs() < 1e-4;
-        if settled || rounds_left == 0 {
-            passes_left -= 1;
-            if passes_left == 0 {
-                break;
-            }
-            if !settling.integrate() {
-                // Another pass is useful only for a new search.
-                if settling.birge >= OUTDATED * searched {
-                    break;
-                }
-                passes_left = 1;
-            }
-            rounds_left = ROUNDS;
+    };
+    step(0)?;
+    if (0..batch.pixels.len()).all(|index| batch.used(index) == 0) {
+        return Err(MapError::NothingUsable);
+    }
+    if given.largest <= 0.0 {
+        return Err(MapError::NothingSeen);
+    }
+    let mut at = Stand {
+        given,
+        real: &None,
+        view: view.clone(),
+        beside: None,
+        integrated: Integrated::default(),
+    };
+    let costly = at.costly(given.recorded);
+    let first = Globals::first(given.largest);
+    let lobed = lobed(&at.run(batch, &first, given.recorded, &costly));
+    if lobed.is_empty() {
+        return Err(MapError::NoLobes);
+    }
+    let clusters = clusters(batch, &lobed);
+    let shared = Shared::new(batch, view, given, &mean?, &clusters, cancel);
+    if given.white.is_none() && shared.mean.is_err() {
+        return Err(MapError::NothingFitted {
+            poses: given.recorded.len(),
+            chi2: f64::INFINITY,
+        });
+    }
+    step(1)?;
+
+    let largest = &clusters[..clusters.len().min(LEADERS_MAX)];
+    let means = means(batch, view, largest);
+    at.real = &shared.real;
+    let mut globals = shared.globals;
+    let poses = at.poses(&globals);
+    let costly = at.costly(&poses);
+    let amplitude = costly.is_amplitude();
+    let quarters = Starts::quarters(amplitude, |p| costly.full(p));
+    let all: Vec<usize> = (0..means.pixels.len()).collect();
+    let found = at
+        .run(&means, &globals, &poses, &costly)
+        .fit_from(&all, &quarters);
+    let mut found = Found::of(all.into_iter().zip(found).collect());
+
+    let surfaces = distinct(&found.fits);
+    let probed = &surfaces[..surfaces.len().min(PROBED)];
+    let plan = plan::decide(&costly, view, probed, given.target_error);
+    let included = |decision| plan.on(decision).is_none_or(|choice| choice.included);
+    let own = included(Decision::PerPixelGeometry);
+    let near = !view.is_telecentric();
+    let centre_for_all = near.then(|| plan::centre_for_all(&costly, view, probed));
+    at.view = view.clone().with_own_directions(own);
+    if near && own {
+        at.beside = Beside::new(&costly, &at.view, probed);
+    }
+    if included(Decision::Bounces) {
+        for _ in 0..PASSES {
+            at.integrated = Integrated::at(distinct(&found.fits), amplitude, |p| {
+                costly.lacking(p, shared.polarised)
+            });
+            found.fits = at.fit_on(&means, &globals, &found);
         }
     }
-    Ok(settling.finish())
+    step(2)?;
+
+    let leaders = distinct(&found.fits);
+    let usual = |globals: &Globals| -> Result<(Found, f64), MapError> {
+        let poses = at.poses(globals);
+        let costly = at.costly(&poses);
+        let run = at.run(batch, globals, &poses, &costly);
+        let leaders = Starts::new(leaders.clone(), |p| costly.full(p));
+        usual(&run, &lobed, &leaders)
+    };
+    let (good, birge) = usual(&globals)?;
+    let mean = shared.mean.as_ref().ok();
+    let is_tilt_known = mean.is_some_and(|mean| mean.tilt_offset_deg.is_some());
+    at.refine(batch, &mut globals, &good, birge, is_tilt_known);
+    let (good, birge) = usual(&globals)?;
+    let poses = at.poses(&globals);
+    let costly = at.costly(&poses);
+    Ok(Settled {
+        matte: Starts::matte(costly.geometry()),
+        leaders: Starts::new(leaders, |p| costly.full(p)),
+        quarters,
+        shared_std: at.shared_std(batch, &globals, &good),
+        globals,
+        mean: shared.mean,
+        birge,
+        sampled: good.fits.len(),
+        plan: plan::with_polarisation(plan, shared.polarised),
+        centre_for_all,
+        beside: at.beside,
+        costly,
+        view: at.view,
+        poses,
+    })
 }
 
-/// The state of the iteration.
-struct Settling<'a> {
-    batch: &'a Batch,
+/// Pixels with their converged fits.
+struct Found {
+    pixels: Vec<usize>,
+    fits: Vec<PixelFit>,
+}
+
+impl Found {
+    fn of(all: Vec<(usize, PixelFit)>) -> Self {
+        let converged = all.into_iter().filter(|(_, fit)| fit.end == End::Converged);
+        let (pixels, fits) = converged.unzip();
+        Found { pixels, fits }
+    }
+
+    /// Returns some of them, spread over all.
+    fn some(&self) -> Found {
+        let step = self.fits.len().div_ceil(ASKED_MAX).max(1);
+        let pixels = self.pixels.iter().step_by(step).copied();
+        let fits = self.fits.iter().step_by(step).copied();
+        Found {
+            pixels: pixels.collect(),
+            fits: fits.collect(),
+        }
+    }
+}
+
+/// All that a fit of pixels needs besides the pixels and the shared quantities.
+struct Stand<'a> {
     given: &'a Given<'a>,
-    /// Positions of camera and lamp.
-    stand: &'a View,
-    /// The same view; the plan may change which directions pixels use.
+    real: &'a Option<Arc<RealSurface>>,
     view: View,
-    /// Whether a pixel has an amplitude of its own, as on metal.
-    amplitude: bool,
-    /// Largest signal of the sampled pixels.
-    largest: f64,
-    /// The shared quantities before the first round.
-    first: Globals,
-    globals: Globals,
-    poses: Vec<Pose>,
-    integrated: Integrated,
-    costly: Costly,
-    birge: f64,
-    /// Sampled pixels with a usual fit, by their index in the batch.
-    good: Vec<(usize, PixelFit)>,
-    /// The plan, and the error of using the centre's directions.
-    decided: Option<(ComputationPlan, Option<f64>)>,
     beside: Option<Beside>,
-    polarised: bool,
+    integrated: Integrated,
 }
 
-impl<'a> Settling<'a> {
-    fn new(batch: &'a Batch, view: &'a View, given: &'a Given<'a>) -> Result<Self, MapError> {
-        if (0..batch.pixels.len()).all(|index| batch.used(index) == 0) {
-            return Err(MapError::NothingUsable);
-        }
-        let largest = batch.largest();
-        if largest <= 0.0 {
-            return Err(MapError::NothingSeen);
-        }
-        let first = Globals::first(1.0, largest);
-        let poses = poses_at(&first, given.recorded);
-        let integrated = Integrated::default();
-        let costly =
-            costly_at(view, given.material, &poses, 1.0, &integrated).with_real(given.real.clone());
-        let mut settling = Settling {
-            batch,
-            given,
-            stand: view,
-            view: view.clone(),
-            amplitude: View::fits_amplitude(given.material),
-            largest,
-            first,
-            globals: first,
-            poses,
-            integrated,
-            costly,
-            birge: 1.0,
-            good: Vec::new(),
-            decided: None,
-            beside: None,
-            polarised: true,
-        };
-        if settling.is_relative() {
-            let gain = settling.first_gain().ok_or(MapError::NoLobes)?;
-            settling.first = Globals::first(gain, largest);
-        }
-        settling.globals = settling.with_flats(settling.first);
-        Ok(settling)
+impl Stand<'_> {
+    /// Returns the recorded poses with the tilt offset added.
+    fn poses(&self, globals: &Globals) -> Vec<Pose> {
+        let shifted = self.given.recorded.iter().map(|pose| Pose {
+            theta_c: pose.theta_c + globals.tilt_offset,
+            ..*pose
+        });
+        shifted.collect()
     }
 
-    /// Whether there is no white reference.
-    fn is_relative(&self) -> bool {
-        self.given.references.white.is_none()
+    fn costly(&self, poses: &[Pose]) -> Costly {
+        let geometry = poses.iter().map(|pose| self.view.central(*pose));
+        Costly::new(
+            self.given.rig,
+            *self.given.material,
+            poses.to_vec(),
+            geometry.collect(),
+            self.integrated.clone(),
+        )
+        .with_real(self.real.clone())
     }
 
-    fn with_flats(&self, globals: Globals) -> Globals {
-        let references = self.given.references;
-        match &references.white {
-            Some(white) => globals.with_flats(
-                references.flats,
-                white,
-                &self.stand.imaging.rig,
-                self.largest,
-            ),
-            None => globals,
-        }
-    }
-
-    fn run(&self) -> Run<'_> {
-        self.run_with(&self.costly)
-    }
-
-    fn run_with<'b>(&'b self, costly: &'b Costly) -> Run<'b> {
+    fn run<'r>(
+        &'r self,
+        batch: &'r Batch,
+        globals: &'r Globals,
+        poses: &'r [Pose],
+        costly: &'r Costly,
+    ) -> Run<'r> {
         Run {
-            batch: self.batch,
-            globals: &self.globals,
+            batch,
+            globals,
             costly,
             view: &self.view,
-            poses: &self.poses,
+            poses,
             beside: self.beside.as_ref(),
         }
     }
 
-    fn costly_with(&self, coarseness: f64, integrated: &Integrated) -> Costly {
-        let material = self.given.material;
-        costly_at(self.stand, material, &self.poses, coarseness, integrated)
-            .with_real(self.given.real.clone())
+    /// Continues fits with other shared quantities or costly terms.
+    fn fit_on(&self, batch: &Batch, globals: &Globals, found: &Found) -> Vec<PixelFit> {
+        let poses = self.poses(globals);
+        let costly = self.costly(&poses);
+        let starts: Vec<Parameters> = found.fits.iter().map(|fit| fit.p).collect();
+        let run = self.run(batch, globals, &poses, &costly);
+        run.fit(&found.pixels, &starts, 1)
     }
 
-    fn templates(&self) -> Templates {
-        Templates::new(self.costly.geometry(), self.costly.lamp(), self.amplitude)
-    }
-
-    /// Returns the sampled pixels with more observations than unknowns.
-    fn enough(&self) -> impl Iterator<Item = usize> {
-        (0..self.batch.pixels.len()).filter(|index| self.batch.used(*index) > FREE)
-    }
-
-    /// Returns the median amplitude of the best template over the pixels, for data without a white reference.
-    fn first_gain(&self) -> Option<f64> {
-        let (run, templates) = (self.run(), self.templates());
-        let n = self.batch.observations;
-        let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
-        robust::median_of_finite(self.enough().filter_map(|index| {
-            run.read(index, &mut signal, &mut weight);
-            templates.amplitude_of(&signal, &weight)
-        }))
-    }
-
-    /// Returns the pixels that show a lobe, which excludes the mount.
-    fn lobed(&self) -> Result<Vec<usize>, MapError> {
-        let (run, lambert) = (self.run(), lambert(self.costly.geometry()));
-        let shows = |index: &usize| {
-            let dof = self.batch.used(*index) as f64 - 1.0;
-            run.lambert_chi2(*index, &lambert) > dof + LOBE_SIGNIFICANCE
-        };
-        let lobed: Vec<usize> = self.enough().filter(shows).collect();
-        match lobed.is_empty() {
-            true => Err(MapError::NoLobes),
-            false => Ok(lobed),
-        }
-    }
-
-    /// Fits these pixels from every template.
-    fn search(&self, lobed: &[usize]) -> Vec<(usize, PixelFit)> {
-        let run = self.run();
-        let mut fits = run.fit_from_templates(lobed, &self.templates());
-        run.follow_the_best(lobed, &mut fits);
-        lobed.iter().copied().zip(fits).collect()
-    }
-
-    /// Fits the good pixels from their present parameters.
-    fn follow(&self) -> Vec<(usize, PixelFit)> {
-        let chosen: Vec<usize> = self.good.iter().map(|(index, _)| *index).collect();
-        let fits = self.run().fit(&chosen, &self.found(), 1);
-        chosen.into_iter().zip(fits).collect()
-    }
-
-    /// Returns the parameters of the good pixels.
-    fn found(&self) -> Vec<Parameters> {
-        self.good.iter().map(|(_, fit)| fit.p).collect()
-    }
-
-    /// Sets the usual χ² of these fits, and keeps the fits near it.
-    fn keep_the_usual(&mut self, fits: Vec<(usize, PixelFit)>) -> Result<(), MapError> {
-        let reduced = |(_, fit): &(usize, PixelFit)| fit.chi2 / freedom(fit);
-        let left = robust::median_of_finite(fits.iter().map(reduced));
-        let converged: Vec<(usize, PixelFit)> = fits
-            .into_iter()
-            .filter(|(_, fit)| fit.end == End::Converged && identifiable(fit, 1.0))
-            .collect();
-        // There are lobes, but these poses do not determine their parameters.
-        self.birge = robust::median_of_finite(converged.iter().map(reduced))
-            .ok_or(MapError::NothingFitted {
-                poses: self.given.recorded.len(),
-                chi2: left.unwrap_or(f64::INFINITY),
-            })?
-            .max(1.0);
-        // Pixels that straddle two surfaces would bias the shared quantities, so only the usual ones are used.
-        self.good = converged
-            .into_iter()
-            .filter(|one| reduced(one) < 2.5 * self.birge)
-            .collect();
-        Ok(())
-    }
-
-    /// Moves the shared quantities towards the good fits; returns the step.
-    fn step(&mut self) -> [f64; 2] {
-        let prior = match self.is_relative() {
-            true => self.first,
-            false => self.with_flats(self.globals),
-        };
-        let second = match (self.amplitude, self.is_relative()) {
+    /// Moves the shared quantities that the pixels determine better than the references and the fit of the mean, whose values
+    /// are the priors: the tilt offset, the gain without a white reference, and on metal, which has no diffuse light, the
+    /// stray light. Along each, χ² over the pixels, all fitted again, is a parabola.
+    fn refine(
+        &self,
+        batch: &Batch,
+        globals: &mut Globals,
+        good: &Found,
+        birge: f64,
+        is_tilt_known: bool,
+    ) {
+        let second = match (self.given.material, self.given.white) {
             // A metal pixel has an amplitude of its own, which is indistinguishable from the gain.
-            (true, _) => Second::Stray {
-                prior: prior.stray,
-                prior_std: prior.stray_std,
-            },
-            (false, true) => Second::Gain,
-            (false, false) => Second::Nothing,
+            (Material::Conductor { .. }, _) => Some(Which::Stray),
+            (_, None) => Some(Which::Gain),
+            _ => None,
         };
-        let mut next = self.globals;
-        let step = next.step(&self.run(), &self.good, self.birge, second);
-        self.globals = self.with_flats(next);
-        if self.amplitude {
-            self.globals.stray = next.stray;
-            self.globals.stray_std = next.stray_std;
-        }
-        self.poses = poses_at(&self.globals, self.given.recorded);
-        self.costly = self.costly_with(1.0, &self.integrated);
-        step
-    }
-
-    /// Integrates double reflections on the surfaces that represent most pixels; returns false if the plan omits them.
-    fn integrate(&mut self) -> bool {
-        let found = self.found();
-        let centres = Leaders::gather(&found).centres(&found);
-        // The first centres are those of the largest groups.
-        if self.decided.is_none() && !self.decide(&centres[..centres.len().min(PROBED)]) {
-            return false;
-        }
-        let at = |polarised: bool| {
-            Integrated::at(centres.clone(), self.amplitude, |p| {
-                self.costly.lacking(p, polarised)
-            })
-        };
-        let mut integrated = at(true);
-        if !self.amplitude {
-            // In nature the first facet polarises the light that reaches the second one; many renderers omit that on
-            // plastic. The χ² of the pixels decides.
-            let without = at(false);
-            let misses = |integrated: &Integrated| {
-                let costly = self.costly_with(1.0, integrated);
-                self.run_with(&costly).misses(&self.good)
+        let asked = good.some();
+        let prior = *globals;
+        // A tilt offset that the poses do not determine stays as recorded.
+        let first = Some(Which::Tilt).filter(|_| is_tilt_known);
+        for which in [first, second, first, second].into_iter().flatten() {
+            let ((value, std), (mean, least)) = (globals.get(which), prior.get(which));
+            let step = least.min(3.0 * std);
+            let chi2 = |by: f64| -> f64 {
+                let moved = globals.with(which, (value + by * step, std));
+                let fits = self.fit_on(batch, &moved.with_flats(self.given), &asked);
+                let each = fits.iter().map(|fit| fit.chi2).filter(|x| x.is_finite());
+                each.sum::<f64>() + birge * ((value + by * step - mean) / least).powi(2)
             };
-            let polarised = misses(&integrated) <= misses(&without);
-            if !polarised {
-                integrated = without;
-            }
-            self.polarised = polarised;
-        }
-        self.integrated = integrated;
-        self.costly = self.costly_with(1.0, &self.integrated);
-        true
-    }
-
-    /// Decides which terms are omitted, on some surfaces; returns whether double reflections are integrated.
-    fn decide(&mut self, surfaces: &[Parameters]) -> bool {
-        let plan = plan::decide(&self.costly, &self.view, surfaces, self.given.target_error);
-        let near = !self.view.is_telecentric();
-        let cost = near.then(|| plan::centre_for_all(&self.costly, &self.view, surfaces));
-        let included = |decision| plan.on(decision).is_none_or(|choice| choice.included);
-        let integrate = included(Decision::Bounces);
-        let own = included(Decision::PerPixelGeometry);
-        self.view = self.view.clone().with_own_directions(own);
-        if near && own {
-            self.beside = Beside::new(&self.costly, &self.view, surfaces);
-        }
-        self.decided = Some((plan, cost));
-        integrate
-    }
-
-    fn finish(mut self) -> Settled {
-        self.costly = self.costly_with(self.coarseness(), &self.integrated);
-        let found = self.found();
-        let mut leaders = Leaders::gather(&found);
-        leaders.points = leaders.centres(&found);
-        leaders.predict(|p| self.costly.full(p));
-        let shared_std = self.shared_std();
-        let templates = self.templates();
-        let lambert = lambert(self.costly.geometry());
-        let target_error = self.given.target_error;
-        let (plan, centre_for_all) = self.decided.unwrap_or_else(|| {
-            let plan = plan::decide(&self.costly, &self.view, &[], target_error);
-            (plan, None)
-        });
-        Settled {
-            sampled: self.good.len(),
-            globals: self.globals,
-            poses: self.poses,
-            costly: self.costly,
-            leaders,
-            templates,
-            lambert,
-            birge: self.birge,
-            shared_std,
-            view: self.view,
-            plan: plan::with_polarisation(plan, self.polarised),
-            centre_for_all,
-            beside: self.beside,
+            let [below, here, above] = [-1.0, 0.0, 1.0].map(chi2);
+            let least_bend = 2.0 * birge * (step / least).powi(2);
+            let bend = (above + below - 2.0 * here).max(least_bend);
+            let by = (0.5 * (below - above) / bend).clamp(-3.0, 3.0);
+            let std = step * (2.0 * birge / bend).sqrt();
+            let moved = globals.with(which, (value + by * step, std));
+            *globals = moved.with_flats(self.given);
         }
     }
 
-    /// Returns the coarseness that the cells of the costly terms may have: proportional to the fits' uncertainty.
-    fn coarseness(&self) -> f64 {
-        let of_cells = self.good.iter().filter_map(|(_, f)| {
-            let covariance = f.covariance.as_ref()?;
-            Some(2.0 * covariance[0].sqrt() / super::costly::CELL[0])
-        });
-        robust::median_of_finite(of_cells)
-            .unwrap_or(1.0)
-            .clamp(1.0, COARSENESS_MAX)
-    }
-
-    /// Returns the shift of the usual pixel due to the shared quantities and the model error.
-    fn shared_std(&self) -> Option<Parameters> {
-        let run = self.run();
-        let mut all = shared_std(&run, &self.good)?;
-        if let Some(misfit) = shared_misfit(&run, &self.good) {
-            for (std, misfit) in all.iter_mut().zip(misfit) {
-                *std = std.hypot(misfit);
+    /// Returns the median shift of a pixel's parameters by one standard uncertainty of every shared quantity.
+    fn shared_std(&self, batch: &Batch, globals: &Globals, good: &Found) -> Option<Parameters> {
+        let asked = good.some();
+        let here = self.fit_on(batch, globals, &asked);
+        let mut sum = [0.0; FREE];
+        for which in [Which::Gain, Which::Stray, Which::Tilt] {
+            let (value, std) = globals.get(which);
+            let moved = globals.with(which, (value + std, std));
+            let there = self.fit_on(batch, &moved, &asked);
+            for (k, sum) in sum.iter_mut().enumerate() {
+                let pairs = there.iter().zip(&here);
+                let apart = pairs.map(|(a, b)| difference(&a.p, &b.p)[k].abs());
+                *sum += robust::median_of_finite(apart)?.powi(2);
             }
         }
-        Some(all)
+        Some(sum.map(f64::sqrt))
     }
 }
 
-/// Returns the recorded poses with the tilt offset added.
-fn poses_at(globals: &Globals, recorded: &[Pose]) -> Vec<Pose> {
-    let shifted = recorded.iter().map(|pose| Pose {
-        theta_c: pose.theta_c + globals.tilt_offset,
-        ..*pose
-    });
-    shifted.collect()
+/// Returns the surfaces of converged fits without those that are nearly equal to an earlier one.
+fn distinct(fits: &[PixelFit]) -> Vec<Parameters> {
+    let mut found: Vec<Parameters> = Vec::new();
+    for fit in fits.iter().filter(|fit| fit.end == End::Converged) {
+        if found.iter().all(|p| distance(p, &fit.p) > ALIKE) {
+            found.push(fit.p);
+        }
+    }
+    found
 }
 
-fn costly_at(
-    stand: &View,
-    material: &Material,
-    poses: &[Pose],
-    coarseness: f64,
-    integrated: &Integrated,
-) -> Costly {
-    let geometry = poses.iter().map(|pose| stand.central(*pose));
-    Costly::new(
-        stand.imaging.rig,
-        *material,
-        poses.to_vec(),
-        geometry.collect(),
-        coarseness,
-        integrated.clone(),
-    )
+/// Returns the pixels that show a lobe, which excludes the mount.
+fn lobed(run: &Run<'_>) -> Vec<usize> {
+    let matte = Starts::matte(run.costly.geometry());
+    let n = run.batch.observations;
+    let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
+    let shows = |index: &usize| {
+        let used = run.batch.used(*index);
+        run.read(*index, &mut signal, &mut weight);
+        let least = used as f64 - 1.0 + LOBE_SIGNIFICANCE;
+        let best = matte.best(&signal, &weight);
+        used > FREE && best.is_some_and(|(_, chi2)| chi2 > least)
+    };
+    (0..run.batch.pixels.len()).filter(shows).collect()
+}
+
+/// Fits the chosen pixels from the best leader of each; returns the usual ones and their χ² per degree of freedom.
+fn usual(run: &Run<'_>, chosen: &[usize], leaders: &Starts) -> Result<(Found, f64), MapError> {
+    let fits = run.fit_from(chosen, std::slice::from_ref(leaders));
+    let reduced = |fit: &PixelFit| fit.chi2 / freedom(fit);
+    let left = robust::median_of_finite(fits.iter().map(reduced));
+    let mut all: Vec<(usize, PixelFit)> = chosen.iter().copied().zip(fits).collect();
+    all.retain(|(_, fit)| fit.end == End::Converged && fit.is_identifiable(1.0));
+    // There are lobes, but these poses do not determine their parameters.
+    let birge = robust::median_of_finite(all.iter().map(|(_, fit)| reduced(fit)))
+        .ok_or(MapError::NothingFitted {
+            poses: run.poses.len(),
+            chi2: left.unwrap_or(f64::INFINITY),
+        })?
+        .max(1.0);
+    // Pixels that straddle two surfaces would bias the shared quantities.
+    all.retain(|(_, fit)| reduced(fit) < 2.5 * birge);
+    Ok((Found::of(all), birge))
 }

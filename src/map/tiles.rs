@@ -6,14 +6,14 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
-use super::kernel::{FREE, Parameters};
+use super::kernel::FREE;
 use super::layers::{Answer, FEW_OBSERVATIONS, Layers, NOT_IDENTIFIABLE};
 use super::planes::Planes;
 use super::run::{Batch, Run, better, freedom, usual_chi2_max};
 use super::settle::{LOBE_SIGNIFICANCE, Settled};
-use super::solve::End;
-use super::start::{self, lambert_chi2};
-use super::{MapError, Progress, REFRESHES, Stage, doubt};
+use super::solve::{End, PixelFit};
+use super::start::QUARTERS;
+use super::{MapError, Progress, Stage};
 use crate::shard::Shard;
 
 /// Number of tiles and of pixels from which the shared quantities are determined.
@@ -119,15 +119,14 @@ pub(super) fn spread_out(count: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Fits the pixels of a batch that show a lobe; those that no leader fits start again from templates. Returns the
+/// Fits the pixels of a batch that show a lobe; those that no leader fits start again from every quarter turn. Returns the
 /// results and the evaluations spent.
 fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, f64) {
     let amplitude = settled.costly.is_amplitude();
     let birge = settled.birge;
     let n = run.batch.observations;
     let mut answers: Vec<Answer> = Vec::with_capacity(run.batch.pixels.len());
-    let (mut chosen, mut starts): (Vec<usize>, Vec<Parameters>) = (Vec::new(), Vec::new());
-    let mut mattes = Vec::new();
+    let (mut chosen, mut mattes) = (Vec::new(), Vec::new());
     let (mut signal, mut weight) = (vec![0.0; n], vec![0.0; n]);
     for index in 0..run.batch.pixels.len() {
         let used = run.batch.used(index);
@@ -138,40 +137,31 @@ fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, f64) {
         answers.push(Answer::none(NOT_IDENTIFIABLE, used));
         // A pixel that a matte surface explains is not fitted.
         run.read(index, &mut signal, &mut weight);
-        let matte = lambert_chi2(&signal, &weight, &settled.lambert);
-        if matte <= birge * (used as f64 - 1.0 + LOBE_SIGNIFICANCE) {
-            continue;
-        }
-        if let Some((start, _)) = settled.leaders.best(&signal, &weight) {
+        if let Some((_, matte)) = settled.matte.best(&signal, &weight)
+            && matte > birge * (used as f64 - 1.0 + LOBE_SIGNIFICANCE)
+        {
             chosen.push(index);
-            starts.push(start);
             mattes.push(matte);
         }
     }
-    let mut fits = run.fit(&chosen, &starts, REFRESHES);
+    let mut fits = run.fit_from(&chosen, std::slice::from_ref(&settled.leaders));
+    let mut spent: f64 = fits.iter().map(|f| f64::from(f.evaluations)).sum();
+    let is_doubtful = |fit: &PixelFit| {
+        let freedom = freedom(fit);
+        fit.end != End::Converged
+            || fit.covariance.is_none()
+            || fit.chi2 / freedom > birge * usual_chi2_max(freedom)
+    };
     let doubtful: Vec<usize> = (0..fits.len())
-        .filter(|at| {
-            let fit = &fits[*at];
-            let freedom = freedom(fit);
-            fit.end != End::Converged
-                || fit.covariance.is_none()
-                || fit.chi2 / freedom > birge * usual_chi2_max(freedom)
-        })
+        .filter(|at| is_doubtful(&fits[*at]))
         .collect();
     let again: Vec<usize> = doubtful.iter().map(|at| chosen[*at]).collect();
-    let mut spent: f64 = fits.iter().map(|f| f64::from(f.evaluations)).sum();
-    if !again.is_empty() {
-        for (at, fit) in doubtful
-            .iter()
-            .zip(run.fit_from_templates(&again, &settled.templates))
-        {
-            spent += f64::from(fit.evaluations) * start::QUARTERS as f64;
-            if better(&fit, &fits[*at]) {
-                fits[*at] = fit;
-            }
+    for (at, fit) in doubtful.iter().zip(run.fit_from(&again, &settled.quarters)) {
+        spent += f64::from(fit.evaluations) * QUARTERS as f64;
+        if better(&fit, &fits[*at]) {
+            fits[*at] = fit;
         }
     }
-    spent += doubt::look_again(run, settled, &chosen, &starts, &mut fits);
     for ((index, fit), matte) in chosen.iter().zip(&fits).zip(mattes) {
         let mut answer = Answer::of(fit, birge, n, amplitude);
         if matte - fit.chi2 < birge * LOBE_SIGNIFICANCE {

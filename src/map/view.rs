@@ -129,6 +129,12 @@ impl View {
             .pixel(self.turned(pose, place_mm), pose.theta_c)
     }
 
+    /// Returns directions in the rig's frame and relative irradiance at a pose and a point of the sample.
+    pub(super) fn seen(&self, pose: Pose, place_mm: [f64; 2]) -> (Directions, f64) {
+        let place = self.turned(pose, place_mm);
+        self.imaging.at(place, pose.theta_c)
+    }
+
     /// Returns the geometry in the sample's frame at a true pose, at the centre of tilt.
     pub(super) fn central(&self, pose: Pose) -> Geometry {
         telecentric(&self.imaging.rig, pose, self.fresnel)
@@ -140,7 +146,7 @@ impl View {
         if self.is_telecentric() {
             return self.central(pose);
         }
-        let (d, _) = self.imaging.at(self.turned(pose, place_mm), pose.theta_c);
+        let (d, _) = self.seen(pose, place_mm);
         let cos_half = 0.5 * (d.incident + d.outgoing).norm();
         let fresnel = fresnel::reflectance(cos_half, self.index.0, self.index.1);
         in_sample(&self.imaging.rig, pose, &d, fresnel)
@@ -152,7 +158,7 @@ impl View {
         if !self.is_unevenly_lit() {
             return 1.0;
         }
-        self.imaging.at(self.turned(pose, place_mm), pose.theta_c).1
+        self.seen(pose, place_mm).1
     }
 
     /// Whether the irradiance varies over the field.

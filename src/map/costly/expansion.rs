@@ -9,18 +9,14 @@ pub(super) struct Expansion {
     pub(super) basis: Vec<f64>,
     /// Derivatives of the offset, per parameter.
     pub(super) slopes: [Vec<f64>; FREE],
-    /// ∂L/∂θc.
-    pub(super) tilt: Vec<f64>,
 }
 
 /// One cell's expansion, stored compactly and contiguously: there are many cells, and the time to fetch them from
 /// memory dominates. Single precision is 6e-8 of an offset.
-pub(in crate::map) struct Cell {
+pub(super) struct Cell {
     pub(super) centre: Parameters,
     /// Offset, B, and the offset's slopes, concatenated.
     pub(super) numbers: Vec<f32>,
-    /// ∂L/∂θc, for the tilt offset.
-    pub(in crate::map) tilt: Vec<f64>,
 }
 
 impl From<Expansion> for Cell {
@@ -29,7 +25,6 @@ impl From<Expansion> for Cell {
         Cell {
             centre: full.centre,
             numbers: columns.flatten().map(|x| *x as f32).collect(),
-            tilt: full.tilt,
         }
     }
 }

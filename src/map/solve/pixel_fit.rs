@@ -1,12 +1,16 @@
 //! One pixel's fit, and the bounds of its parameters.
 
-use crate::map::kernel::{FREE, PACKED, Parameters};
+use crate::map::kernel::{FREE, PACKED, Parameters, packed};
 
 /// Lower bounds; ψ has none.
 pub(in crate::map) const LOWER: [f64; FREE] = [0.0, f64::NEG_INFINITY, -6.9, -6.9, 0.0];
 /// Upper bounds: 75°, α = 1, ρd = 1. The bound of an amplitude is [`AMPLITUDE_MAX`].
 pub(in crate::map) const UPPER: [f64; FREE] = [1.309, f64::INFINITY, 0.0, 0.0, 1.0];
 pub(in crate::map) const AMPLITUDE_MAX: f64 = 20.0;
+
+/// Largest standard uncertainties of determined parameters: θr 2°, ln α 0.3.
+const THETA_R_STD_MAX_RAD: f64 = 0.035;
+const LN_ALPHA_STD_MAX: f64 = 0.3;
 
 /// How a pixel's fit ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,6 +37,15 @@ pub(in crate::map) struct PixelFit {
 }
 
 impl PixelFit {
+    /// Whether it determines all parameters, at a usual χ² per degree of freedom.
+    pub(in crate::map) fn is_identifiable(&self, birge: f64) -> bool {
+        let Some(covariance) = &self.covariance else {
+            return false;
+        };
+        let std = |k: usize| (birge * covariance[packed(k, k)]).sqrt();
+        std(0) < THETA_R_STD_MAX_RAD && std(2) < LN_ALPHA_STD_MAX && std(3) < LN_ALPHA_STD_MAX
+    }
+
     /// Whether αu, αv or the fifth parameter is at a bound, or θr at its upper one.
     pub(in crate::map) fn at_bound(&self, amplitude: bool) -> bool {
         let upper = upper(amplitude);
