@@ -237,7 +237,7 @@ impl Run<'_> {
         let walk = |way: Way, starts: &[Parameters]| {
             let (observations, geometry) = match way {
                 Way::There => (few.len(), self.costly.few_geometry()),
-                Way::Whole | Way::Rest => (self.batch.observations, self.costly.geometry()),
+                Way::Whole => (self.batch.observations, self.costly.geometry()),
             };
             let pixels = Chosen {
                 run: self,
@@ -269,7 +269,7 @@ impl Run<'_> {
                 End::TooFew => *start,
             })
             .collect();
-        let mut fits = walk(Way::Rest, &near);
+        let mut fits = walk(Way::Whole, &near);
         let share = few.len() as f32 / self.batch.observations as f32;
         for (fit, there) in fits.iter_mut().zip(&there) {
             fit.evaluations += share * there.evaluations;

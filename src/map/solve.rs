@@ -28,18 +28,11 @@ use step::step;
 const ROW: usize = 3;
 /// A descent is over if the step after the next would lower the cost by less than this share of 1 + cost.
 const CONVERGED: f64 = 1e-6;
-/// As [`CONVERGED`], for recomputing the costly terms near the minimum.
-const NEAR: f64 = 1e-2;
-/// As [`NEAR`], on metal.
-const NEAR_ON_METAL: f64 = 1e-3;
 /// As [`CONVERGED`], for a subset of the observations: it determines the minimum of all only to some standard
 /// deviations.
 const OPEN: f64 = 0.1;
-/// Number of first steps after which the costly terms are recomputed, so that the descent does not first converge to
-/// the kernel's own minimum.
-const EARLY: u16 = 2;
-/// Squared distance, in standard deviations, from where the costly terms were computed beyond which a descent does
-/// not end. The terms change by a few percent of the signal's change.
+/// Squared distance, in standard deviations, from where the costly terms were computed beyond which a descent that
+/// converged recomputes them and goes on. The terms change by a few percent of the signal's change.
 const STALE2: f64 = 1.0;
 /// Evaluations after which a descent is abandoned.
 const EVALUATIONS_MAX: u16 = 80;
@@ -70,12 +63,10 @@ pub(super) trait Pixels: Sync {
 /// The part of a descent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Way {
-    /// The whole descent, from any start.
+    /// All of it, from any start.
     Whole,
     /// With a subset of the observations, as far as it determines the minimum; the fit's parameters are the next start.
     There,
-    /// From the end of [`Way::There`].
-    Rest,
 }
 
 /// Inputs that all pixels share.
@@ -213,7 +204,7 @@ impl<'a> Table<'a> {
             let used = self.column.iter().filter(|w| **w > 0.0).count();
             let least = match self.job.way {
                 Way::There => 2 * FREE,
-                Way::Whole | Way::Rest => FREE,
+                Way::Whole => FREE,
             };
             if used <= least {
                 fits[pixel] = PixelFit {
@@ -244,12 +235,7 @@ impl<'a> Table<'a> {
                 gain: 0.0,
                 taken_at: start,
             });
-            let size = if self.job.amplitude || self.job.way == Way::Rest {
-                Size::Usual
-            } else {
-                Size::Large
-            };
-            self.refresh(lane, &start, size);
+            self.refresh(lane, &start);
             self.begin_at(lane, &start);
             return;
         }
@@ -260,7 +246,11 @@ impl<'a> Table<'a> {
     }
 
     /// Computes the costly terms at `p`.
-    fn refresh(&mut self, lane: usize, p: &Parameters, size: Size) {
+    fn refresh(&mut self, lane: usize, p: &Parameters) {
+        let size = match self.job.way {
+            Way::Whole => Size::Usual,
+            Way::There => Size::Large,
+        };
         let (offset, basis) = (&mut self.offset, &mut self.column);
         self.job
             .pixels
@@ -350,45 +340,34 @@ impl<'a> Table<'a> {
         self.slots[lane] = Some(slot);
         let converged = cost.is_finite() && next_gain <= CONVERGED * (1.0 + cost);
         let stalled = lambda > 1e7 || !cost.is_finite() || slot.evaluations >= EVALUATIONS_MAX;
-        // On metal the costly terms are a large part of the light: there the descent to the kernel's own minimum is the
-        // robust one, and all recomputations are done.
-        let careful = self.job.amplitude;
+        let trial = std::array::from_fn(|k| self.get(TRIAL + k, lane));
         if self.job.way == Way::There {
-            self.look_on_the_way(lane, gain <= OPEN * (1.0 + cost), stalled, fits);
+            let open = gain <= OPEN * (1.0 + cost);
+            if open || stalled {
+                fits[slot.pixel] = PixelFit {
+                    p: if open { trial } else { self.parameters(lane) },
+                    evaluations: f32::from(slot.evaluations),
+                    end: End::Converged,
+                    ..fits[slot.pixel]
+                };
+                self.refill(lane, fits);
+            }
             return;
         }
-        let near = if careful { NEAR_ON_METAL } else { NEAR };
-        let early = !careful && slot.evaluations <= EARLY && gain > near * (1.0 + cost);
-        let first = slot.refreshes_left == self.job.refreshes && self.job.way == Way::Whole;
-        let stale = slot.refreshes_left > 0
-            && if first || careful {
-                // A descent may reach the minimum from a distance in one step.
-                converged || gain <= near * (1.0 + cost)
-            } else {
-                converged && self.moved2(lane, &slot.taken_at) > STALE2
-            };
-        if (stale || early && self.job.refreshes > 0) && !stalled {
-            // At the next trial, so that no evaluation is lost. Near the minimum its cost cannot be compared with the
-            // last one; far from it the change of the terms is much smaller than the gain of a step.
-            if stale {
-                slot.refreshes_left -= 1;
-                slot.cost = f64::INFINITY;
-                slot.gain = 0.0;
-                self.set(COST, lane, f64::INFINITY);
-            }
+        let is_stale =
+            converged && slot.refreshes_left > 0 && self.moved2(lane, &slot.taken_at) > STALE2;
+        if is_stale && !stalled {
+            // At the next trial, so that no evaluation is lost; its cost cannot be compared with the last one.
+            slot.refreshes_left -= 1;
+            slot.cost = f64::INFINITY;
+            slot.gain = 0.0;
+            self.set(COST, lane, f64::INFINITY);
             self.slots[lane] = Some(slot);
-            let trial = std::array::from_fn(|k| self.get(TRIAL + k, lane));
-            let size = if stale || self.job.way == Way::Rest {
-                Size::Usual
-            } else {
-                Size::Large
-            };
-            self.refresh(lane, &trial, size);
+            self.refresh(lane, &trial);
         } else if converged || stalled {
             let normal: [f64; PACKED] = std::array::from_fn(|k| self.get(NORMAL + k, lane));
             // The last step is taken without an evaluation.
             let (p, chi2) = if converged {
-                let trial = std::array::from_fn(|k| self.get(TRIAL + k, lane));
                 (trial, (cost - gain).max(0.0))
             } else {
                 (self.parameters(lane), cost)
@@ -406,25 +385,6 @@ impl<'a> Table<'a> {
                 },
             };
             self.refill(lane, fits);
-        }
-    }
-
-    /// As [`Self::look`], for a subset of the observations: ends as soon as these no longer determine the minimum.
-    fn look_on_the_way(&mut self, lane: usize, open: bool, stalled: bool, fits: &mut [PixelFit]) {
-        let Some(slot) = self.slots[lane] else {
-            return;
-        };
-        let trial = std::array::from_fn(|k| self.get(TRIAL + k, lane));
-        if open || stalled {
-            fits[slot.pixel] = PixelFit {
-                p: if open { trial } else { self.parameters(lane) },
-                evaluations: f32::from(slot.evaluations),
-                end: End::Converged,
-                ..fits[slot.pixel]
-            };
-            self.refill(lane, fits);
-        } else if slot.evaluations <= EARLY && self.job.refreshes > 0 {
-            self.refresh(lane, &trial, Size::Large);
         }
     }
 }
