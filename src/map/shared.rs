@@ -210,6 +210,8 @@ fn real_surface(report: &FitReport, set: &ObservationSet) -> Option<Arc<RealSurf
         translucency: value(&p.translucency),
         tail: gamma.map_or(0.0, |gamma| 1.0 / (gamma - 1.0)),
         crest: value(&p.crest_radius),
+        // A pixel's lobe is that of ridges without lands.
+        land: 0.0,
     };
     let well_met = report.rms_residual.is_some_and(|rms| rms < WELL_MET);
     if real == Real::NONE || !well_met {
