@@ -62,7 +62,10 @@ pub enum FrameError {
     #[error("the file is not a readable PNG: {0}")]
     Unreadable(#[from] png::DecodingError),
     /// A damaged or truncated TIFF, or an unsupported one.
-    #[error("the file is not a readable TIFF: {0}")]
+    #[error(
+        "the file is not a readable TIFF: {0}; it is damaged, or packed in a way that is not read here: save it without compression, or \
+         with deflate"
+    )]
     UnreadableTiff(String),
     /// Neither PNG nor TIFF.
     #[error(

@@ -1,9 +1,10 @@
 //! Text for people, in one form for all tables and messages: counts with their noun, values with their significant
 //! digits, names of quantities ([`names`]), lines as wide as a terminal ([`layout`]), differences between two settings
 //! ([`differences`]); and readers that report errors in plain words: JSON ([`json`]), TOML ([`toml_text`]) and tables of
-//! spreadsheets ([`sheet`]).
+//! spreadsheets ([`sheet`], in the encodings of [`encoding`]).
 
 pub mod differences;
+pub mod encoding;
 pub mod json;
 pub mod layout;
 pub mod names;

@@ -114,22 +114,34 @@ pub(super) fn of_points(names: &[String]) -> Result<[Option<f64>; 3], String> {
     }
 }
 
-/// The places of the columns of a profile (v, z) or of points (x, y, z) in a row of names; `None` if the names do not state
-/// each of them once.
+/// The unit, µm, in the name of a single column.
+///
+/// # Errors
+/// The unit is unsupported.
+pub(super) fn of_single(names: &[String]) -> Result<Option<f64>, String> {
+    match names {
+        [name] => of_name(name),
+        _ => Ok(None),
+    }
+}
+
+/// The places of the columns of points (x, y, z) or of a profile (v, z) in a row of names, which may
+/// have further columns; `None` if the names do not state each of them once.
 pub(super) fn order_of(names: &[String]) -> Option<Vec<usize>> {
-    let wanted: &[&[&str]] = match names.len() {
-        2 => &[&["v", "x", "y", "position"], &["z", "height"]],
-        3 => &[&["x"], &["y"], &["z", "height"]],
-        _ => return None,
-    };
+    const POINTS: [&[&str]; 3] = [&["x"], &["y"], &["z", "height"]];
+    const PROFILE: [&[&str]; 2] = [&["v", "x", "y", "position"], &["z", "height"]];
     let bare = |name: &String| {
         let lower = name.trim().to_lowercase();
         let end = lower.find(|c: char| !c.is_alphanumeric());
         lower[..end.unwrap_or(lower.len())].to_owned()
     };
     let bare: Vec<String> = names.iter().map(bare).collect();
-    let place = |known: &&[&str]| bare.iter().position(|name| known.contains(&name.as_str()));
-    wanted.iter().map(place).collect()
+    let place = |known: &&[&str]| {
+        let mut places = (0..bare.len()).filter(|n| known.contains(&bare[*n].as_str()));
+        places.next().filter(|_| places.next().is_none())
+    };
+    let all = |wanted: &[&[&str]]| -> Option<Vec<usize>> { wanted.iter().map(place).collect() };
+    all(&POINTS).or_else(|| all(&PROFILE))
 }
 
 /// The unit in a word that contains only a unit, bare or in brackets.

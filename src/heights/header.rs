@@ -151,6 +151,22 @@ const STEP: &[&str] = &[
     "cell size",
     "taille du pixel",
 ];
+/// Keys of the size along rows and columns, as in `Scan size: 400 x 64 µm`, or of both alike.
+const SIZE: &[&str] = &[
+    "scan size",
+    "scan range",
+    "image size",
+    "size",
+    "field size",
+    "field of view",
+    "fov",
+    "scan area",
+    "map size",
+    "measured area",
+    "scangröße",
+    "bildgröße",
+    "messfeld",
+];
 /// Keys of the unit of the heights.
 const VALUE: &[&str] = &[
     "value units",
@@ -286,6 +302,24 @@ impl Header {
             }
             return Ok(um > 0.0);
         }
+        if is(SIZE)
+            && let Some((first, second)) = value.split_once(['x', '×', '*'])
+        {
+            let (Some(a), Some(b)) = (self::quantity(first), self::quantity(second)) else {
+                return Ok(false);
+            };
+            let unit = [b.1, a.1, unit_of_key.as_str()];
+            let unit = unit.into_iter().find(|unit| !unit.is_empty());
+            // The numbers of points have no unit, or that of a picture.
+            let Some(unit) = unit.filter(|unit| !is_of_pixels(unit)) else {
+                return Ok(true);
+            };
+            let um = known(unit).ok_or_else(|| format!("{key}: {}", unknown(unit)))?;
+            if a.0 > 0.0 && b.0 > 0.0 {
+                self.size = [Some((a.0, Some(um))), Some((b.0, Some(um)))];
+            }
+            return Ok(true);
+        }
         let (sides, into) = match () {
             () if is(WIDTH) => (0..1, &mut self.size),
             () if is(HEIGHT) => (1..2, &mut self.size),
@@ -304,9 +338,7 @@ impl Header {
             unit
         };
         // A number of samples does not state their spacing.
-        let lower = unit.to_lowercase();
-        if lower.starts_with("pix") || ["px", "points", "pts", "samples"].contains(&lower.as_str())
-        {
+        if is_of_pixels(unit) {
             return Ok(true);
         }
         let um = match unit {
@@ -342,6 +374,12 @@ impl Header {
     pub fn value_um(&self) -> Option<f64> {
         self.value_um
     }
+}
+
+/// Whether a unit counts samples.
+fn is_of_pixels(unit: &str) -> bool {
+    let lower = unit.to_lowercase();
+    lower.starts_with("pix") || ["px", "points", "pts", "samples"].contains(&lower.as_str())
 }
 
 /// Splits a line at its colon or equals sign, otherwise at its first separator.
@@ -428,6 +466,12 @@ mod tests {
             &["Pixel size (µm): 1,0", "Unit: m"],
             &["Lateral resolution,1.0,um", "Z units,m"],
             &["XY unit: µm", "Width: 400", "Height: 64", "Z-Unit: m"],
+            &[
+                "Scan size: 400 x 64 µm",
+                "Image size: 400 x 64 pixels",
+                "Unit: m",
+            ],
+            &["Field of view [mm] = 0,4 × 0,064", "Unit: m"],
             &["pixel_size_um = 1", "z_scale = 1e6 µm"],
             &[
                 "X-Schrittweite: 1,0 \u{3bc}m",

@@ -4,25 +4,14 @@
 use crate::wording::{counted, significant};
 
 /// Words for a missing point, in lower case.
-const WORDS: [&str; 34] = [
-    "",
-    "nan",
+const WORDS: [&str; 19] = [
     "bad",
     "na",
     "n/a",
-    "#n/a",
-    "#nv",
     "null",
     "nul",
     "none",
     "nil",
-    "-",
-    "--",
-    "---",
-    "*",
-    "**",
-    "***",
-    "****",
     "invalid",
     "missing",
     "void",
@@ -31,14 +20,10 @@ const WORDS: [&str; 34] = [
     "no data",
     "undef",
     "undefined",
-    "-nan",
-    "nan(ind)",
-    "-nan(ind)",
-    "1.#qnan",
-    "-1.#qnan",
-    "1.#ind",
-    "-1.#ind",
-    "1.#inf",
+    "over",
+    "ovr",
+    "out of range",
+    "not measured",
 ];
 /// Numbers that programs write for a missing point.
 const NUMBERS: [f64; 16] = [
@@ -82,7 +67,17 @@ pub(crate) enum Kind {
 /// Whether a word marks a missing point.
 pub(crate) fn is_mark(word: &str) -> bool {
     let word = word.trim().to_lowercase();
-    WORDS.contains(&word.as_str()) || word.parse().is_ok_and(|x: f64| !x.is_finite())
+    // Blank, or only marks, as in `--`, `***` and `?`.
+    if !word.contains(char::is_alphanumeric) {
+        return true;
+    }
+    let unsigned = word.trim_start_matches(['-', '+']);
+    // What C prints for numbers that are not finite: `nan(ind)`, `1.#QNAN0`; and the errors of
+    // spreadsheets in any language: `#N/A`, `#NV`, `#DIV/0!`.
+    let is_error = |start: &str| unsigned.starts_with(start) && !unsigned.contains(' ');
+    WORDS.contains(&word.as_str())
+        || ["nan(", "1.#", "#"].into_iter().any(is_error)
+        || unsigned.parse().is_ok_and(|x: f64| !x.is_finite())
 }
 
 /// The lowest or the highest number.
@@ -248,11 +243,31 @@ mod tests {
     #[test]
     fn words_for_missing_points_are_distinguished_from_numbers_and_names() {
         for word in [
-            "", "NaN", "Bad", "BAD", "#N/A", "-1.#IND", "inf", "-", "***", "No Data",
+            "",
+            "NaN",
+            "Bad",
+            "BAD",
+            "#N/A",
+            "-1.#IND",
+            "inf",
+            "-",
+            "***",
+            "No Data",
+            "*****",
+            "?",
+            "#####",
+            "#DIV/0!",
+            "#WERT!",
+            "-nan(0x8000000000000)",
+            "1.#QNAN0",
+            "-Infinity",
+            "OVER",
         ] {
             assert!(is_mark(word), "{word}");
         }
-        for word in ["x", "1.5", "height", "0"] {
+        for word in [
+            "x", "1.5", "height", "0", "name", "nano", "info", "# height", "3*4",
+        ] {
             assert!(!is_mark(word), "{word}");
         }
     }

@@ -8,6 +8,7 @@
 
 mod archive;
 mod column_units;
+mod groupings;
 mod header;
 pub(crate) mod missing;
 mod points;
@@ -16,6 +17,7 @@ mod sdf;
 mod table;
 mod text;
 mod tiff;
+mod tiff_scale;
 mod x3p;
 
 use crate::trace::scene::HeightMap;

@@ -4,8 +4,9 @@
 
 use super::check_size;
 use super::missing::{Kind, is_mark, mark};
-use super::text::{number, text_of};
+use super::text::number;
 use crate::trace::scene::{HeightMap, MapUnits};
+use crate::wording::encoding::{quoted, text_of};
 
 /// First letters of the four kinds.
 const KINDS: [&[u8; 4]; 4] = [b"aISO", b"aBCR", b"bISO", b"bBCR"];
@@ -17,7 +18,10 @@ const BINARY: usize = 81;
 pub(super) fn is_one(content: &[u8]) -> bool {
     let content = content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content);
     let start = content.trim_ascii_start();
-    KINDS.iter().any(|kind| start.starts_with(&kind[..]))
+    let kind = start.get(..4).unwrap_or_default();
+    KINDS
+        .iter()
+        .any(|known| kind.eq_ignore_ascii_case(&known[..]))
 }
 
 /// The header's contents.
@@ -76,8 +80,8 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let content = content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content);
     let content = content.trim_ascii_start();
     match content.first() {
-        Some(b'a') => text(content, most),
-        Some(b'b') => binary(content, most),
+        Some(b'a' | b'A') => text(content, most),
+        Some(b'b' | b'B') => binary(content, most),
         _ => Err(
             "this is not an SDF file of ISO 25178-71: it must begin with aISO, aBCR, bISO or bBCR"
                 .to_owned(),
@@ -87,12 +91,19 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
 
 fn text(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let text = text_of(content)?;
-    let mut sections = text.splitn(3, '*');
-    let (head, data) = (sections.next().unwrap_or_default(), sections.next());
-    let data =
-        data.ok_or("the header of this SDF file does not end: a line with only * must follow it")?;
+    // Lines with only * part header, heights and trailer; a text of the header may contain it, too.
+    let is_end = |line: &&str| line.trim() == "*";
+    let Some(length) = text.lines().position(|line| is_end(&line)) else {
+        return Err(
+            "the header of this SDF file does not end: a line with only * must follow it"
+                .to_owned(),
+        );
+    };
+    let head: Vec<&str> = text.lines().take(length).collect();
+    let data = text.lines().skip(length + 1);
+    let data = data.take_while(|line| !is_end(line));
     let value = |name: &str| -> Result<f64, String> {
-        let lines = head.lines().filter_map(|line| line.split_once('='));
+        let lines = head.iter().filter_map(|line| line.split_once('='));
         let found = lines.filter(|(key, _)| key.trim().eq_ignore_ascii_case(name));
         let mut words = found.map(|(_, value)| value.split(';').next().unwrap_or_default().trim());
         let word = words
@@ -116,14 +127,16 @@ fn text(content: &[u8], most: usize) -> Result<HeightMap, String> {
     )?;
     let count = header.columns * header.rows;
     let mut heights = Vec::with_capacity(count);
-    for word in data.split_whitespace() {
-        heights.push(match number(word.trim_matches(['\0', ';'])) {
+    let words = data.flat_map(|line| line.split(|c: char| c.is_whitespace() || "\0;*".contains(c)));
+    for word in words.filter(|word| !word.is_empty()) {
+        heights.push(match number(word) {
             Some(height) => height,
             None if is_mark(word) => f64::NAN,
             None => {
                 return Err(format!(
-                    "height {} of this SDF file is {word:?}: expected a number or BAD",
-                    heights.len() + 1
+                    "height {} of this SDF file is {}: expected a number or BAD",
+                    heights.len() + 1,
+                    quoted(word)
                 ));
             }
         });
@@ -150,21 +163,7 @@ fn binary(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let Some((head, data)) = content.split_at_checked(BINARY) else {
         return Err("the header of this SDF file is truncated: expected 81 bytes".to_owned());
     };
-    let u16_at = |at: usize| f64::from(u16::from_le_bytes([head[at], head[at + 1]]));
-    let f64_at = |at: usize| {
-        let mut bytes = [0; 8];
-        bytes.copy_from_slice(&head[at..at + 8]);
-        f64::from_le_bytes(bytes)
-    };
-    let header = SdfHeader::of(
-        [u16_at(42), u16_at(44)],
-        [f64_at(46), f64_at(54), f64_at(62)],
-        most,
-    )?;
     let (compression, kind) = (head[78], head[79]);
-    if compression != 0 {
-        return Err("this SDF file is compressed: save it without compression".to_owned());
-    }
     let width = match kind {
         0 | 4 => 1,
         1 | 5 => 2,
@@ -176,6 +175,33 @@ fn binary(content: &[u8], most: usize) -> Result<HeightMap, String> {
             ));
         }
     };
+    let u16_at = |at: usize| [head[at], head[at + 1]];
+    let f64_at = |at: usize| {
+        let mut bytes = [0; 8];
+        bytes.copy_from_slice(&head[at..at + 8]);
+        bytes
+    };
+    let (counts, scales) = ([42, 44].map(u16_at), [46, 54, 62].map(f64_at));
+    // The standard has the lowest byte first. A program that wrote the other order shows by the length.
+    let bytes_of = |order: fn([u8; 2]) -> u16| {
+        let points = counts.map(|count| usize::from(order(count)));
+        points[0] * points[1] * width
+    };
+    if bytes_of(u16::from_le_bytes) != data.len() && bytes_of(u16::from_be_bytes) == data.len() {
+        return Err(
+            "the numbers of this SDF file have the highest byte first, but ISO 25178-71 has the lowest byte first: save it as text \
+             (aISO-1.0)"
+                .to_owned(),
+        );
+    }
+    let header = SdfHeader::of(
+        counts.map(|count| f64::from(u16::from_le_bytes(count))),
+        scales.map(f64::from_le_bytes),
+        most,
+    )?;
+    if compression != 0 {
+        return Err("this SDF file is compressed: save it without compression".to_owned());
+    }
     let count = header.columns * header.rows;
     if data.len() < width * count {
         return Err(format!(
@@ -220,6 +246,9 @@ mod tests {
             TEXT.to_owned(),
             TEXT.replace("aBCR", "aISO").replace('\n', "\r\n"),
             TEXT.replace(".0e", ",0e"),
+            TEXT.replace("aBCR", "AISO").to_uppercase(),
+            TEXT.replace("= test", "= test*instruments"),
+            TEXT.replace("1 2 3 4", "1;2;3;4"),
             TEXT.replace(" = ", "="),
         ] {
             // The name's extension is irrelevant.
@@ -272,6 +301,10 @@ mod tests {
                 .unwrap_err()
                 .contains("damaged")
         );
+        let mut swapped = file(5, &words);
+        swapped[42..46].copy_from_slice(&[0, 3, 0, 2]);
+        let why = read("map.sdf", &swapped).unwrap_err();
+        assert!(why.contains("highest byte first"), "{why}");
         assert!(
             read("map.sdf", &file(9, &words))
                 .unwrap_err()

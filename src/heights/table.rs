@@ -3,14 +3,14 @@
 
 use std::borrow::Cow;
 
+use super::groupings::{GROUPED_COLUMNS, Groupings};
 use super::header::Header;
 use super::missing::{Kind, is_mark, mark};
-use super::text::{number, text_of};
+use super::text::{GROUPING, number};
 use super::{check_size, column_units, points};
 use crate::trace::scene::HeightMap;
-
-/// Marks of a comment line.
-const REMARKS: [&str; 4] = ["#", "%", "//", "!"];
+use crate::wording::encoding::{quoted, text_of};
+use crate::wording::sheet::REMARKS;
 
 /// The rows of numbers read so far.
 #[derive(Default)]
@@ -19,12 +19,20 @@ struct Rows {
     numbers: Vec<f64>,
     /// Whether every row ended with a separator.
     all_trail: bool,
+    groupings: [Groupings; GROUPED_COLUMNS],
 }
 
 /// A line's fields, and whether a separator followed the last one.
 struct Fields<'l> {
     words: Vec<Cow<'l, str>>,
     trails: bool,
+}
+
+/// A line of text above the numbers.
+struct OtherLine {
+    /// From 1.
+    line: usize,
+    words: Vec<String>,
 }
 
 /// The state of the lines above the numbers.
@@ -35,6 +43,8 @@ struct Above {
     units: Option<[f64; 2]>,
     names: Vec<String>,
     header: Header,
+    /// Lines of other text: the last one with as many fields as the rows names the columns.
+    other: Vec<OtherLine>,
 }
 
 /// Reads a table of at most `most` numbers.
@@ -46,6 +56,7 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
         units: None,
         names: Vec::new(),
         header: Header::default(),
+        other: Vec::new(),
     };
     let mut rows = Rows {
         all_trail: true,
@@ -60,10 +71,10 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
         if is_blank && !(begun && line.contains('\t')) {
             continue;
         }
-        if let Some(mark) = REMARKS
+        let remark = REMARKS
             .iter()
-            .find(|mark| line.trim_start().starts_with(**mark))
-        {
+            .find(|mark| line.trim_start().starts_with(**mark));
+        if let Some(mark) = remark.filter(|_| !(begun && rows.begin_with_mark(line))) {
             if !begun {
                 let remark = line.trim().trim_start_matches(*mark).trim();
                 above.take_remark(remark).map_err(at_line)?;
@@ -75,16 +86,25 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
             continue;
         }
         let fields = fields_of(line).map_err(|cause| at_line(cause.to_owned()))?;
-        if !begun && above.take(line, &fields.words).map_err(at_line)? {
-            continue;
+        if !begun {
+            if above.take(line, &fields.words, n + 1).map_err(at_line)? {
+                continue;
+            }
+            above.name_columns(fields.words.len())?;
         }
         let height = |word: &Cow<'_, str>| match number(word) {
             Some(x) => Ok(x),
             None if is_mark(word) => Ok(f64::NAN),
-            None => Err(at_line(format!(
-                "{word:?} is not a number: write a missing point as blank, NaN, Bad or another usual word"
-            ))),
+            None => Err(at_line(not_a_number(word))),
         };
+        for (n, word) in fields.words.iter().enumerate() {
+            let place = if fields.words.len() > GROUPED_COLUMNS {
+                0
+            } else {
+                n
+            };
+            rows.groupings[place].add(word);
+        }
         let row = fields
             .words
             .iter()
@@ -102,10 +122,32 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
             check_size(rows.columns, count, most)?;
         }
     }
+    if let Some(word) = rows.groupings.iter().find_map(Groupings::doubtful) {
+        return Err(format!(
+            "numbers such as {word} may have three decimals, or group thousands, since others have no such mark: save the numbers \
+             without separators between thousands"
+        ));
+    }
     above.map(rows, most)
 }
 
+fn not_a_number(word: &str) -> String {
+    format!(
+        "{} is not a number: write a missing point as blank, NaN, Bad or another usual word, and # before other text",
+        quoted(word)
+    )
+}
+
 impl Rows {
+    /// Whether a line that begins like a remark is a row whose first point is missing (`#N/A`).
+    fn begin_with_mark(&self, line: &str) -> bool {
+        let is_row = |words: &[Cow<'_, str>]| {
+            let is_point = |word: &Cow<'_, str>| number(word).is_some() || is_mark(word);
+            words.len() == self.columns && self.columns > 1 && words.iter().all(is_point)
+        };
+        fields_of(line).is_ok_and(|fields| is_row(&fields.words))
+    }
+
     /// Adds a row.
     ///
     /// # Errors
@@ -153,11 +195,17 @@ impl Above {
         Ok(())
     }
 
-    /// Whether a line contains no numbers but describes them: sizes and units, names, or only
-    /// units.
-    fn take(&mut self, line: &str, words: &[Cow<'_, str>]) -> Result<bool, String> {
+    /// Whether a line is not a row of numbers: blank, sizes and units, or other text.
+    fn take(&mut self, line: &str, words: &[Cow<'_, str>], n: usize) -> Result<bool, String> {
         let is_number = |word: &Cow<'_, str>| number(word).is_some();
         let first = words.first();
+        // A rule below the names.
+        if let [rule] = words
+            && rule.len() > 1
+            && !rule.contains(char::is_alphanumeric)
+        {
+            return Ok(true);
+        }
         if first.is_none_or(is_number) || words.iter().all(|w| w.is_empty()) {
             return Ok(first.is_none_or(|w| w.is_empty()));
         }
@@ -166,14 +214,61 @@ impl Above {
         if begins || words.iter().all(|w| is_mark(w)) {
             return Ok(false);
         }
-        if self.header.take(line)? {
-            return Ok(true);
+        if !self.header.take(line)? {
+            // More numbers than text are a damaged row of heights.
+            let numbers = words.iter().filter(|word| is_number(word)).count();
+            if words.len() > 2 && 2 * numbers > words.len() {
+                return Ok(false);
+            }
+            // A key and its value do not name two columns.
+            if !line.contains([':', '=']) {
+                let words = words.iter().map(|word| word.as_ref().to_owned()).collect();
+                self.other.push(OtherLine { line: n, words });
+            }
         }
-        if words.iter().any(is_number) {
-            // Other information about the measurement.
-            return Ok(line.contains([':', '=']));
+        Ok(true)
+    }
+
+    /// Takes the names of columns, and their units, from the lines above the first row of numbers that
+    /// have as many fields. Others are titles and facts of the measurement.
+    fn name_columns(&mut self, columns: usize) -> Result<(), String> {
+        let mut lines = std::mem::take(&mut self.other);
+        for other in &mut lines {
+            let words: Vec<Cow<'_, str>> = other.words.iter().map(Cow::from).collect();
+            let names = names_of(&words);
+            if names.len() == columns {
+                other.words = names;
+            }
         }
-        // One line of column names above the numbers is allowed, and one of their units.
+        lines.retain(|other| other.words.len() == columns);
+        let are_names = |words: &[String]| {
+            let is_name = |word: &String| number(word).is_none();
+            words.iter().all(is_name)
+                && !words.iter().all(|w| column_units::unit_alone(w).is_some())
+        };
+        let last = lines.iter().rposition(|other| are_names(&other.words));
+        for (n, OtherLine { line, words }) in lines.iter().enumerate() {
+            // A title before the names may have as many words.
+            if last.is_some_and(|last| n < last) && column_units::order_of(words).is_none() {
+                continue;
+            }
+            let words: Vec<Cow<'_, str>> = words.iter().map(Cow::from).collect();
+            let text = words.iter().find(|word| number(word).is_none());
+            let text = text.map_or("", |word| word.as_ref());
+            match self.describe(&words) {
+                Ok(true) => {}
+                Ok(false) => return Err(format!("line {line}: {}", not_a_number(text))),
+                Err(why) => return Err(format!("line {line}: {why}")),
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a line has the names of columns, or their units: one line of each may come.
+    fn describe(&mut self, words: &[Cow<'_, str>]) -> Result<bool, String> {
+        if words.iter().any(|word| number(word).is_some()) {
+            return Ok(false);
+        }
         if self.units_may_come
             && let Some(own) = column_units::of_units(words)?
         {
@@ -198,34 +293,43 @@ impl Above {
                 return Ok(true);
             }
         }
-        Ok(line.contains([':', '=']))
+        Ok(false)
     }
 
     /// The map in the rows.
     fn map(mut self, rows: Rows, most: usize) -> Result<HeightMap, String> {
         let Rows {
-            columns,
+            mut columns,
             mut numbers,
             ..
         } = rows;
         if columns == 0 {
-            return Err("the file contains no heights".to_owned());
+            let unread = self.other.last().map_or(String::new(), |other| {
+                let word = other.words.first().map_or("", String::as_str);
+                format!(": line {}: {}", other.line, not_a_number(word))
+            });
+            return Err(format!("the file contains no heights{unread}"));
+        }
+        let is_named = self.names.len() == columns;
+        if let Some(order) = column_units::order_of(&self.names).filter(|_| is_named) {
+            let rows = numbers.chunks_exact(columns);
+            numbers = rows
+                .flat_map(|row| order.iter().map(move |n| row[*n]))
+                .collect();
+            let has_others = columns > order.len();
+            columns = order.len();
+            self.names = order.iter().map(|n| self.names[*n].clone()).collect();
+            self.units = match order[..] {
+                _ if has_others => {
+                    let names: Vec<Cow<'_, str>> = self.names.iter().map(Cow::from).collect();
+                    column_units::of_names(&names)?
+                }
+                [0, ..] => self.units,
+                _ => self.units.map(|[a, b]| [b, a]),
+            };
         }
         let marks = &self.header.marks;
         if columns == 2 || columns == 3 {
-            if let Some(order) =
-                column_units::order_of(&self.names).filter(|order| order.len() == columns)
-            {
-                let rows = numbers.chunks_exact(columns);
-                numbers = rows
-                    .flat_map(|row| order.iter().map(move |n| row[*n]))
-                    .collect();
-                self.names = order.iter().map(|n| self.names[*n].clone()).collect();
-                self.units = self.units.map(|units| match order[0] {
-                    0 => units,
-                    _ => [units[1], units[0]],
-                });
-            }
             // Positions are neither heights nor marks of missing points.
             let mut heights: Vec<f64> = numbers
                 .iter()
@@ -267,10 +371,16 @@ impl Above {
             ));
         }
         let notes = mark(&mut numbers, marks, Kind::Heights);
+        // A single column of heights is a profile, as a single row is.
+        let mut of_column = None;
+        if columns == 1 && numbers.len() > 2 {
+            columns = numbers.len();
+            of_column = column_units::of_single(&self.names)?;
+        }
         let map = HeightMap::new(columns, numbers);
         Ok(HeightMap {
             pitch_um: self.header.pitch_um(columns, map.rows),
-            height_unit_um: self.header.value_um(),
+            height_unit_um: self.header.value_um().or(of_column),
             notes,
             ..map
         })
@@ -337,8 +447,21 @@ fn names_of(words: &[Cow<'_, str>]) -> Vec<String> {
 fn fields_of(line: &str) -> Result<Fields<'_>, &'static str> {
     let separator = [';', '\t', ','].into_iter().find(|s| line.contains(*s));
     let mut words: Vec<Cow<'_, str>> = match separator {
-        Some(mark) => line.split(mark).map(|w| w.trim().into()).collect(),
-        None => line.split_whitespace().map(Cow::from).collect(),
+        Some(mark) => {
+            // A separator within quotes is part of a field.
+            let mut is_quoted = false;
+            let splits = |c: char| {
+                is_quoted ^= c == '"';
+                c == mark && !is_quoted
+            };
+            line.split(splits).map(|w| w.trim().into()).collect()
+        }
+        // A blank that does not break a line is within a number.
+        None => line
+            .split(|c: char| c.is_whitespace() && !GROUPING.contains(&c))
+            .filter(|word| !word.is_empty())
+            .map(Cow::from)
+            .collect(),
     };
     // A separator at the end of a line separates nothing.
     let trails = words.len() > 1 && words.last().is_some_and(|last| last.is_empty());
@@ -393,6 +516,103 @@ mod tests {
         )
         .unwrap();
         assert_eq!((stated.columns, stated.rows, stated.missing()), (4, 2, 1));
+    }
+
+    #[test]
+    fn no_row_of_heights_is_taken_for_a_remark_or_a_title() {
+        let map = read("a.txt", b"1\t2\t3\n#N/A\t5\t6\n# 7 of 9\n7\t8\t9\n").unwrap();
+        assert_eq!((map.rows, map.missing(), map.heights[4]), (3, 1, 5.0));
+        for (text, words) in [
+            ("1.52.5,3,4\n1,2,3,4\n", "line 1"),
+            ("1.5 um;2 um\n3 um;4 um\n", "line 2: \"3 um\""),
+        ] {
+            let why = read("a.csv", text.as_bytes()).unwrap_err();
+            assert!(why.contains(words) && why.contains("not a number"), "{why}");
+        }
+    }
+
+    #[test]
+    fn text_above_the_numbers_is_read_past_and_the_last_fitting_line_names_the_columns() {
+        let heights = "1,2,3,4\n5,6,7,8\n".replace(',', "\",\"");
+        let heights: String = heights
+            .lines()
+            .map(|row| format!("\"{row}\"\r\n"))
+            .collect();
+        let head = "\"Measurement data\",\"VK\"\r\n\"XY Calibration\",\"500.0\",\"nm\"\r\n\"Output image data\",\"Height\"\r\n\
+                    \"Horizontal\",\"4\"\r\n\"Unit\",\"um\"\r\n\r\n\"Height\"\r\n";
+        let map = read("a.csv", format!("{head}{heights}").as_bytes()).unwrap();
+        assert_eq!((map.columns, map.rows), (4, 2));
+        assert_eq!(
+            (map.pitch_um, map.height_unit_um),
+            (Some([0.5; 2]), Some(1.0))
+        );
+        for head in [
+            "Surftest SJ\r\nDate;2026-03-02\r\nSpeed;0.5mm/s\r\nX[mm];Z[nm]\r\n",
+            "v [mm] z [nm]\n-------\n",
+        ] {
+            let map = read(
+                "a.csv",
+                format!("{head}2 3\n")
+                    .replace("2 3", if head.contains(';') { "2;3" } else { "2 3" })
+                    .as_bytes(),
+            );
+            assert_eq!(map.unwrap().heights, [2000.0, 3.0 * 1e-3], "{head}");
+        }
+    }
+
+    #[test]
+    fn further_columns_are_left_out_and_a_single_one_is_a_profile() {
+        let points: String = (0..12)
+            .map(|n| format!("{n},{},{},{},100\n", n % 4, n / 4, 10 * n))
+            .collect();
+        let map = read(
+            "a.csv",
+            format!("no,x_um,y_um,z_nm,intensity\n{points}").as_bytes(),
+        )
+        .unwrap();
+        assert_eq!((map.columns, map.rows, map.heights[5]), (4, 3, 50.0));
+        assert_eq!(
+            (map.pitch_um, map.height_unit_um),
+            (Some([1.0; 2]), Some(1e-3))
+        );
+        let profile = read("a.csv", b"no,v_mm,z_nm\n1,2,3\n2,4,5\n").unwrap();
+        assert_eq!(profile.heights, [2000.0, 3.0 * 1e-3, 4000.0, 5.0 * 1e-3]);
+        let column = read("a.csv", b"z [nm]\n1\n2\n3\n4\n").unwrap();
+        assert_eq!(
+            (column.columns, column.rows, column.height_unit_um),
+            (4, 1, Some(1e-3))
+        );
+    }
+
+    #[test]
+    fn numbers_that_may_group_thousands_are_refused_and_decimals_are_not() {
+        let table = |number: fn(usize) -> String, mark: &str| {
+            let words: Vec<String> = (0..60).map(|n| number(n).replace('.', mark)).collect();
+            let rows = words.chunks(12).map(|row| row.join(";") + "\n");
+            read("a.csv", rows.collect::<String>().as_bytes())
+        };
+        for mark in [",", "."] {
+            let heights = |n: usize| {
+                if n % 7 == 0 {
+                    format!("{}", 100 + n)
+                } else {
+                    format!("{}.{:03}", n, 17 * n % 1000)
+                }
+            };
+            let why = table(heights, mark).unwrap_err();
+            assert!(why.contains("between thousands"), "{why}");
+            assert!(table(|n| format!("{}.{:03}", n, 17 * n % 1000), mark).is_ok());
+            assert!(table(|n| format!("{}", n as f64 / 8.0), mark).is_ok());
+        }
+        // Whole positions beside decimals are in another column.
+        let points: String = (0..60)
+            .map(|n| format!("{} {} 1{n}.125\n", n % 10, n / 10))
+            .collect();
+        assert_eq!(read("a.xyz", points.as_bytes()).unwrap().columns, 10);
+        let quoted = read("a.csv", b"\"17,260.6\",\"1\"\n\"18,260.6\",\"2\"\n").unwrap();
+        assert_eq!(quoted.heights, [17_260.6, 1.0, 18_260.6, 2.0]);
+        let grouped = read("a.txt", "17\u{202f}260,6\t1\n18'260,6\t2\n".as_bytes()).unwrap();
+        assert_eq!(grouped.heights, [17_260.6, 1.0, 18_260.6, 2.0]);
     }
 
     #[test]

@@ -1,47 +1,20 @@
-//! Decodes the text of a file in the encodings that programs write.
+//! Reads numbers in the notations that programs write.
 
-use std::borrow::Cow;
+use crate::wording::encoding::with_plain_minus;
 
-/// Decodes a text: UTF-8, UTF-16 (by its byte order mark or its zeros), or Latin-1, in which some
-/// programs write µ.
-///
-/// # Errors
-/// The content is not text, or is invalid UTF-16.
-pub(super) fn text_of(content: &[u8]) -> Result<Cow<'_, str>, String> {
-    let wide = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
-        let (pairs, rest) = bytes.as_chunks::<2>();
-        let units: Vec<u16> = pairs.iter().map(|pair| unit(*pair)).collect();
-        match String::from_utf16(&units) {
-            Ok(text) if rest.is_empty() && !text.contains('\0') => Ok(text.into()),
-            _ => Err("the file is damaged UTF-16 text: save it as UTF-8".to_owned()),
-        }
-    };
-    match content {
-        [0xff, 0xfe, rest @ ..] => return wide(rest, u16::from_le_bytes),
-        [0xfe, 0xff, rest @ ..] => return wide(rest, u16::from_be_bytes),
-        [1..=255, 0, 1..=255, 0, ..] => return wide(content, u16::from_le_bytes),
-        [0, 1..=255, 0, 1..=255, ..] => return wide(content, u16::from_be_bytes),
-        _ => {}
-    }
-    if content.contains(&0) {
-        return Err("the file is not text: it contains zero bytes".to_owned());
-    }
-    match std::str::from_utf8(content) {
-        Ok(text) => Ok(text.trim_start_matches('\u{feff}').into()),
-        Err(_) if content.iter().any(|b| *b < b' ' && !b"\t\r\n".contains(b)) => {
-            Err("the file is not text".to_owned())
-        }
-        Err(_) => Ok(content
-            .iter()
-            .map(|b| char::from(*b))
-            .collect::<String>()
-            .into()),
-    }
-}
+/// Characters that group the digits of a number in thousands and are no decimal mark.
+pub(super) const GROUPING: [char; 6] = [
+    '\u{a0}', '\u{202f}', '\u{2009}', '\u{2007}', '\'', '\u{2019}',
+];
 
-/// A number with a decimal point or comma; if both occur, the later one is the decimal mark.
+/// A number with a decimal point or comma; if both occur, the later one is the decimal mark. Blanks
+/// that do not break a line, and apostrophes, may group thousands.
 pub(super) fn number(word: &str) -> Option<f64> {
     let word = word.trim();
+    if word.contains(GROUPING) {
+        return are_thousands(word, |c| GROUPING.contains(&c))
+            .then(|| number(&word.replace(GROUPING, "")))?;
+    }
     let plain = match (word.rfind(','), word.rfind('.')) {
         (Some(comma), Some(point)) if comma > point => word.replace('.', "").replace(',', "."),
         (Some(_), Some(_)) => word.replace(',', ""),
@@ -51,8 +24,48 @@ pub(super) fn number(word: &str) -> Option<f64> {
     finite(&plain)
 }
 
+/// Whether marks part the digits before the decimals in groups of three, the first of which is
+/// shorter or equal and does not begin with 0.
+pub(super) fn are_thousands(word: &str, is_mark: impl Fn(char) -> bool) -> bool {
+    let plain = with_plain_minus(word);
+    let whole = plain.trim_start_matches(['+', '-']);
+    let last = whole.rfind(&is_mark).unwrap_or_default();
+    let end = whole[last..].find(['.', ',']).filter(|at| *at > 0);
+    let whole = end.map_or(whole, |at| &whole[..last + at]);
+    let mut groups = whole.split(is_mark);
+    let digits = |group: &str| group.bytes().all(|b| b.is_ascii_digit());
+    let first = groups.next().unwrap_or_default();
+    let begins = (1..=3).contains(&first.len()) && digits(first) && !first.starts_with('0');
+    begins && groups.all(|group| group.len() == 3 && digits(group))
+}
+
 fn finite(word: &str) -> Option<f64> {
-    // A typographic minus.
-    let plain = word.replace('\u{2212}', "-");
-    plain.parse().ok().filter(|x: &f64| x.is_finite())
+    let plain = with_plain_minus(word);
+    // Fortran writes the exponent of a double with D.
+    let parsed = plain
+        .parse()
+        .or_else(|_| plain.replace(['D', 'd'], "e").parse());
+    parsed.ok().filter(|x: &f64| x.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_read_in_the_notations_that_programs_write() {
+        for (word, value) in [
+            ("17'260.6", 17_260.6),
+            ("17\u{202f}260,6", 17_260.6),
+            ("\u{2212}1\u{a0}234\u{a0}567", -1_234_567.0),
+            ("1.234,5", 1234.5),
+            ("1,234.5", 1234.5),
+            ("1.73D+01", 17.3),
+        ] {
+            assert_eq!(number(word), Some(value), "{word}");
+        }
+        for word in ["17'26", "1'2345", "0'123", "1 234", "12:30", "D", "e5"] {
+            assert_eq!(number(word), None, "{word}");
+        }
+    }
 }

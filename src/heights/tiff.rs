@@ -8,9 +8,9 @@ use tiff::ColorType;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 
-use super::check_size;
 use super::missing::{Kind, mark};
 use super::text::number;
+use super::{check_size, tiff_scale};
 use crate::trace::scene::HeightMap;
 
 /// Largest number of images that are examined.
@@ -140,6 +140,14 @@ fn heights_of(decoder: &mut TiffDecoder<'_>) -> Result<(usize, Option<String>), 
     }
 }
 
+/// The message about a TIFF that cannot be decoded.
+fn unreadable(error: &tiff::TiffError) -> String {
+    format!(
+        "the TIFF is damaged or packed in a way that is not read here ({error}): save it without compression, or with LZW, deflate or \
+         PackBits"
+    )
+}
+
 /// Reads the heights of a TIFF.
 pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let mut decoder = Decoder::new(std::io::Cursor::new(content))
@@ -162,14 +170,18 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     }
     let no_data = decoder.get_tag_ascii_string(Tag::GdalNodata).ok();
     let no_data = no_data.and_then(|word| number(word.trim_end_matches('\0')));
-    let mut heights: Vec<f64> = match decoder.read_image().map_err(|e| e.to_string())? {
+    let mut heights: Vec<f64> = match decoder.read_image().map_err(|e| unreadable(&e))? {
         DecodingResult::U16(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::I16(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::U32(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::I32(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::F32(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::F64(v) => v,
-        _ => return Err("expected 16-bit integers or floats".to_owned()),
+        _ => {
+            return Err(
+                "expected 16-bit or 32-bit integers, or floats of 32 or 64 bits".to_owned(),
+            );
+        }
     };
     if heights.len() != columns * rows {
         return Err(format!(
@@ -178,8 +190,12 @@ pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
         ));
     }
     let marked = mark(&mut heights, no_data.as_slice(), Kind::Heights);
+    let scale = tiff_scale::of(&mut decoder);
+    let notes = [note, scale.note].into_iter().flatten();
     Ok(HeightMap {
-        notes: note.into_iter().chain(marked).collect(),
+        notes: notes.chain(marked).collect(),
+        pitch_um: scale.pitch_um,
+        height_unit_um: scale.height_unit_um,
         ..HeightMap::new(columns, heights)
     })
 }

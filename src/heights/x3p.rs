@@ -11,6 +11,7 @@ use super::archive::{Archive, note};
 use super::missing::{Kind, mark};
 use super::{check_size, text as encoded};
 use crate::trace::scene::{HeightMap, MapUnits};
+use crate::wording::encoding::text_of;
 
 /// Largest size of main.xml in bytes (it may contain a list of heights): the first number plus the
 /// second for each height that the map may have.
@@ -20,7 +21,7 @@ const XML_MAX: (u64, u64) = (1 << 16, 4);
 pub(super) fn read(content: &[u8], most: usize) -> Result<HeightMap, String> {
     let mut archive = Archive::open(content)?;
     let main = archive.main(XML_MAX.0 + XML_MAX.1 * most as u64)?;
-    let xml = encoded::text_of(&main).map_err(|why| format!("main.xml: {why}"))?;
+    let xml = text_of(&main).map_err(|why| format!("main.xml: {why}"))?;
     let document = Document::parse(&xml).map_err(|e| format!("main.xml: {e}"))?;
     let root = document.root_element();
     let (x, y, z) = (axis(root, "CX")?, axis(root, "CY")?, axis(root, "CZ")?);

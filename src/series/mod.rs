@@ -29,6 +29,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::frame::{Frame, FrameError};
+use crate::wording::encoding::text_of;
 use crate::wording::sheet::decoded;
 
 /// Largest size of a frame list or manifest, bytes.
@@ -169,7 +170,7 @@ impl Series {
             "docs/reference/series.md lists its keys",
         )?;
         let manifest = Manifest::from_outside(&manifest_text, "manifest.toml")?;
-        let list_text = read_text(
+        let list_text = read_list(
             &folder,
             &manifest.frames,
             "it lists the frames, one line each",
@@ -274,6 +275,29 @@ fn of_a_file(path: &Path) -> std::io::Result<()> {
 }
 
 fn read_text(folder: &Path, file: &str, remedy: &str) -> Result<String, SeriesError> {
+    decoded(content_of(folder, file, remedy)?).map_err(|(line, byte)| SeriesError::Invalid {
+        file: file.to_owned(),
+        line: Some(line),
+        key: String::new(),
+        cause: format!("the byte 0x{byte:02X} is no UTF-8 text"),
+        remedy: "save the file as UTF-8".to_owned(),
+    })
+}
+
+/// Reads a table as spreadsheets save it, in any of their encodings.
+fn read_list(folder: &Path, file: &str, remedy: &str) -> Result<String, SeriesError> {
+    let content = content_of(folder, file, remedy)?;
+    let text = text_of(&content).map_err(|cause| SeriesError::Invalid {
+        file: file.to_owned(),
+        line: None,
+        key: String::new(),
+        cause,
+        remedy: "docs/reference/series.md describes the list".to_owned(),
+    })?;
+    Ok(text.into_owned())
+}
+
+fn content_of(folder: &Path, file: &str, remedy: &str) -> Result<Vec<u8>, SeriesError> {
     let path = folder.join(file);
     let unreadable = |source: std::io::Error| match source.kind() {
         std::io::ErrorKind::NotFound => SeriesError::MissingFile {
@@ -291,13 +315,7 @@ fn read_text(folder: &Path, file: &str, remedy: &str) -> Result<String, SeriesEr
         .and_then(|()| std::fs::File::open(&path))
         .and_then(|f| f.take(TEXT_BYTES_MAX).read_to_end(&mut bytes))
         .map_err(unreadable)?;
-    decoded(bytes).map_err(|(line, byte)| SeriesError::Invalid {
-        file: file.to_owned(),
-        line: Some(line),
-        key: String::new(),
-        cause: format!("the byte 0x{byte:02X} is no UTF-8 text"),
-        remedy: "save the file as UTF-8".to_owned(),
-    })
+    Ok(bytes)
 }
 
 #[cfg(test)]

@@ -164,13 +164,14 @@ struct Columns {
 
 impl Columns {
     fn find(headers: &csv::StringRecord) -> Result<Columns, Wrong> {
+        let names: Vec<String> = headers.iter().map(plain_name).collect();
         for name in REQUIRED.into_iter().chain(OPTIONAL) {
-            if headers.iter().filter(|h| *h == name).count() > 1 {
+            if names.iter().filter(|h| *h == name).count() > 1 {
                 let remedy = "remove the column that does not belong there";
                 return Err(Wrong::new(name, "the header has it twice", remedy));
             }
         }
-        let column = |name: &str| headers.iter().position(|h| h == name);
+        let column = |name: &str| names.iter().position(|h| h == name);
         let required = |name: &'static str| {
             column(name).ok_or_else(|| {
                 let remedy = remedy_for_missing(name, headers);
@@ -201,9 +202,10 @@ impl Columns {
             let remedy = "write the path of a file in the series' own folder, relative to it";
             return Err(Wrong::new("file", format!("`{file}` {cause}"), remedy));
         }
-        let kind: FrameKind = record[self.kind].parse().map_err(|UnknownKind(other)| {
+        let kind = &record[self.kind];
+        let kind: FrameKind = kind.to_lowercase().parse().map_err(|UnknownKind(_)| {
             let remedy = "a frame is a sample, a dark or a flat";
-            Wrong::new("kind", format!("`{other}` is unknown"), remedy)
+            Wrong::new("kind", format!("`{kind}` is unknown"), remedy)
         })?;
         let position = "write the position that was read back, or drop the frame's line";
         let theta_c_deg = number("theta_c_deg", &record[self.theta_c_deg], position)?;
@@ -247,6 +249,16 @@ impl Columns {
             timestamp: self.timestamp.map_or("", |i| &record[i]).to_owned(),
         })
     }
+}
+
+/// A column's name in small letters, with its unit at its end: `Theta_C [deg]` is `theta_c_deg`.
+fn plain_name(header: &str) -> String {
+    let lower = header.to_lowercase().replace('°', "deg");
+    let words = lower.split(|c: char| !c.is_alphanumeric());
+    words
+        .filter(|w| !w.is_empty())
+        .collect::<Vec<_>>()
+        .join("_")
 }
 
 /// What to do about a column that the header does not have: rename a slip of the pen, or add it.
@@ -389,6 +401,13 @@ mod tests {
             format!("\u{feff}{german}"),
             format!("sep=;\n{german}"),
             german.replace(';', "\t"),
+            format!("{plain},,,,,,\n\n,,,,,,\n"),
+            format!("# by hand\n\n{plain}"),
+            plain.replace(
+                "theta_c_deg,phi_s_deg,exposure_s",
+                "Theta_c [deg],PHI_S (°),Exposure [s]",
+            ),
+            plain.replace(",sample,", ",Sample,"),
         ] {
             assert_eq!(
                 FrameRow::read_all(&other, "frames.csv").unwrap(),

@@ -1,14 +1,23 @@
 //! Tables as spreadsheets save them: UTF-8 or UTF-16, columns separated by commas, semicolons or tabs, a line `sep=` for
-//! Excel, a comma as decimal mark, a typographic minus.
+//! Excel, a comma as decimal mark, a typographic minus, remarks above the header, rows of blank fields.
 //!
 //! [`decoded`] turns a file's bytes into text, [`Sheet::open`] reads the text as a table, and [`Sheet::number`] reads a
 //! field as a number.
+
+use super::encoding::{with_line_feeds, with_plain_minus};
+
+/// Marks of a line that is a remark.
+pub const REMARKS: [&str; 4] = ["#", "%", "//", "!"];
 
 /// Decodes a text file: UTF-8, or UTF-16 as spreadsheets export it. A byte order mark is kept.
 ///
 /// # Errors
 /// Line (from 1) and value of the first byte that is not text.
 pub fn decoded(bytes: Vec<u8>) -> Result<String, (usize, u8)> {
+    decoded_only(bytes).map(|text| with_line_feeds(text.into()).into_owned())
+}
+
+fn decoded_only(bytes: Vec<u8>) -> Result<String, (usize, u8)> {
     let order: Option<fn([u8; 2]) -> u16> = match bytes.as_slice() {
         [0xff, 0xfe, ..] | [1..=255, 0, 1..=255, 0, ..] => Some(u16::from_le_bytes),
         [0xfe, 0xff, ..] | [0, 1..=255, 0, 1..=255, ..] => Some(u16::from_be_bytes),
@@ -28,6 +37,28 @@ pub fn decoded(bytes: Vec<u8>) -> Result<String, (usize, u8)> {
     })
 }
 
+/// The text from the header on, and the number of lines above it: blank lines and remarks. If only
+/// remarks are above the numbers, the last one is the header, as numpy writes it.
+fn below_remarks(text: &str) -> (usize, &str) {
+    let mark_of = |line: &str| REMARKS.iter().find(|mark| line.starts_with(**mark));
+    let (mut count, mut rest, mut last) = (0, text, None);
+    while let Some(line) = rest.split_inclusive('\n').next() {
+        let bare = line.trim();
+        match mark_of(bare) {
+            Some(mark) => {
+                let inner = rest.trim_start().trim_start_matches(mark);
+                last = Some((count, inner.trim_start_matches([' ', '\t'])));
+            }
+            None if bare.is_empty() => {}
+            None => break,
+        }
+        (count, rest) = (count + 1, &rest[line.len()..]);
+    }
+    let begins = rest.split([',', ';', '\t']).next().unwrap_or_default();
+    let is_number = with_plain_minus(begins.trim()).parse::<f64>().is_ok();
+    last.filter(|_| is_number).unwrap_or((count, rest))
+}
+
 /// A table of named columns.
 #[derive(Debug)]
 pub struct Sheet<'t> {
@@ -44,6 +75,7 @@ impl<'t> Sheet<'t> {
     #[must_use]
     pub fn open(text: &'t str) -> Sheet<'t> {
         let text = text.trim_start_matches('\u{feff}');
+        let (above, text) = below_remarks(text);
         let (first, below) = text.split_once('\n').unwrap_or((text, ""));
         let bare = first.trim().trim_matches('"');
         let stated = match bare.get(..4) {
@@ -56,8 +88,8 @@ impl<'t> Sheet<'t> {
             stated => stated.filter(u8::is_ascii),
         };
         let (header, text, first_line) = match stated {
-            Some(_) => (below.lines().next().unwrap_or(""), below, 2),
-            None => (first, text, 1),
+            Some(_) => (below.lines().next().unwrap_or(""), below, above + 2),
+            None => (first, text, above + 1),
         };
         let delimiter = stated.unwrap_or_else(|| {
             let count = |mark: u8| header.bytes().filter(|b| *b == mark).count();
@@ -84,13 +116,17 @@ impl<'t> Sheet<'t> {
         self.reader.headers().cloned()
     }
 
-    /// The next line; `None` at the end.
+    /// The next line with a field that is not blank; `None` at the end.
     pub fn read(&mut self) -> Option<csv::Result<csv::StringRecord>> {
         let mut record = csv::StringRecord::new();
-        match self.reader.read_record(&mut record) {
-            Ok(true) => Some(Ok(record)),
-            Ok(false) => None,
-            Err(error) => Some(Err(error)),
+        loop {
+            match self.reader.read_record(&mut record) {
+                // Spreadsheets keep rows that once were used.
+                Ok(true) if record.iter().all(str::is_empty) => {}
+                Ok(true) => return Some(Ok(record)),
+                Ok(false) => return None,
+                Err(error) => return Some(Err(error)),
+            }
         }
     }
 
@@ -112,12 +148,7 @@ impl<'t> Sheet<'t> {
     /// # Errors
     /// Why the field is not a finite number.
     pub fn number(&self, field: &str) -> Result<f64, String> {
-        let mut plain = field.to_owned();
-        for minus in ['\u{2212}', '\u{2013}', '\u{ff0d}', '\u{fe63}'] {
-            if let Some(rest) = plain.strip_prefix(minus) {
-                plain = format!("-{rest}");
-            }
-        }
+        let mut plain = with_plain_minus(field).into_owned();
         if self.decimal_comma && plain.matches(',').count() == 1 && !plain.contains('.') {
             plain = plain.replace(',', ".");
         }
@@ -185,6 +216,9 @@ mod tests {
             ("SEP=\t\na\tb\nx\t2,5\n", 3, 2.5),
             ("a\tb\nx\t\u{2013}1e3\n", 2, -1e3),
             ("a;b\n\"x;y\";1.5\n", 2, 1.5),
+            ("# by hand\n\n% twice\na,b\nx,1.5\n", 5, 1.5),
+            ("a,b\n,\n,\nx,1.5\n", 4, 1.5),
+            ("# by hand\n# a,b\n1,1.5\n", 3, 1.5),
         ] {
             let (fields, at, number) = first(text);
             assert_eq!((at, number), (Some(line), Ok(value)), "{text:?}");
