@@ -9,6 +9,7 @@ use serde::Deserialize;
 use serde_json::Value as Json;
 
 use super::TableError;
+use super::light::{is_other_wavelength, wavelength};
 use super::manifest::{Goniometer, ValueKind};
 use super::rows::{TableContents, TableReading, check};
 use crate::heights::missing::{Kind, mark};
@@ -118,9 +119,6 @@ fn check_units(data: &Data) -> Result<(), String> {
     Ok(())
 }
 
-/// Largest difference of a wavelength from the requested one, nm.
-const SAME_NM: f64 = 0.5;
-
 pub(super) fn read(
     text: &str,
     file: &str,
@@ -130,6 +128,14 @@ pub(super) fn read(
     let text = text.trim_start_matches('\u{feff}');
     let File { data } = serde_json::from_str(text).map_err(|error| {
         // The second reader names the path and what is expected; only the first one knows the line.
+        let is_bare = |word: &&str| {
+            [" ", ",", "["].iter().any(|before| text.contains(&format!("{before}{word}")))
+        };
+        let words = ["NaN", "Infinity", "-Infinity"];
+        if let Some(word) = words.into_iter().find(is_bare).filter(|_| error.is_syntax()) {
+            let cause = format!("JSON has no {word}, which Python writes for a number that is not finite: write null");
+            return TableError::new(file, Some(TableRow::Line(error.line())), cause);
+        }
         let cause = match json::from_slice::<File>(text.as_bytes()) {
             Err(refusal) => refusal.to_string(),
             Ok(_) => error.to_string(),
@@ -172,7 +178,12 @@ pub(super) fn read(
             )));
         }
     }
-    let wavelength = wavelength(&data, facts).map_err(wrong)?;
+    let wavelengths = data.wavelength_i.as_ref();
+    let wavelengths = wavelengths.map_or_else(Vec::new, |all| {
+        let count = 0..all.values.len();
+        count.filter_map(|i| all.nanometres(i)).collect()
+    });
+    let wavelength = wavelength(wavelengths, facts).map_err(wrong)?;
     let u_brdf = data.u_brdf.as_ref();
     let constant = data.brdf.uncertainty.as_ref();
     let mut values: Vec<f64> = data
@@ -193,7 +204,7 @@ pub(super) fn read(
         }
         let is_other = |wanted: f64| {
             let own = data.wavelength_i.as_ref().and_then(|w| w.nanometres(index));
-            own.is_some_and(|own| (own - wanted).abs() > SAME_NM)
+            own.is_some_and(|own| is_other_wavelength(own, wanted))
         };
         if wavelength.is_some_and(is_other) {
             other += 1;
@@ -227,24 +238,12 @@ pub(super) fn read(
         check(&reading, file)?;
         read.readings.push(reading);
     }
-    for (n, why) in [
-        (missing, "without a value"),
-        (other, "at other wavelengths"),
-        (
-            polarised,
-            "with a polariser (only unpolarised light is fitted)",
-        ),
-    ] {
-        if n > 0 {
-            read.left_out
-                .push(format!("{} {why} left out", counted(n, "reading")));
-        }
+    if missing > 0 {
+        let missing = counted(missing, "reading");
+        read.left_out
+            .push(format!("{missing} without a value left out"));
     }
-    if read.readings.is_empty() && polarised > 0 {
-        return Err(wrong(
-            "all readings are polarised, but a fit needs unpolarised light: average those of s and p".to_owned(),
-        ));
-    }
+    read.note_other_light(other, polarised).map_err(wrong)?;
     Ok(read)
 }
 
@@ -256,41 +255,6 @@ impl Values {
         } else {
             1e3 * value
         })
-    }
-}
-
-/// The wavelength to read, nm; `None` if the file has at most one and the manifest states none.
-fn wavelength(data: &Data, facts: &Goniometer) -> Result<Option<f64>, String> {
-    let Some(all) = &data.wavelength_i else {
-        return Ok(None);
-    };
-    let mut found: Vec<f64> = (0..all.values.len())
-        .filter_map(|i| all.nanometres(i))
-        .collect();
-    found.sort_by(f64::total_cmp);
-    found.dedup_by(|a, b| (*a - *b).abs() <= SAME_NM);
-    if found.is_empty() || (found.len() == 1 && facts.wavelength_nm.is_none()) {
-        return Ok(None);
-    }
-    let listed = || {
-        // Micrometres are converted with a rounding in the last digits.
-        let some = found
-            .iter()
-            .take(8)
-            .map(|w| format!("{}", (w * 1e3).round() / 1e3));
-        some.collect::<Vec<_>>().join(", ")
-    };
-    match facts.wavelength_nm {
-        None => Err(format!(
-            "the file has {} wavelengths ({} nm): set goniometer.wavelength_nm to the one to fit",
-            found.len(),
-            listed()
-        )),
-        Some(wanted) if found.iter().all(|w| (w - wanted).abs() > SAME_NM) => Err(format!(
-            "no reading is at goniometer.wavelength_nm = {wanted} nm: the file has {} nm",
-            listed()
-        )),
-        wanted => Ok(wanted),
     }
 }
 
@@ -357,6 +321,11 @@ mod tests {
         ] {
             let why = contents("", &[(key, value)]).err().unwrap().to_string();
             assert!(why.contains(words), "{why}");
+        }
+        let facts: Goniometer = toml::from_str("value = \"brdf\"").unwrap();
+        for text in ["{\"data\": {\"BRDF\": [NaN]}}", "[1, 2"] {
+            let why = read(text, "table.json", &facts).err().unwrap().to_string();
+            assert_eq!(why.contains("write null"), text.contains("NaN"), "{why}");
         }
         let none = contents("", &[("uBRDF", values("1/sr", [0.0, 0.1]))]).unwrap();
         assert_eq!(none.readings[0].sigma, None);

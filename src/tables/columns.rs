@@ -116,6 +116,34 @@ pub(super) struct Columns {
     /// What a number of each column is multiplied by; a share of the value for sigma in per cent.
     factors: [f64; COLUMNS.len()],
     sigma: SigmaUnit,
+    /// The wavelength's column, and nanometres per unit of it.
+    wavelength: Option<(usize, f64)>,
+    /// Columns of polarisations.
+    polarisations: Vec<usize>,
+}
+
+/// The column of wavelengths, and nanometres per unit of it.
+fn wavelength_of(headers: &csv::StringRecord) -> Result<Option<(usize, f64)>, String> {
+    for (place, header) in headers.iter().enumerate() {
+        let plain = header.to_lowercase().replace('λ', "lambda");
+        let words: Vec<&str> = plain
+            .split(|c: char| !c.is_alphanumeric())
+            .filter(|word| !word.is_empty() && *word != "i")
+            .collect();
+        let nanometres = match words[..] {
+            ["wavelength" | "lambda" | "wl"] | ["wavelength" | "lambda" | "wl", "nm"] => 1.0,
+            // Two characters that look alike.
+            ["wavelength" | "lambda" | "wl", "um" | "µm" | "μm"] => 1e3,
+            ["wavelength" | "lambda", _] => {
+                return Err(format!(
+                    "the unit of the column `{header}` is not one of wavelengths: convert the column to nm or µm"
+                ));
+            }
+            _ => continue,
+        };
+        return Ok(Some((place, nanometres)));
+    }
+    Ok(None)
 }
 
 impl Columns {
@@ -193,11 +221,43 @@ impl Columns {
             (Unit::One, Unit::Unstated) if is_factor => SigmaUnit::OfValues,
             _ => return Err(refused(5, "the unit of the values, or to % of the value")),
         };
+        let is_polarisation = |header: &str| {
+            let lower = header.to_lowercase();
+            lower.starts_with("polari") || lower == "pol" || lower.starts_with("pol_")
+        };
+        let polarisations = (0..headers.len()).filter(|n| is_polarisation(&headers[*n]));
         Ok(Columns {
             places,
             factors,
             sigma,
+            wavelength: wavelength_of(headers)?,
+            polarisations: polarisations.collect(),
         })
+    }
+
+    /// The wavelength of a reading in nm, if the table states it.
+    ///
+    /// # Errors
+    /// The field is not a number.
+    pub(super) fn wavelength(
+        &self,
+        record: &csv::StringRecord,
+        number: impl Fn(&str) -> Result<f64, String>,
+    ) -> Result<Option<f64>, String> {
+        match self.wavelength {
+            Some((place, nanometres)) if !record[place].is_empty() => {
+                Ok(Some(nanometres * number(&record[place])?))
+            }
+            _ => Ok(None),
+        }
+    }
+
+    /// The polarisations that a reading states.
+    pub(super) fn polarisations<'r>(
+        &self,
+        record: &'r csv::StringRecord,
+    ) -> impl Iterator<Item = &'r str> {
+        self.polarisations.iter().map(|place| &record[*place])
     }
 
     /// The field of a column, if the table has the column.

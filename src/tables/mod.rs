@@ -10,6 +10,7 @@ mod bird;
 pub mod bird_out;
 mod columns;
 mod half_vectors;
+mod light;
 mod manifest;
 pub mod rgl_out;
 mod rows;
@@ -29,6 +30,7 @@ use crate::observation::{
 use crate::robust;
 use crate::series::TABLE_SCHEMA;
 use crate::units::Angle;
+use crate::wording::encoding;
 use crate::wording::sheet::decoded;
 use crate::wording::{counted, significant};
 
@@ -104,11 +106,10 @@ impl BrdfTable {
     pub fn open(folder: &Path) -> Result<BrdfTable, TableError> {
         let manifest = manifest::read(&text_of(folder, "manifest.toml")?, "manifest.toml")?;
         let file = &manifest.table;
-        let text = text_of(folder, file)?;
-        let is_json = text
-            .trim_start_matches('\u{feff}')
-            .trim_start()
-            .starts_with('{');
+        let content = content_of(folder, file)?;
+        let text = encoding::text_of(&content);
+        let text = text.map_err(|cause| TableError::new(file, None, cause))?;
+        let is_json = text.trim_start().starts_with(['{', '[']);
         let mut read = match is_json {
             true => bird::read(&text, file, &manifest.facts)?,
             false => rows::read(&text, file, &manifest.facts)?,
@@ -331,6 +332,13 @@ impl Placed {
 
 /// Reads a text file of the folder.
 fn text_of(folder: &Path, file: &str) -> Result<String, TableError> {
+    decoded(content_of(folder, file)?).map_err(|(line, byte)| {
+        let cause = format!("the byte 0x{byte:02X} is not valid UTF-8: save the file as UTF-8");
+        TableError::new(file, Some(TableRow::Line(line)), cause)
+    })
+}
+
+fn content_of(folder: &Path, file: &str) -> Result<Vec<u8>, TableError> {
     let path = folder.join(file);
     let unread = |cause: String| TableError::new(file, None, cause);
     let facts = std::fs::metadata(&path).map_err(|e| {
@@ -344,10 +352,5 @@ fn text_of(folder: &Path, file: &str) -> Result<String, TableError> {
             "it is not a regular file of at most 256 MB".to_owned(),
         ));
     }
-    let bytes =
-        std::fs::read(&path).map_err(|e| unread(format!("the file cannot be read: {e}")))?;
-    decoded(bytes).map_err(|(line, byte)| {
-        let cause = format!("the byte 0x{byte:02X} is not valid UTF-8: save the file as UTF-8");
-        TableError::new(file, Some(TableRow::Line(line)), cause)
-    })
+    std::fs::read(&path).map_err(|e| unread(format!("the file cannot be read: {e}")))
 }

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use super::TableError;
 use super::columns::{COLUMNS, Columns};
+use super::light::{is_other_wavelength, is_unpolarised, wavelength};
 use super::manifest::Goniometer;
 use crate::heights::missing::{Kind, is_mark, mark};
 use crate::observation::TableRow;
@@ -36,6 +37,38 @@ pub(super) struct TableContents {
     pub(super) left_out: Vec<String>,
 }
 
+impl TableContents {
+    /// Notes readings that were left out because of their light.
+    ///
+    /// # Errors
+    /// All readings are polarised.
+    pub(super) fn note_other_light(
+        &mut self,
+        other: usize,
+        polarised: usize,
+    ) -> Result<(), String> {
+        for (n, why) in [
+            (other, "at other wavelengths"),
+            (
+                polarised,
+                "with a polariser (only unpolarised light is fitted)",
+            ),
+        ] {
+            if n > 0 {
+                let readings = counted(n, "reading");
+                self.left_out.push(format!("{readings} {why} left out"));
+            }
+        }
+        match self.readings.is_empty() && polarised > 0 {
+            true => Err(
+                "all readings are polarised, but a fit needs unpolarised light: average those of s and p"
+                    .to_owned(),
+            ),
+            false => Ok(()),
+        }
+    }
+}
+
 pub(super) fn read(
     text: &str,
     file: &str,
@@ -62,7 +95,8 @@ pub(super) fn read(
     let columns = Columns::find(&headers, facts)
         .map_err(|cause| TableError::new(file, Some(TableRow::Line(sheet.header_line())), cause))?;
     let mut rows: Vec<TableReading> = Vec::new();
-    let mut missing = 0;
+    let mut wavelengths: Vec<Option<f64>> = Vec::new();
+    let (mut missing, mut polarised) = (0, 0);
     while let Some(record) = sheet.read() {
         let record = record.map_err(|e| no_csv(e, &sheet))?;
         let line = sheet.line(record.position()).map(TableRow::Line);
@@ -77,6 +111,14 @@ pub(super) fn read(
             missing += 1;
             continue;
         }
+        if !columns.polarisations(&record).all(is_unpolarised) {
+            polarised += 1;
+            continue;
+        }
+        let own = columns.wavelength(&record, |field| sheet.number(field));
+        let own = own
+            .map_err(|cause| TableError::new(file, line, format!("column wavelength: {cause}")))?;
+        wavelengths.push(own);
         let reading = TableReading {
             theta_i_deg: angle(0)?,
             phi_i_deg: angle(1)?,
@@ -92,6 +134,17 @@ pub(super) fn read(
         };
         rows.push(reading);
     }
+    let light = |cause: String| TableError::new(file, None, cause);
+    let wanted =
+        wavelength(wavelengths.iter().copied().flatten().collect(), facts).map_err(light)?;
+    let before = rows.len();
+    let is_other = |own: &Option<f64>| {
+        let both = own.zip(wanted);
+        both.is_some_and(|(own, wanted)| is_other_wavelength(own, wanted))
+    };
+    let mut own = wavelengths.iter();
+    rows.retain(|_| !own.next().is_some_and(is_other));
+    let other = before - rows.len();
     // Marks are recognised in the file's unit.
     let mut values: Vec<f64> = rows.iter().map(|r| r.value).collect();
     let mut left_out = mark(&mut values, &[], Kind::Readings);
@@ -113,7 +166,9 @@ pub(super) fn read(
             counted(missing, "row")
         ));
     }
-    Ok(TableContents { readings, left_out })
+    let mut read = TableContents { readings, left_out };
+    read.note_other_light(other, polarised).map_err(light)?;
+    Ok(read)
 }
 
 /// Refuses a reading that is not one of a goniometer in reflection.
@@ -251,6 +306,51 @@ mod tests {
         (rows[4], rows[5]) = ("80", "80");
         let read = contents("brdf", &format!("{ANGLES},value"), &rows).unwrap();
         assert_eq!(read.readings.len(), 28);
+    }
+
+    #[test]
+    fn readings_of_other_light_are_left_out_or_refused() {
+        let of =
+            |header: &str, rows: &[&str]| contents("brdf", &format!("{ANGLES},{header}"), rows);
+        let both = ["0.2,550", "0.3,0.65e3", "0.4,550"];
+        let why = of("value,Wavelength [nm]", &both)
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(why.contains("2 wavelengths (550, 650 nm)"), "{why}");
+        assert_eq!(
+            of("value,wavelength_nm", &both[..1])
+                .unwrap()
+                .readings
+                .len(),
+            1
+        );
+        let why = of("value,lambda (in)", &both).err().unwrap().to_string();
+        assert!(why.contains("nm or µm"), "{why}");
+        let read = of("value,polarization", &["0.2,s", "0.3,u", "0.4,P"]).unwrap();
+        assert!(
+            read.readings.len() == 1 && read.left_out[0].starts_with("2 readings with a polariser")
+        );
+        let why = of("value,pol_i,pol_r", &["0.2,u,s"])
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(why.contains("average those of s and p"), "{why}");
+    }
+
+    #[test]
+    fn a_table_may_have_remarks_above_and_blank_rows_below() {
+        let facts: Goniometer = toml::from_str("value = \"brdf\"").unwrap();
+        for text in [
+            "# by hand\n\ntheta_i,phi_i,theta_o,phi_o,value\n10,0,5,90,0.2\n,,,,\n",
+            "# theta_i, phi_i, theta_o, phi_o, value\n10,0,5,90,0.2\n",
+        ] {
+            let read = read(text, "table.csv", &facts).unwrap();
+            assert!(
+                read.readings.len() == 1 && read.left_out.is_empty(),
+                "{text}"
+            );
+        }
     }
 
     #[test]
