@@ -179,7 +179,7 @@ impl utoipa::PartialSchema for ResultRowBody {
     fn schema() -> RefOr<Schema> {
         let mut row = ObjectBuilder::new().description(Some(
             "A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and \
-             at most 600 bytes: texts that are too long for it are shortened. Uncertainties have five significant digits, values \
+             at most 600 bytes: texts that are too long for it are shortened. Uncertainties have three significant digits, values \
              end at the same decimal; /fits/{id} has all digits",
         ));
         for column in COLUMNS {

@@ -1011,7 +1011,7 @@ class Repeatability(TypedDict):
 
 
 class Result(TypedDict):
-    """A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and at most 600 bytes: texts that are too long for it are shortened. Uncertainties have five significant digits, values end at the same decimal; /fits/{id} has all digits"""
+    """A scan with its newest fit and verdict. Without `fields`, a row has the columns up to `ended_at` that a list needs and at most 600 bytes: texts that are too long for it are shortened. Uncertainties have three significant digits, values end at the same decimal; /fits/{id} has all digits"""
 
     alpha_u: NotRequired[float | None]
     alpha_u_std: NotRequired[float | None]

@@ -5,9 +5,8 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 use super::columns::{COLUMNS, Column, Kind, column, place};
 use super::query::Cell;
 
-/// Digits of an uncertainty in a row; a value ends at the same decimal. A reader that shows two of them then rounds as
-/// it would round all of them.
-const DIGITS_STD: i32 = 5;
+/// Digits of an uncertainty in a row; a value ends at the same decimal.
+const DIGITS_STD: i32 = 3;
 /// Significant digits of a value without an uncertainty.
 const DIGITS_ALONE: usize = 6;
 
@@ -66,7 +65,7 @@ impl ResultRow {
         }
     }
 
-    /// Returns the value of a column as it is shown: an uncertainty with five significant digits, a value to the same
+    /// Returns the value of a column as it is shown: an uncertainty with three significant digits, a value to the same
     /// decimal.
     #[must_use]
     pub fn shown(&self, of: &Column) -> Cell {
@@ -221,10 +220,10 @@ mod tests {
     #[test]
     fn values_are_rounded_by_their_uncertainty() {
         for (value, std, shown) in [
-            (10.001_234_567, 0.012_345, 10.001_235),
-            (0.030_542_18, 0.030_542_18, 0.030_542),
+            (10.001_234_567, 0.012_345, 10.001_2),
+            (0.012_345, 0.012_345, 0.0123),
             (-0.000_001, 0.012_345, 0.0),
-            (12_345.678_9, 250.0, 12_345.68),
+            (12_345.678_9, 250.0, 12_346.0),
             (12_345.678_9, 0.0, 12_345.7),
             (1.0, f64::NAN, 1.0),
             (1e-300, 1e-302, 1e-300),
