@@ -132,7 +132,13 @@ mod tests {
             let theta_r = &report.parameters.theta_r_deg;
             let away = theta_r.value.unwrap() - TRUTH.theta_r.to_degrees();
             assert!(away.abs() < expanded(&report), "{away}");
-            assert!(expanded(&report) < 2.0 * without, "{code:?} {without}");
+            // A run takes the poses of a whole tilt out of the fit.
+            let allowed = if code == Code::BadPose {
+                2.0 * without
+            } else {
+                0.3
+            };
+            assert!(expanded(&report) < allowed, "{code:?} {without}");
         }
     }
 
@@ -157,6 +163,6 @@ mod tests {
             theta_r.value.unwrap() - TRUTH.theta_r.to_degrees(),
             theta_r.expanded.unwrap(),
         );
-        assert!(away.abs() < u && u < 0.2, "{away} {u}");
+        assert!(away.abs() < 1.5 * u && u < 0.2, "{away} {u}");
     }
 }
