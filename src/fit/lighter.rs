@@ -132,7 +132,7 @@ mod tests {
             let theta_r = &report.parameters.theta_r_deg;
             let away = theta_r.value.unwrap() - TRUTH.theta_r.to_degrees();
             assert!(away.abs() < expanded(&report), "{away}");
-            // A run takes the poses of a whole tilt out of the fit.
+            // A run takes a seventh of the poses out of the fit.
             let allowed = if code == Code::BadPose {
                 2.0 * without
             } else {
