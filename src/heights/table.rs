@@ -593,7 +593,7 @@ mod tests {
         };
         for mark in [",", "."] {
             let heights = |n: usize| {
-                if n % 7 == 0 {
+                if n.is_multiple_of(7) {
                     format!("{}", 100 + n)
                 } else {
                     format!("{}.{:03}", n, 17 * n % 1000)

@@ -78,12 +78,26 @@ impl<'a> Inquiry<'_, 'a> {
                 Code::Index | Code::WhiteReference => true,
                 // A plane that is tilted imitates gentle ridges that lean the other way.
                 Code::WedgeAcross if much > 0.5 * values.theta_r.abs() => false,
+                // Beside a flat surface, any ridges explain what little light is left.
+                Code::FlatLands if !self.sees_facets(&values) => false,
                 _ => much > step.suspect.least,
             }
         };
         let mut there: Vec<Step<'a>> = tried.filter(is_there).collect();
         by_cost(&mut there);
         there
+    }
+
+    /// Whether a pose comes near the lobe of the facets: its half vector leans as far as their normal, or nearly so.
+    fn sees_facets(&self, values: &Values) -> bool {
+        let set = self.e.problem.set();
+        let leans = (0..set.observations.len()).map(|i| {
+            let rig = set.rig_directions(i);
+            let h = rig.incident + rig.outgoing;
+            h.x.hypot(h.y).atan2(h.z)
+        });
+        let reached = leans.fold(0.0, f64::max);
+        values.theta_r.abs() < reached + 2.0 * values.alpha_u.max(values.alpha_v)
     }
 
     /// Lists the suspects that explain the residual of a fit from other ends of the search: without the term, another
