@@ -1,17 +1,18 @@
 //! Tests for a drift of the lamp during the poses, from the times of the frames and the residuals.
 //!
-//! Every signal, those of the white reference included, is modelled as that of a steady lamp times
-//! 1 + Σ d_k [P_k(x) − P̄_k]. P_k are the Legendre polynomials, x is the time from −1 at the first frame to 1 at the last, and
-//! P̄_k is the mean over the frames of the white reference. This is linear: its columns join the derivatives at the minimum, and only the part that no parameter
-//! explains counts ([`Leftover`]). Two degrees are always fitted, a third if it is significant by itself. The noise is
-//! everything that remains, model error included. [`drift`] returns the drift to report. [`without`] returns the
-//! observations of a steady lamp, which are then fitted again.
+//! Every signal, those of the white reference included, is modelled as that of a steady lamp times 1 + Σ d_k [P_k(x) −
+//! P̄_k]. P_k are the Legendre polynomials, x is the time from −1 at the first frame to 1 at the last, and P̄_k is the mean
+//! over the frames of the white reference. This is linear: its columns join the derivatives at the minimum, and only the
+//! part that no parameter explains counts ([`Leftover`]). Two degrees are always fitted, a third if it is significant by
+//! itself. The noise is everything that remains, model error included. [`drift`] returns the drift to report. [`without`]
+//! returns the observations of a steady lamp, which are then fitted again.
 //!
-//! A drift is reported if chance gives so large an F, for one degree or for all, less than once in 10,000 series, and if
-//! it has one direction (|t| > 3.2). The model error also depends on time if the poses are visited in an order. Leaving
-//! out whole tilts and azimuths in turn must therefore not change the drift ([`jackknife::by_groups`]), and as many polynomials
+//! A drift is reported if chance gives so large an F, for one degree or for all, less than once in 10,000 series, and if it
+//! has one direction (|t| > 3.2). The model error also depends on time if the poses are visited in an order. Leaving out
+//! whole tilts and azimuths in turn must therefore not change the drift ([`jackknife::by_groups`]), and as many polynomials
 //! of the tilt or of the azimuth must not explain the residuals as well: where they explain more, nothing is reported, and
-//! where the data do not decide, nothing is corrected. A curve in time also explains a part of any large misfit: where the model error is [`LOUD`], a drift has to explain most of it.
+//! where the data do not decide, nothing is corrected. A curve in time also explains a part of any large misfit: where the
+//! model error is [`LOUD`], a drift has to explain most of it.
 //!
 //! A lamp that warms up does not follow polynomials. Half of the correction and the covariance of the coefficients are
 //! therefore in the budget line `drift`.

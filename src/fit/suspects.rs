@@ -2,12 +2,12 @@
 //!
 //! Call [`investigated`]. χ² counts each observation with its own uncertainty and the usual error of the closed form (0.07 %
 //! of the signal and 0.04 % of the peak), not with the discrepancy of the fit that is examined. If it is unusually large for
-//! its degrees of freedom, or poses stand out, each suspect (a translucent body, tails of the slopes, rounded crests,
-//! flat lands between the ridges, a tilt of the sample, a lamp beside its stated place, a white reference that is not Lambertian, another index) is freed separately, with one more descent from the
-//! existing minimum. A suspect explains the residual if χ² falls below half. The best suspect joins the fit; so does one
-//! more if χ² is still too large, if it halves χ² again and stays inside its range. If no suspect explains the residual
-//! alone, other ends of the search are tried, and then two suspects together, which must quarter χ². The index never
-//! joins, because it has a certificate.
+//! its degrees of freedom, or poses stand out, each suspect (a translucent body, tails of the slopes, rounded crests, flat
+//! lands between the ridges, a tilt of the sample, a lamp beside its stated place, a white reference that is not Lambertian,
+//! another index) is freed separately, with one more descent from the existing minimum. A suspect explains the residual if
+//! χ² falls below half. The best suspect joins the fit; so does one more if χ² is still too large, if it halves χ² again and
+//! stays inside its range. If no suspect explains the residual alone, other ends of the search are tried, and then two
+//! suspects together, which must quarter χ². The index never joins, because it has a certificate.
 
 mod list;
 mod settled;

@@ -2,8 +2,8 @@
 //! pixels' mean.
 //!
 //! The mean is that of the whole sample, or of a region of its layout. Without a white reference, or if a single surface does
-//! not explain it and explains that of one of the largest clusters of pixels better, it is the mean of that. The fit's budget includes references, stages, lamp and model
-//! error, so its standard uncertainties are those that the pixels share.
+//! not explain it and explains that of one of the largest clusters of pixels better, it is the mean of that. The fit's budget
+//! includes references, stages, lamp and model error, so its standard uncertainties are those that the pixels share.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;

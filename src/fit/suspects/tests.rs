@@ -1,5 +1,5 @@
-//! A tilt of the sample across the ridges, a lamp beside its stated place, a white reference that is not Lambertian, tails of the slopes at few poses, two causes at once
-//! and another index, painted by the closed form.
+//! A tilt of the sample across the ridges, a lamp beside its stated place, a white reference that is not Lambertian, tails
+//! of the slopes at few poses, flat lands, two causes at once and another index, painted by the closed form.
 
 use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
