@@ -55,6 +55,7 @@ mod rig;
 mod rig_work;
 mod running_jobs;
 mod samples;
+mod scan_commands;
 mod scan_run;
 mod series;
 mod single_flight;
@@ -74,7 +75,7 @@ use std::sync::{Arc, Mutex, OnceLock, Weak};
 use std::time::Duration;
 
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
-use tokio::time::{Instant, timeout, timeout_at};
+use tokio::time::timeout;
 
 use crate::access::{DAEMON, LOCAL};
 use crate::bench::stage::{StageError, StageSettings};
@@ -254,8 +255,6 @@ struct Occupation {
     failure: Option<(String, String)>,
 }
 
-/// Time after which an order to a scan is answered, also where the stages do not answer or the database is locked.
-const ORDER_ANSWER: Duration = Duration::from_millis(900);
 /// How long a daemon that ends waits for a database that another program has locked: the state of a scan that it cannot write is
 /// found at the next start.
 const LOCK_WAIT_AT_END: Duration = Duration::from_secs(2);
@@ -463,207 +462,6 @@ impl Lab {
         self.inner.rig.as_ref().ok_or(LabError::NoRig)
     }
 
-    /// Sends a command to a running scan, or resumes an interrupted one.
-    ///
-    /// # Errors
-    /// [`LabError::NotNow`] if the scan's state does not allow it, [`LabError::AbortedInMotion`], or a store error.
-    pub async fn order(&self, scan_id: i64, order: ScanCommand) -> Result<ScanState, LabError> {
-        let carried_out = self.carry_out(scan_id, order).await;
-        let is_taken = matches!(
-            carried_out,
-            Ok(_) | Err(LabError::WaitsForDatabase { .. } | LabError::AbortUnconfirmed { .. })
-        );
-        if is_taken {
-            self.record_order(asked(order), Some(scan_id)).await;
-        }
-        carried_out
-    }
-
-    async fn carry_out(&self, scan_id: i64, order: ScanCommand) -> Result<ScanState, LabError> {
-        let answer_by = Instant::now() + ORDER_ANSWER;
-        if order_moves(order) {
-            // Nothing moves later, after a person was refused.
-            self.store().check_lock(ORDER_ANSWER).await?;
-        }
-        let not_now = |state| LabError::NotNow {
-            scan_id,
-            state,
-            asked: asked(order),
-        };
-        let occupation = match &self.inner.rig {
-            Some(side) => side.occupation.borrow().clone(),
-            None => Occupation::default(),
-        };
-        let orders = match occupation.orders {
-            Some(orders) if occupation.scan_id == Some(scan_id) => orders,
-            _ => return self.order_unheld(scan_id, order).await,
-        };
-        let states: &[ScanState] = match order {
-            ScanCommand::Continue | ScanCommand::Done(_) => &[ScanState::WaitingForOperator],
-            ScanCommand::Resume => &[ScanState::Paused, ScanState::Pausing],
-            ScanCommand::Pause => &[ScanState::Running, ScanState::WaitingForOperator],
-            // Permitted in every state, and must not wait for the database.
-            ScanCommand::Abort | ScanCommand::Stop | ScanCommand::ShutDown => &[],
-        };
-        if !states.is_empty() {
-            let state = self.inner.store.scan(scan_id).await?.state;
-            if !states.contains(&state) {
-                return Err(not_now(match state {
-                    // Another caller has just resumed it, and its row is not written yet.
-                    ScanState::Interrupted => ScanState::Running,
-                    state => state,
-                }));
-            }
-        }
-        let (reply, answer) = oneshot::channel();
-        let sent = orders
-            .send(CommandRequest {
-                command: order,
-                reply,
-            })
-            .await;
-        let side = self.side()?;
-        let stopped = match order {
-            // Homing and connecting do not read commands; the stage does.
-            ScanCommand::Abort => {
-                side.access.forbid_unasked_motion();
-                let access = side.access.clone();
-                let stop = tokio::spawn(async move { access.stop_what_may_move().await });
-                match timeout_at(answer_by, stop).await {
-                    Ok(stopped) => stopped.expect("a stop does not panic"),
-                    Err(_) => return Err(LabError::AbortUnconfirmed { scan_id }),
-                }
-            }
-            _ => Ok(()),
-        };
-        let answer = match sent {
-            Ok(()) => {
-                self.answer_in_time(scan_id, order, answer, answer_by)
-                    .await?
-            }
-            Err(_) => None,
-        };
-        let state = match answer {
-            Some(Ok(state)) => state,
-            Some(Err(state)) => {
-                return match (order, self.inner.store.scan(scan_id).await?.operator) {
-                    (ScanCommand::Done(done), Some(waits_for)) if done != waits_for => {
-                        Err(LabError::OtherStep {
-                            scan_id,
-                            done,
-                            waits_for,
-                        })
-                    }
-                    _ => Err(not_now(state)),
-                };
-            }
-            // The scan ended before it read the command, or because the new state could not be written.
-            None => {
-                let mut occupation = side.occupation.clone();
-                let gone = occupation.wait_for(|now| now.scan_id != Some(scan_id));
-                // An owner that has ended holds no scan.
-                gone.await.ok();
-                if side.sink.unrecorded.has(scan_id) {
-                    return self.order_unheld(scan_id, order).await;
-                }
-                let state = self.inner.store.scan(scan_id).await?.state;
-                if order != ScanCommand::Abort || state != ScanState::Aborted {
-                    return Err(not_now(state));
-                }
-                state
-            }
-        };
-        match stopped {
-            Ok(()) => Ok(state),
-            Err(source) => Err(LabError::AbortedInMotion { scan_id, source }),
-        }
-    }
-
-    /// Waits for the answer of a scan, but not for a database that another program has locked.
-    async fn answer_in_time(
-        &self,
-        scan_id: i64,
-        order: ScanCommand,
-        mut answer: oneshot::Receiver<Result<ScanState, ScanState>>,
-        by: Instant,
-    ) -> Result<Option<Result<ScanState, ScanState>>, LabError> {
-        if let Ok(answer) = timeout_at(by, &mut answer).await {
-            return Ok(answer.ok());
-        }
-        let asked = asked(order);
-        loop {
-            if self.store().is_locked() {
-                return Err(LabError::WaitsForDatabase { scan_id, asked });
-            }
-            if let Ok(answer) = timeout(ORDER_ANSWER, &mut answer).await {
-                return Ok(answer.ok());
-            }
-        }
-    }
-
-    /// Sends a command to a scan that is not running.
-    async fn order_unheld(&self, scan_id: i64, order: ScanCommand) -> Result<ScanState, LabError> {
-        self.store().check_lock(ORDER_ANSWER).await?;
-        if let Some(side) = &self.inner.rig {
-            side.sink.record_end_of(scan_id).await?;
-        }
-        let scan = self.inner.store.scan(scan_id).await?;
-        match (order, scan.state) {
-            (ScanCommand::Resume, ScanState::Interrupted) => self.resume(&scan).await,
-            (ScanCommand::Abort, ScanState::Interrupted) => {
-                let reason = Some("aborted by the operator");
-                let progress = self.store().last_progress(scan_id).await?;
-                let event = self
-                    .inner
-                    .store
-                    .change_state(scan_id, ScanState::Aborted, reason, None, progress)
-                    .await?;
-                self.publish(event);
-                Ok(ScanState::Aborted)
-            }
-            (_, state) => Err(LabError::NotNow {
-                scan_id,
-                state,
-                asked: asked(order),
-            }),
-        }
-    }
-
-    /// Waits until a scan has ended or is interrupted, or until `enough` is true for one of its events after number
-    /// `after`.
-    ///
-    /// # Errors
-    /// A store error.
-    pub async fn wait_for_scan(
-        &self,
-        scan_id: i64,
-        after: i64,
-        mut enough: impl FnMut(&RecordedEvent) -> bool,
-    ) -> Result<Scan, LabError> {
-        let mut events = self.events();
-        let mut last = after;
-        loop {
-            for event in self.inner.store.events_after(last, 1000).await? {
-                last = event.id;
-                if event.event.scan_id() == Some(scan_id) && enough(&event) {
-                    return Ok(self.inner.store.scan(scan_id).await?);
-                }
-            }
-            let scan = self.inner.store.scan(scan_id).await?;
-            if scan.state.is_end() || scan.state == ScanState::Interrupted {
-                return Ok(scan);
-            }
-            // Any event wakes this; the store has them all.
-            events.recv().await.ok();
-        }
-    }
-
-    /// Returns how a scan of this process ended, with its times.
-    #[must_use]
-    pub fn run_end(&self, scan_id: i64) -> Option<RunEnd> {
-        self.inner.ends.borrow().get(&scan_id).copied()
-    }
-
     /// Stops the rig, interrupts a running scan, parks the axes if that is set and permitted, and cancels all jobs; the
     /// store stays open for readers.
     ///
@@ -724,24 +522,6 @@ impl Lab {
         // A stop that failed is in the log.
         self.rest().await.ok();
         self.inner.store.close().await;
-    }
-}
-
-/// Whether an order lets the stages move.
-fn order_moves(order: ScanCommand) -> bool {
-    matches!(
-        order,
-        ScanCommand::Resume | ScanCommand::Continue | ScanCommand::Done(_)
-    )
-}
-
-fn asked(order: ScanCommand) -> &'static str {
-    match order {
-        ScanCommand::Pause => "pause",
-        ScanCommand::Resume => "resume",
-        ScanCommand::Continue | ScanCommand::Done(_) => "continue",
-        ScanCommand::Abort => "abort",
-        ScanCommand::Stop | ScanCommand::ShutDown => "stop",
     }
 }
 

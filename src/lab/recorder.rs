@@ -15,7 +15,7 @@ use crate::scan::visit::is_stage_code;
 use crate::scan::{Event, OperatorAction, Plan, Progress, ScanState};
 use crate::store::StoreError;
 use crate::store::calibrations::NewCalibration;
-use crate::store::frames::{NewFrame, NewShot};
+use crate::store::shots::{NewFrame, NewShot};
 
 /// Frames of a point that are encoded and written at the same time: one is encoded while the other waits for the disk.
 /// More would double the memory of a point with many repeats.

@@ -246,7 +246,7 @@ impl Pair {
 
 #[cfg(test)]
 mod tests {
-    use crate::store::frames::tests::commit;
+    use crate::store::shots::tests::commit;
     use crate::store::scans::tests::planned;
     use crate::store::tests::{damage, open};
 

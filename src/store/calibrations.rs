@@ -253,7 +253,7 @@ mod tests {
     use super::*;
     use crate::geometry::Pose;
     use crate::scan::Progress;
-    use crate::store::frames::NewShot;
+    use crate::store::shots::NewShot;
     use crate::store::scans::tests::planned;
     use crate::store::tests::open;
 

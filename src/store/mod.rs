@@ -37,6 +37,7 @@ mod reductions;
 pub mod results;
 pub mod samples;
 pub mod scans;
+pub mod shots;
 pub mod stages;
 
 use std::fs;

@@ -140,7 +140,7 @@ mod tests {
     use crate::frame::Frame;
     use crate::scan::Event;
     use crate::store::Store;
-    use crate::store::frames::tests::commit;
+    use crate::store::shots::tests::commit;
     use crate::store::scans::tests::planned;
     use crate::store::tests::open;
 

@@ -158,7 +158,7 @@ mod tests {
     use super::*;
     use crate::frame::Frame;
     use crate::scan::Progress;
-    use crate::store::frames::tests::commit;
+    use crate::store::shots::tests::commit;
     use crate::store::scans::tests::planned;
     use crate::store::tests::open;
 

@@ -218,7 +218,7 @@ mod tests {
     use crate::clock::SteppedClock;
     use crate::reduction::CalibrationText;
     use crate::store::disk::RealDisk;
-    use crate::store::frames::tests::commit;
+    use crate::store::shots::tests::commit;
     use crate::store::scans::tests::planned;
     use crate::store::tests::open;
 
