@@ -13,6 +13,7 @@ use serde_json::json;
 use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 
+use super::axis_motion::MotionOrder;
 use super::event_sink::EventSink;
 use super::hands::Hands;
 use super::motions::Motions;
@@ -21,12 +22,10 @@ use super::rig_work::{Request, Work};
 use super::scan_run::RigContext;
 use super::stages::{PinnedStages, record_notices};
 use super::{Holder, LabError, Occupation, RigParts, RigSide};
-use crate::bench::stage::{AxisName, Stage, StageError};
-use crate::geometry::Pose;
-use crate::scan::event::{AxisEvent, RigActivity};
-use crate::scan::{Event, Rig, StageAccess};
+use crate::bench::stage::{Stage, StageError};
+use crate::scan::event::RigActivity;
+use crate::scan::{Rig, StageAccess};
 use crate::store::StoreError;
-use crate::units::Angle;
 
 /// Spawns the task that owns the rig from now on. It first switches off the lamp of `cut_off`, a scan that a kill ended.
 pub(super) async fn take(
@@ -104,24 +103,18 @@ struct Done {
     out_of_reach: Option<Arc<LabError>>,
 }
 
-/// A motion of a single axis, which a stop ends.
-#[derive(Clone, Copy)]
-struct Motion {
-    /// Number of stops before the request.
-    asked_after: u64,
-}
-
 #[derive(Clone)]
-struct Owner {
-    context: RigContext,
-    access: StageAccess,
+pub(super) struct Owner {
+    pub(super) context: RigContext,
+    pub(super) access: StageAccess,
 }
 
 impl Owner {
     async fn run(self, rig: Rig, mut inbox: mpsc::Receiver<Request>) {
         let mut free = Some(rig);
         let mut current: Option<BoxFuture<'static, Done>> = None;
-        let mut motion: Option<Motion> = None;
+        // Number of stops before the motion that a stop ends.
+        let mut stoppable: Option<u64> = None;
         let mut preview: Option<CancellationToken> = None;
         let mut waiting: VecDeque<Request> = VecDeque::new();
         let mut occupied = self.context.occupation.subscribe();
@@ -151,7 +144,7 @@ impl Owner {
                         continue;
                     }
                     // The current work turned out to be a motion or a scan.
-                    () = async { occupied.wait_for(|now| self.is_taken(now, motion)).await.ok(); },
+                    () = async { occupied.wait_for(|now| self.is_taken(now, stoppable)).await.ok(); },
                         if !waiting.is_empty() =>
                     {
                         for request in waiting.drain(..) {
@@ -180,15 +173,15 @@ impl Owner {
             match free.take() {
                 Some(rig) => {
                     let asked_after = request.stops;
-                    let is_a_motion = request.work.is_a_motion();
-                    motion = is_a_motion.then_some(Motion { asked_after });
+                    let is_a_motion = matches!(request.work, Work::Motion { .. });
+                    stoppable = is_a_motion.then_some(asked_after);
                     preview = match &request.work {
                         Work::Preview(work) => Some(work.give_way.clone()),
                         _ => None,
                     };
                     current = Some(Box::pin(self.clone().work(rig, request)));
                 }
-                None if self.is_taken(&self.context.occupation.borrow(), motion) => {
+                None if self.is_taken(&self.context.occupation.borrow(), stoppable) => {
                     self.refuse(request)
                 }
                 None => {
@@ -203,9 +196,9 @@ impl Owner {
         }
     }
 
-    /// Returns whether the current work refuses further requests. A single axis that got a stop is about to be free.
-    fn is_taken(&self, now: &Occupation, motion: Option<Motion>) -> bool {
-        let stopped = motion.is_some_and(|motion| self.access.stops() != motion.asked_after);
+    /// Returns whether the current work refuses further requests. An axis that got a stop is about to be free.
+    fn is_taken(&self, now: &Occupation, stoppable: Option<u64>) -> bool {
+        let stopped = stoppable.is_some_and(|asked_after| self.access.stops() != asked_after);
         now.activity.is_some() && !now.clears_up && !stopped
     }
 
@@ -251,21 +244,10 @@ impl Owner {
     async fn work_with(self, stage: Stage, mut rig: Rig, request: Request) -> Rig {
         let Request {
             work,
-            motion,
             who,
             stops,
             reply,
         } = request;
-        // Read first: a later stop cancels the motion that starts with this count, and an earlier one shows in the owner's
-        // count.
-        let stops_of_stage = stage.stops();
-        if work.is_a_motion() && self.access.stops() != stops {
-            reply.send(Err(StageError::Stopped.into())).ok();
-            return rig;
-        }
-        if work.is_a_motion() && reply.is_closed() {
-            return rig;
-        }
         match work {
             Work::Connect | Work::End => {
                 reply.send(Ok(())).ok();
@@ -277,84 +259,15 @@ impl Owner {
                 }
                 reply.send(unparked.map_err(LabError::from)).ok();
             }
-            Work::Move { axis, target } => {
-                if let Err(error) = self.check_move(&stage, axis, target).await {
-                    rig.let_go_if_lost(&error);
-                    reply.send(Err(error.into())).ok();
-                    return rig;
-                }
-                self.access.allow_unasked_motion();
-                self.context.begin(RigActivity::Moving, &who);
-                reply.send(Ok(())).ok();
-                self.report_axis(&who, RigActivity::Moving, axis, AxisEvent::to(target));
-                let moved = stage.move_since(axis, target, stops_of_stage).await;
-                let moved = moved.map(|_| ());
-                self.settled(&mut rig, &stage, &who, motion, moved).await;
-            }
-            Work::MoveBoth { target } => {
-                if let Err(error) = self.check_move_both(&stage, target).await {
-                    rig.let_go_if_lost(&error);
-                    reply.send(Err(error.into())).ok();
-                    return rig;
-                }
-                self.access.allow_unasked_motion();
-                self.context.begin(RigActivity::Moving, &who);
-                reply.send(Ok(())).ok();
-                let event = Event::Rig {
-                    activity: RigActivity::Moving,
-                    theta_c: AxisEvent::to(target.theta_c),
-                    phi_s: AxisEvent::to(target.phi_s),
+            Work::Motion { motion, number } => {
+                let order = MotionOrder {
+                    motion,
+                    number,
+                    who,
+                    stops,
+                    reply,
                 };
-                self.context.sink.report_by(&who, event);
-                let moved = stage.move_pose_since(target, stops_of_stage).await;
-                let moved = moved.map(|_| ());
-                self.settled(&mut rig, &stage, &who, motion, moved).await;
-            }
-            Work::Home { axis } => {
-                self.access.allow_unasked_motion();
-                self.context.begin(RigActivity::Homing, &who);
-                reply.send(Ok(())).ok();
-                self.report_axis(&who, RigActivity::Homing, axis, AxisEvent::UNKNOWN);
-                let homed = async {
-                    stage.release(axis).await?;
-                    stage.home_since(axis, stops_of_stage).await
-                };
-                let homed = homed.await;
-                self.settled(&mut rig, &stage, &who, motion, homed).await;
-            }
-            Work::HomeBoth => {
-                self.access.allow_unasked_motion();
-                self.context.begin(RigActivity::Homing, &who);
-                reply.send(Ok(())).ok();
-                let event = Event::Rig {
-                    activity: RigActivity::Homing,
-                    theta_c: AxisEvent::UNKNOWN,
-                    phi_s: AxisEvent::UNKNOWN,
-                };
-                self.context.sink.report_by(&who, event);
-                let homed = async {
-                    for axis in AxisName::ALL {
-                        stage.release(axis).await?;
-                    }
-                    stage.home_all_since(stops_of_stage).await
-                };
-                let homed = homed.await;
-                self.settled(&mut rig, &stage, &who, motion, homed).await;
-            }
-            Work::Jog(work) => {
-                if let Err(error) = stage.check_jog(work.axis).await {
-                    rig.let_go_if_lost(&error);
-                    reply.send(Err(error.into())).ok();
-                    return rig;
-                }
-                self.access.allow_unasked_motion();
-                self.context.begin(RigActivity::Moving, &who);
-                reply.send(Ok(())).ok();
-                let (axis, order) = (work.axis, work.order.clone());
-                let at_end = |why| work.at_end(why);
-                let jogged = stage.jog(axis, order, stops_of_stage, at_end).await;
-                self.settled(&mut rig, &stage, &who, motion, jogged.map(|_| ()))
-                    .await;
+                self.make_motion(&mut rig, &stage, order).await;
             }
             Work::Preview(work) => {
                 reply.send(Ok(())).ok();
@@ -401,93 +314,5 @@ impl Owner {
             .occupation
             .send_modify(|now| now.problem = problem);
         connected
-    }
-
-    async fn check_move(
-        &self,
-        stage: &Stage,
-        axis: AxisName,
-        target: Angle,
-    ) -> Result<(), StageError> {
-        // Only the moving axis is checked; the other one stays where it is.
-        stage.settings().check_limit(axis, target)?;
-        if !stage.status().await?.axis(axis).homed {
-            return Err(StageError::NotReferenced { axis });
-        }
-        stage.check_move(axis, target).await
-    }
-
-    async fn check_move_both(&self, stage: &Stage, target: Pose) -> Result<(), StageError> {
-        stage.check_limits(target)?;
-        let status = stage.status().await?;
-        let unknown = AxisName::ALL
-            .into_iter()
-            .find(|axis| !status.axis(*axis).homed);
-        if let Some(axis) = unknown {
-            return Err(StageError::NotReferenced { axis });
-        }
-        stage.check_move_pose(target).await
-    }
-
-    async fn settled(
-        &self,
-        rig: &mut Rig,
-        stage: &Stage,
-        who: &Arc<str>,
-        motion: Option<i64>,
-        outcome: Result<(), StageError>,
-    ) {
-        let is_stopped = matches!(outcome, Err(StageError::Stopped));
-        // A stopped axis has no position before it is at rest.
-        let status = match is_stopped && stage.at_rest().await.is_err() {
-            true => None,
-            false => stage.status().await.ok(),
-        };
-        let failure = outcome
-            .as_ref()
-            .err()
-            .map(|e| (crate::scan::visit::stage_code(e).to_owned(), e.to_string()));
-        // At once, so that a client that sees the rig idle also sees the failure, and gets the rig as soon as it is back.
-        self.context.occupation.send_modify(|now| {
-            now.activity = None;
-            now.failure = failure;
-        });
-        // After the rig is free, so that a caller that waited gets it.
-        if let Some(id) = motion {
-            self.context.motions.end(id, &outcome, status.as_ref());
-        }
-        if let Err(error) = &outcome {
-            self.access.forbid_unasked_motion();
-            rig.let_go_if_lost(error);
-            if !is_stopped {
-                let alarm = Event::Alarm {
-                    code: crate::scan::visit::stage_code(error).into(),
-                    message: error.to_string(),
-                    scan_id: None,
-                };
-                self.context.sink.report_by(who, alarm);
-            }
-        }
-        let at = |axis: Option<Angle>| axis.map_or(AxisEvent::UNKNOWN, AxisEvent::at);
-        let event = Event::Rig {
-            activity: RigActivity::Idle,
-            theta_c: at(status.as_ref().map(|s| s.theta_c.position)),
-            phi_s: at(status.as_ref().map(|s| s.phi_s.position)),
-        };
-        self.context.sink.report_by(who, event);
-    }
-
-    /// Does not wait for the database: a motion that was requested must not begin much later.
-    fn report_axis(&self, who: &Arc<str>, activity: RigActivity, axis: AxisName, event: AxisEvent) {
-        let (theta_c, phi_s) = match axis {
-            AxisName::ThetaC => (event, AxisEvent::UNKNOWN),
-            AxisName::PhiS => (AxisEvent::UNKNOWN, event),
-        };
-        let event = Event::Rig {
-            activity,
-            theta_c,
-            phi_s,
-        };
-        self.context.sink.report_by(who, event);
     }
 }

@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::watch;
 
-use super::rig_work::{JogWork, Work};
+use super::axis_motion::{AxisMotion, JogWork};
+use super::rig_work::Work;
 use super::{AxisName, Lab, LabError};
 use crate::bench::stage::JogOrder;
 
@@ -120,7 +121,12 @@ impl Lab {
             order: orders,
             at_end,
         };
-        self.request(Work::Jog(work)).await?;
+        let motion = AxisMotion::Jog(work);
+        self.request(Work::Motion {
+            motion,
+            number: None,
+        })
+        .await?;
         let view = live.view();
         // The rig was free, so that an earlier jog is over.
         *locked(&side.jogs.last) = Some(live);

@@ -7,6 +7,7 @@
 
 pub mod accuracy_results;
 pub mod assembly;
+mod axis_motion;
 mod bench;
 mod charts;
 mod chosen_fit;

@@ -324,7 +324,9 @@ impl Lab {
         // A client that disconnects between the row and the rig's answer would leave a planned scan that never starts.
         to_the_end(async move {
             // Nothing begins later, after a person was refused.
-            lab.store().check_lock(super::scan_commands::ORDER_ANSWER).await?;
+            lab.store()
+                .check_lock(super::scan_commands::ORDER_ANSWER)
+                .await?;
             lab.plan_and_begin(&request, None).await
         })
         .await

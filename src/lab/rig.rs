@@ -5,10 +5,11 @@ use std::time::Duration;
 
 use tokio::sync::oneshot;
 
+use super::axis_motion::AxisMotion;
 use super::error::not_stopped;
 use super::motions::Motion;
 use super::request_checks::invalid;
-use super::rig_work;
+use super::rig_work::{Request, Work};
 use super::{AxisName, Holder, Lab, LabError, RigSide};
 use crate::bench::stage::{AxisStatus, Stage, StageIdentity};
 use crate::geometry::Pose;
@@ -207,22 +208,13 @@ impl Lab {
         })
     }
 
-    pub(super) async fn request(&self, work: rig_work::Work) -> Result<(), LabError> {
-        self.request_as(work, None).await
-    }
-
-    pub(super) async fn request_as(
-        &self,
-        work: rig_work::Work,
-        motion: Option<i64>,
-    ) -> Result<(), LabError> {
+    pub(super) async fn request(&self, work: Work) -> Result<(), LabError> {
         let (reply, answer) = oneshot::channel();
         let side = self.side()?;
         let stops = side.access.stops();
         side.requests
-            .send(rig_work::Request {
+            .send(Request {
                 work,
-                motion,
                 who: Arc::clone(&self.who),
                 stops,
                 reply,
@@ -243,7 +235,7 @@ impl Lab {
     }
 
     async fn connect(&self) -> Result<Stage, LabError> {
-        self.request(rig_work::Work::Connect).await?;
+        self.request(Work::Connect).await?;
         let stage = self.side()?.access.stage();
         stage.ok_or(LabError::Busy {
             with: Holder::Connecting,
@@ -255,17 +247,18 @@ impl Lab {
     /// # Errors
     /// [`LabError::NoRig`], [`LabError::Busy`], or [`LabError::Stage`].
     pub async fn have_rig(&self) -> Result<(), LabError> {
-        self.request(rig_work::Work::Connect).await
+        self.request(Work::Connect).await
     }
 
     /// Starts a motion and returns its number, just before a stage moves.
-    pub(super) async fn begin_motion(&self, work: rig_work::Work) -> Result<i64, LabError> {
+    pub(super) async fn begin_motion(&self, motion: AxisMotion) -> Result<i64, LabError> {
         let side = self.side()?;
         let now_ns = side.sink.clock.utc().unix_timestamp_nanos();
         let id = side
             .motions
             .add(i64::try_from(now_ns / 1000).unwrap_or_default());
-        match self.request_as(work, Some(id)).await {
+        let number = Some(id);
+        match self.request(Work::Motion { motion, number }).await {
             Ok(()) => Ok(id),
             Err(error) => {
                 side.motions.forget(id);
@@ -293,7 +286,7 @@ impl Lab {
         match (theta_c, phi_s) {
             (Some(theta_c), Some(phi_s)) => {
                 let target = Pose { theta_c, phi_s };
-                self.begin_motion(rig_work::Work::MoveBoth { target }).await
+                self.begin_motion(AxisMotion::MoveBoth { target }).await
             }
             (Some(theta_c), None) => self.move_axis(AxisName::ThetaC, theta_c).await,
             (None, Some(phi_s)) => self.move_axis(AxisName::PhiS, phi_s).await,
@@ -320,8 +313,7 @@ impl Lab {
         if !target.is_finite() {
             return Err(invalid("position_deg", "must be a finite number"));
         }
-        self.begin_motion(rig_work::Work::Move { axis, target })
-            .await
+        self.begin_motion(AxisMotion::Move { axis, target }).await
     }
 
     /// Starts to home an axis; returns the number of the motion, just before the stage moves.
@@ -329,7 +321,7 @@ impl Lab {
     /// # Errors
     /// As [`Lab::move_axis`].
     pub async fn home(&self, axis: AxisName) -> Result<i64, LabError> {
-        self.begin_motion(rig_work::Work::Home { axis }).await
+        self.begin_motion(AxisMotion::Home { axis }).await
     }
 
     /// Starts to home both axes, in the order of the settings; returns the number of the motion, just before a stage moves.
@@ -337,7 +329,7 @@ impl Lab {
     /// # Errors
     /// As [`Lab::move_axis`].
     pub async fn home_both(&self) -> Result<i64, LabError> {
-        self.begin_motion(rig_work::Work::HomeBoth).await
+        self.begin_motion(AxisMotion::HomeBoth).await
     }
 
     /// Unparks an axis that another program parked; it keeps its position. Nothing moves.
@@ -345,7 +337,7 @@ impl Lab {
     /// # Errors
     /// [`LabError::Busy`], [`LabError::NoRig`], or [`LabError::Stage`].
     pub async fn unpark(&self, axis: AxisName) -> Result<(), LabError> {
-        self.request(rig_work::Work::Unpark { axis }).await
+        self.request(Work::Unpark { axis }).await
     }
 
     /// Stops both axes at once, also during a scan, which pauses. Never refused; connects first if there is no link.

@@ -246,8 +246,8 @@ impl Pair {
 
 #[cfg(test)]
 mod tests {
-    use crate::store::shots::tests::commit;
     use crate::store::scans::tests::planned;
+    use crate::store::shots::tests::commit;
     use crate::store::tests::{damage, open};
 
     #[tokio::test]

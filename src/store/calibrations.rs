@@ -253,8 +253,8 @@ mod tests {
     use super::*;
     use crate::geometry::Pose;
     use crate::scan::Progress;
-    use crate::store::shots::NewShot;
     use crate::store::scans::tests::planned;
+    use crate::store::shots::NewShot;
     use crate::store::tests::open;
 
     #[tokio::test]

@@ -140,8 +140,8 @@ mod tests {
     use crate::frame::Frame;
     use crate::scan::Event;
     use crate::store::Store;
-    use crate::store::shots::tests::commit;
     use crate::store::scans::tests::planned;
+    use crate::store::shots::tests::commit;
     use crate::store::tests::open;
 
     fn alarm() -> Event {

@@ -158,8 +158,8 @@ mod tests {
     use super::*;
     use crate::frame::Frame;
     use crate::scan::Progress;
-    use crate::store::shots::tests::commit;
     use crate::store::scans::tests::planned;
+    use crate::store::shots::tests::commit;
     use crate::store::tests::open;
 
     #[tokio::test]

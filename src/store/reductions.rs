@@ -218,8 +218,8 @@ mod tests {
     use crate::clock::SteppedClock;
     use crate::reduction::CalibrationText;
     use crate::store::disk::RealDisk;
-    use crate::store::shots::tests::commit;
     use crate::store::scans::tests::planned;
+    use crate::store::shots::tests::commit;
     use crate::store::tests::open;
 
     fn texts(frame_id: i64) -> ReductionTexts {
