@@ -190,46 +190,7 @@ impl Lab {
         let given = reading(move || SeriesToImport::open(&from, own)).await?;
         self.check_room(SERIES, given.bytes.iter().sum()).await?;
         let series = &given.series;
-        let saturation_dn = series.manifest().camera.full_count();
-        let total = series.rows().len();
-        let mut skipped = Vec::new();
-        for (i, row) in series.rows().iter().enumerate() {
-            if options.cancel.load(Ordering::Relaxed) {
-                return Err(LabError::BrokenOff);
-            }
-            // Other tasks also write during a long import.
-            self.check_room(SERIES, given.bytes[i]).await?;
-            let source = Arc::clone(series);
-            let kept = match reading(move || source.read_bytes(i)).await {
-                Ok(file) => match self.store().keep_recorded(file, saturation_dn).await {
-                    Err(StoreError::Frame(source)) => Err(FrameReadError::NotAFrame {
-                        file: row.file.clone(),
-                        source,
-                    }),
-                    other => Ok(other?),
-                },
-                Err(error) => Err(error),
-            };
-            match kept {
-                Ok((file, original_sha256)) => frames.push(ImportedFrame {
-                    file,
-                    name: match original_sha256 {
-                        Some(_) => name_as_png(&row.file, series.rows()),
-                        None => row.file.clone(),
-                    },
-                    kind: row.kind,
-                    theta_c_deg: row.theta_c_deg,
-                    phi_s_deg: row.phi_s_deg,
-                    exposure_s: row.exposure_s,
-                    repeat: row.repeat,
-                    timestamp: row.timestamp.clone(),
-                    original_sha256,
-                }),
-                Err(reason) if options.skip_unreadable => skipped.push(reason.to_string()),
-                Err(reason) => return Err(LabError::Frame { reason }),
-            }
-            progress(i + 1, total);
-        }
+        let skipped = self.keep_frames(frames, &given, options, progress).await?;
         if !frames.iter().any(|f| f.kind == FrameKind::Sample) {
             return Err(LabError::Series(SeriesError::Invalid {
                 file: series.manifest().frames.clone(),
@@ -278,6 +239,58 @@ impl Lab {
             },
             like: before.filter(|before| !before.differences.is_empty()),
         })
+    }
+
+    /// Stores the frames of a series; returns why frames were skipped that cannot be read, if that is permitted.
+    async fn keep_frames(
+        &self,
+        frames: &mut Vec<ImportedFrame>,
+        given: &SeriesToImport,
+        options: &ImportOptions,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Vec<String>, LabError> {
+        let series = &given.series;
+        let saturation_dn = series.manifest().camera.full_count();
+        let total = series.rows().len();
+        let mut skipped = Vec::new();
+        for (i, row) in series.rows().iter().enumerate() {
+            if options.cancel.load(Ordering::Relaxed) {
+                return Err(LabError::BrokenOff);
+            }
+            // Other tasks also write during a long import.
+            self.check_room(SERIES, given.bytes[i]).await?;
+            let source = Arc::clone(series);
+            let kept = match reading(move || source.read_bytes(i)).await {
+                Ok(file) => match self.store().keep_recorded(file, saturation_dn).await {
+                    Err(StoreError::Frame(source)) => Err(FrameReadError::NotAFrame {
+                        file: row.file.clone(),
+                        source,
+                    }),
+                    other => Ok(other?),
+                },
+                Err(error) => Err(error),
+            };
+            match kept {
+                Ok((file, original_sha256)) => frames.push(ImportedFrame {
+                    file,
+                    name: match original_sha256 {
+                        Some(_) => name_as_png(&row.file, series.rows()),
+                        None => row.file.clone(),
+                    },
+                    kind: row.kind,
+                    theta_c_deg: row.theta_c_deg,
+                    phi_s_deg: row.phi_s_deg,
+                    exposure_s: row.exposure_s,
+                    repeat: row.repeat,
+                    timestamp: row.timestamp.clone(),
+                    original_sha256,
+                }),
+                Err(reason) if options.skip_unreadable => skipped.push(reason.to_string()),
+                Err(reason) => return Err(LabError::Frame { reason }),
+            }
+            progress(i + 1, total);
+        }
+        Ok(skipped)
     }
 
     /// Returns the sample of this name and material, or adds one. A series states the material of its part, so a part of the

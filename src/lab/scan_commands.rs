@@ -6,6 +6,7 @@ use tokio::sync::oneshot;
 use tokio::time::{Instant, timeout, timeout_at};
 
 use super::{Lab, LabError, Occupation};
+use crate::bench::stage::StageError;
 use crate::scan::runner::{CommandRequest, RunEnd, ScanCommand};
 use crate::scan::{RecordedEvent, ScanState};
 use crate::store::scans::Scan;
@@ -49,13 +50,7 @@ impl Lab {
             Some(orders) if occupation.scan_id == Some(scan_id) => orders,
             _ => return self.order_unheld(scan_id, order).await,
         };
-        let states: &[ScanState] = match order {
-            ScanCommand::Continue | ScanCommand::Done(_) => &[ScanState::WaitingForOperator],
-            ScanCommand::Resume => &[ScanState::Paused, ScanState::Pausing],
-            ScanCommand::Pause => &[ScanState::Running, ScanState::WaitingForOperator],
-            // Permitted in every state, and must not wait for the database.
-            ScanCommand::Abort | ScanCommand::Stop | ScanCommand::ShutDown => &[],
-        };
+        let states = states_for(order);
         if !states.is_empty() {
             let state = self.inner.store.scan(scan_id).await?.state;
             if !states.contains(&state) {
@@ -75,16 +70,7 @@ impl Lab {
             .await;
         let side = self.side()?;
         let stopped = match order {
-            // Homing and connecting do not read commands; the stage does.
-            ScanCommand::Abort => {
-                side.access.forbid_unasked_motion();
-                let access = side.access.clone();
-                let stop = tokio::spawn(async move { access.stop_what_may_move().await });
-                match timeout_at(answer_by, stop).await {
-                    Ok(stopped) => stopped.expect("a stop does not panic"),
-                    Err(_) => return Err(LabError::AbortUnconfirmed { scan_id }),
-                }
-            }
+            ScanCommand::Abort => self.stop_for_abort(scan_id, answer_by).await?,
             _ => Ok(()),
         };
         let answer = match sent {
@@ -117,16 +103,30 @@ impl Lab {
                 if side.sink.unrecorded.has(scan_id) {
                     return self.order_unheld(scan_id, order).await;
                 }
-                let state = self.inner.store.scan(scan_id).await?.state;
-                if order != ScanCommand::Abort || state != ScanState::Aborted {
-                    return Err(not_now(state));
+                match self.inner.store.scan(scan_id).await?.state {
+                    state @ ScanState::Aborted if order == ScanCommand::Abort => state,
+                    state => return Err(not_now(state)),
                 }
-                state
             }
         };
         match stopped {
             Ok(()) => Ok(state),
             Err(source) => Err(LabError::AbortedInMotion { scan_id, source }),
+        }
+    }
+
+    /// Stops the stages for an abort: homing and connecting do not read commands; the stage does.
+    async fn stop_for_abort(
+        &self,
+        scan_id: i64,
+        answer_by: Instant,
+    ) -> Result<Result<(), StageError>, LabError> {
+        let access = self.side()?.access.clone();
+        access.forbid_unasked_motion();
+        let stop = tokio::spawn(async move { access.stop_what_may_move().await });
+        match timeout_at(answer_by, stop).await {
+            Ok(stopped) => Ok(stopped.expect("a stop does not panic")),
+            Err(_) => Err(LabError::AbortUnconfirmed { scan_id }),
         }
     }
 
@@ -213,6 +213,17 @@ impl Lab {
     #[must_use]
     pub fn run_end(&self, scan_id: i64) -> Option<RunEnd> {
         self.inner.ends.borrow().get(&scan_id).copied()
+    }
+}
+
+/// Returns the states of a scan in which an order is permitted; none for one that is permitted in every state, and so must not
+/// wait for the database.
+fn states_for(order: ScanCommand) -> &'static [ScanState] {
+    match order {
+        ScanCommand::Continue | ScanCommand::Done(_) => &[ScanState::WaitingForOperator],
+        ScanCommand::Resume => &[ScanState::Paused, ScanState::Pausing],
+        ScanCommand::Pause => &[ScanState::Running, ScanState::WaitingForOperator],
+        ScanCommand::Abort | ScanCommand::Stop | ScanCommand::ShutDown => &[],
     }
 }
 

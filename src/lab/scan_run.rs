@@ -14,14 +14,16 @@ use super::preview_work::Previews;
 use super::recorder::LabRecorder;
 use super::stages::PinnedStages;
 use super::{LabError, Occupation, RigSettings, live_fit, publish};
+use crate::bench::stage::{Stage, StageSettings};
 use crate::frame::Frame;
 use crate::frame::FrameTag;
 use crate::geometry::Pose;
 use crate::scan::event::RigActivity;
 use crate::scan::look::Look;
+use crate::scan::recorder::RecordError;
 use crate::scan::reference::ReferenceRules;
 use crate::scan::runner::{self, CommandRequest, ScanRun};
-use crate::scan::{Event, Plan, Rig, ScanState};
+use crate::scan::{Event, Plan, Rig, ScanState, Step, TravelLimits};
 use crate::store::StoreError;
 use crate::store::scans::{NewScan, Scan};
 
@@ -91,22 +93,9 @@ impl RigContext {
         reply: oneshot::Sender<Result<(), LabError>>,
     ) {
         self.begin(RigActivity::Scanning, who);
-        let scan_id = match work.row {
-            ScanRow::Kept(scan_id) => scan_id,
-            ScanRow::New(new, reply_row) => match self.sink.store.add_scan(&new).await {
-                Ok((scan, event)) => {
-                    publish(&self.sink.events, event);
-                    let scan_id = scan.id;
-                    reply_row.send(Ok(scan)).ok();
-                    scan_id
-                }
-                Err(error) => {
-                    self.occupy(None, None);
-                    reply_row.send(Err(error)).ok();
-                    reply.send(Ok(())).ok();
-                    return;
-                }
-            },
+        let Some(scan_id) = self.row_of(work.row).await else {
+            reply.send(Ok(())).ok();
+            return;
         };
         let (book, mut orders) = mpsc::channel::<CommandRequest>(16);
         self.occupation.send_modify(|now| {
@@ -120,24 +109,8 @@ impl RigContext {
         {
             tracing::error!(scan_id, %error, "the controllers of scan {scan_id} could not be stored: {error}");
         }
-        let start = match &stage {
-            Some(stage) => stage.status().await.map(|status| status.pose()).ok(),
-            None => None,
-        };
-        let start = start.unwrap_or(Pose::from_deg(0.0, 0.0));
-        let (stages, plan) = (rig.link().settings.clone(), work.plan.clone());
-        let limits = rig.limits();
-        // Ordering a large plan takes seconds.
-        let in_order = move || {
-            let move_time = |from, to| match &stage {
-                Some(stage) => stage.predicted_move(from, to),
-                None => stages.predicted_move(from, to),
-            };
-            plan.steps(&limits, start, &move_time)
-        };
-        let steps = tokio::task::spawn_blocking(in_order)
-            .await
-            .expect("ordering poses does not panic");
+        let settings = rig.link().settings.clone();
+        let steps = in_order(work.plan.clone(), settings, rig.limits(), stage).await;
         let reference = ReferenceRules {
             every: work.plan.reference_every,
             ..self.settings.runner.reference
@@ -182,26 +155,9 @@ impl RigContext {
                 ends.insert(scan_id, end);
             }),
             Err(error) => {
-                tracing::error!(scan_id, %error, "scan {scan_id} can no longer be recorded: {error}");
                 // The runner may have ended during a move; a stop that does not arrive is in the log.
                 rig.access().stop_what_may_move().await.ok();
-                let code = match self.sink.store.find_folder().await {
-                    Ok(()) => "scan-unrecorded",
-                    Err(gone) => store_code(&gone),
-                };
-                self.sink.report_by(who, Event::Alarm {
-                    code: code.into(),
-                    message: format!(
-                        "scan {scan_id} has ended, since it can no longer be recorded: {error}; resume it once the \
-                         store records again"
-                    ),
-                    scan_id: Some(scan_id),
-                });
-                self.sink
-                    .unrecorded
-                    .all()
-                    .insert(scan_id, error.to_string());
-                tokio::spawn(interrupt_when_possible(self.sink.clone(), scan_id));
+                self.note_unrecorded(scan_id, &error, who).await;
             }
         }
         self.occupation.send_modify(|now| {
@@ -217,6 +173,52 @@ impl RigContext {
         }
         // Not before: what is idle does not move by itself.
         self.occupy(None, None);
+    }
+
+    /// Returns the number of the scan's row, which a new scan gets here; none if the row could not be written.
+    async fn row_of(&self, row: ScanRow) -> Option<i64> {
+        let (new, reply) = match row {
+            ScanRow::Kept(scan_id) => return Some(scan_id),
+            ScanRow::New(new, reply) => (new, reply),
+        };
+        match self.sink.store.add_scan(&new).await {
+            Ok((scan, event)) => {
+                publish(&self.sink.events, event);
+                let scan_id = scan.id;
+                reply.send(Ok(scan)).ok();
+                Some(scan_id)
+            }
+            Err(error) => {
+                // First, so that a caller that learns of it finds the rig free.
+                self.occupy(None, None);
+                reply.send(Err(error)).ok();
+                None
+            }
+        }
+    }
+
+    /// Raises the alarm for a scan that ended because the store no longer records it, and marks it as interrupted once the store
+    /// does.
+    async fn note_unrecorded(&self, scan_id: i64, error: &RecordError, who: &Arc<str>) {
+        tracing::error!(scan_id, %error, "scan {scan_id} can no longer be recorded: {error}");
+        let code = match self.sink.store.find_folder().await {
+            Ok(()) => "scan-unrecorded",
+            Err(gone) => store_code(&gone),
+        };
+        let alarm = Event::Alarm {
+            code: code.into(),
+            message: format!(
+                "scan {scan_id} has ended, since it can no longer be recorded: {error}; resume it once the store records \
+                 again"
+            ),
+            scan_id: Some(scan_id),
+        };
+        self.sink.report_by(who, alarm);
+        self.sink
+            .unrecorded
+            .all()
+            .insert(scan_id, error.to_string());
+        tokio::spawn(interrupt_when_possible(self.sink.clone(), scan_id));
     }
 
     /// Returns what the camera stated about the newest frame that a reduction of the scan reads, calibrations included; nothing
@@ -283,6 +285,31 @@ impl RigContext {
         };
         tokio::task::spawn_blocking(read).await.unwrap_or_default()
     }
+}
+
+/// Orders the points of a plan from where the axes are; from (0°, 0°) if they do not answer.
+async fn in_order(
+    plan: Plan,
+    settings: StageSettings,
+    limits: TravelLimits,
+    stage: Option<Stage>,
+) -> Vec<Step> {
+    let start = match &stage {
+        Some(stage) => stage.status().await.map(|status| status.pose()).ok(),
+        None => None,
+    };
+    let start = start.unwrap_or(Pose::from_deg(0.0, 0.0));
+    // Ordering a large plan takes seconds.
+    let steps = move || {
+        let move_time = |from, to| match &stage {
+            Some(stage) => stage.predicted_move(from, to),
+            None => settings.predicted_move(from, to),
+        };
+        plan.steps(&limits, start, &move_time)
+    };
+    tokio::task::spawn_blocking(steps)
+        .await
+        .expect("ordering poses does not panic")
 }
 
 /// Marks a scan whose state could not be written as interrupted as soon as the store accepts it.

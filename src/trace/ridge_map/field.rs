@@ -292,81 +292,36 @@ impl SampledHeights<'_> {
 
     /// Lines whose width is this fraction of a sample's.
     fn lines_as_wide(&self, wave: Wave, stride: usize, share: f64) -> RidgeLines {
-        let f = wave[0].hypot(wave[1]);
-        let (c, s) = (wave[0] / f, wave[1] / f);
-        let width = share * self.sample(wave);
-        let place = |n: usize| {
-            let (x, y) = (
-                (n % self.columns) as f64 * self.pitch[0],
-                (n / self.columns) as f64 * self.pitch[1],
-            );
-            (x * c + y * s, y * c - x * s)
-        };
-        let corners = [
-            0,
-            self.columns - 1,
-            self.heights.len() - self.columns,
-            self.heights.len() - 1,
-        ];
-        let first = corners
-            .iter()
-            .map(|n| place(*n).0)
-            .fold(f64::INFINITY, f64::min)
-            - 0.5 * width;
-        let last = corners
-            .iter()
-            .map(|n| place(*n).0)
-            .fold(f64::NEG_INFINITY, f64::max);
-        let count = ((last - first) / width) as usize + 1;
-        let line = |across: f64| (((across - first) / width) as usize).min(count - 1);
+        let bins = Bins::of(self, wave, share * self.sample(wave));
         let is_seen = |n: usize| self.unseen.get(n).is_none_or(|unseen| !unseen);
-        let mut sums = vec![[0.0; 3]; count];
-        let mut points = vec![0.0f64; count];
-        let all = || self.heights.iter().enumerate().step_by(stride);
-        for (n, h) in all() {
-            let across = place(n).0;
-            let number = line(across);
-            points[number] += 1.0;
-            if is_seen(n) {
-                let sum = &mut sums[number];
-                *sum = [sum[0] + 1.0, sum[1] + across, sum[2] + h];
-            }
+        let points = || self.heights.iter().enumerate().step_by(stride);
+        let mut sums = vec![LineSum::default(); bins.count];
+        for (n, h) in points() {
+            let across = bins.place(self, n).0;
+            sums[bins.line(across)].add(across, is_seen(n).then_some(*h));
         }
-        let heights = || all().filter(|(n, _)| is_seen(*n));
-        let longest = points.iter().copied().fold(0.0, f64::max);
+        let longest = sums.iter().map(|sum| sum.points).fold(0.0, f64::max);
         // Close to the rim lines are short; of the others, enough points must be measured.
-        let belongs = |number: usize| points[number] >= LINE_MIN * longest;
-        let is_kept: Vec<bool> = (0..count)
-            .map(|n| belongs(n) && sums[n][0] > 0.0 && sums[n][0] >= LINE_MIN * points[n])
+        let belongs = |sum: &LineSum| sum.points >= LINE_MIN * longest;
+        let is_kept: Vec<bool> = sums
+            .iter()
+            .map(|sum| belongs(sum) && sum.seen > 0.0 && sum.seen >= LINE_MIN * sum.points)
             .collect();
-        let holes: Vec<f64> = (0..count)
-            .filter(|n| belongs(*n) && !is_kept[*n] && points[*n] > 0.0)
-            .map(|n| first + (n as f64 + 0.5) * width)
+        let holes: Vec<f64> = (0..bins.count)
+            .filter(|n| belongs(&sums[*n]) && !is_kept[*n] && sums[*n].points > 0.0)
+            .map(|n| bins.first + (n as f64 + 0.5) * bins.width)
             .collect();
+        let steepness = steepness(&sums, &is_kept);
         // A tilt of the map along its ridges is not unevenness.
         let (mut squares, mut slope) = ([0.0; 2], [0.0; 3]);
-        let mean = |sum: &[f64; 3]| sum[2] / sum[0];
-        // The slope of a line is that of its neighbours.
-        let steepness: Vec<f64> = (0..count)
-            .map(|n| {
-                let (before, after) = (n.saturating_sub(1), (n + 1).min(count - 1));
-                let (a, b) = (&sums[before], &sums[after]);
-                let apart = b[1] / b[0] - a[1] / a[0];
-                if is_kept[before] && is_kept[after] && apart > 0.0 {
-                    (mean(b) - mean(a)) / apart
-                } else {
-                    0.0
-                }
-            })
-            .collect();
         let mut used = 0.0;
-        let mut uneven = vec![0.0; count];
-        for (n, h) in heights() {
-            let (across, along) = place(n);
-            let number = line(across);
+        let mut uneven = vec![0.0; bins.count];
+        for (n, h) in points().filter(|(n, _)| is_seen(*n)) {
+            let (across, along) = bins.place(self, n);
+            let number = bins.line(across);
             let sum = &sums[number];
             if is_kept[number] {
-                let rest = h - mean(sum) - steepness[number] * (across - sum[1] / sum[0]);
+                let rest = h - sum.height() - steepness[number] * (across - sum.centre());
                 squares = [squares[0] + h * h, squares[1] + rest * rest];
                 uneven[number] += rest * rest;
                 slope = [
@@ -388,9 +343,9 @@ impl SampledHeights<'_> {
             .zip(&is_kept)
             .filter(|(_, is_kept)| **is_kept)
             .map(|(sum, _)| RidgeLine {
-                v: sum[1] / sum[0],
-                z: mean(sum),
-                count: sum[0],
+                v: sum.centre(),
+                z: sum.height(),
+                count: sum.seen,
             })
             .collect();
         // A mean removes its own share of the noise.
@@ -399,14 +354,14 @@ impl SampledHeights<'_> {
         // If a riser crosses a line, its height is not unevenness, so the median line is used.
         let of_lines = sums.iter().zip(&uneven).zip(&is_kept);
         let mut of_lines: Vec<f64> = of_lines
-            .filter(|((sum, _), is_kept)| **is_kept && sum[0] > 1.0)
-            .map(|((sum, square), _)| square / (sum[0] - 1.0))
+            .filter(|((sum, _), is_kept)| **is_kept && sum.seen > 1.0)
+            .map(|((sum, square), _)| square / (sum.seen - 1.0))
             .collect();
         of_lines.sort_by(f64::total_cmp);
         let typical = of_lines.get(of_lines.len() / 2).copied().unwrap_or(rest);
         let unevenness = (typical - askew / used).max(0.0).sqrt();
         RidgeLines {
-            width,
+            width: bins.width,
             explained: 1.0 - rest * used / squares[0],
             unevenness,
             sample: self.sample(wave),
@@ -414,6 +369,104 @@ impl SampledHeights<'_> {
             lines,
         }
     }
+}
+
+/// Lines along the ridges into which the points of a map are sorted.
+struct Bins {
+    /// Direction across the ridges.
+    across: [f64; 2],
+    /// Where the first line begins, m.
+    first: f64,
+    /// Width of a line, m.
+    width: f64,
+    count: usize,
+}
+
+impl Bins {
+    fn of(field: &SampledHeights<'_>, wave: Wave, width: f64) -> Bins {
+        let f = wave[0].hypot(wave[1]);
+        let mut bins = Bins {
+            across: [wave[0] / f, wave[1] / f],
+            first: 0.0,
+            width,
+            count: 0,
+        };
+        let corners = [
+            0,
+            field.columns - 1,
+            field.heights.len() - field.columns,
+            field.heights.len() - 1,
+        ]
+        .map(|n| bins.place(field, n).0);
+        bins.first = corners.into_iter().fold(f64::INFINITY, f64::min) - 0.5 * width;
+        let last = corners.into_iter().fold(f64::NEG_INFINITY, f64::max);
+        bins.count = ((last - bins.first) / width) as usize + 1;
+        bins
+    }
+
+    /// Returns the place of a point across and along the ridges, m.
+    fn place(&self, field: &SampledHeights<'_>, n: usize) -> (f64, f64) {
+        let (x, y) = (
+            (n % field.columns) as f64 * field.pitch[0],
+            (n / field.columns) as f64 * field.pitch[1],
+        );
+        let [c, s] = self.across;
+        (x * c + y * s, y * c - x * s)
+    }
+
+    fn line(&self, across: f64) -> usize {
+        (((across - self.first) / self.width) as usize).min(self.count - 1)
+    }
+}
+
+/// Sums over the points of a line.
+#[derive(Clone, Default)]
+struct LineSum {
+    /// Points of the map, measured or not.
+    points: f64,
+    /// Points that were measured.
+    seen: f64,
+    /// Sum of their places across the ridges, m.
+    across: f64,
+    /// Sum of their heights, m.
+    heights: f64,
+}
+
+impl LineSum {
+    fn add(&mut self, across: f64, height: Option<f64>) {
+        self.points += 1.0;
+        if let Some(height) = height {
+            self.seen += 1.0;
+            self.across += across;
+            self.heights += height;
+        }
+    }
+
+    /// Mean place across the ridges, m.
+    fn centre(&self) -> f64 {
+        self.across / self.seen
+    }
+
+    /// Mean height, m.
+    fn height(&self) -> f64 {
+        self.heights / self.seen
+    }
+}
+
+/// Returns the slope of each line across the ridges, which is that between its neighbours; 0 where one of them is not kept.
+fn steepness(sums: &[LineSum], is_kept: &[bool]) -> Vec<f64> {
+    (0..sums.len())
+        .map(|n| {
+            let (before, after) = (n.saturating_sub(1), (n + 1).min(sums.len() - 1));
+            let (a, b) = (&sums[before], &sums[after]);
+            let apart = b.centre() - a.centre();
+            if is_kept[before] && is_kept[after] && apart > 0.0 {
+                (b.height() - a.height()) / apart
+            } else {
+                0.0
+            }
+        })
+        .collect()
 }
 
 /// The greatest common divisor.
