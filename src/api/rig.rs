@@ -321,7 +321,8 @@ pub(super) async fn move_axis(
     Body(body): Body<MoveBody>,
 ) -> Result<Response, ApiError> {
     let target = Angle::from_deg(body.position_deg);
-    let id = app.lab.move_axis(axis_of(&axis)?, target).await?;
+    let moved = app.lab.move_axis(axis_of(&axis)?, target).await;
+    let id = moved.map_err(|error| ApiError::from(error).of_field("position_deg"))?;
     Ok(about_to_move(RIG, "moving", id))
 }
 

@@ -261,6 +261,14 @@ impl ApiError {
         self.errors = errors;
         self
     }
+
+    /// The same problem of a request that calls its only value `field`.
+    pub(super) fn of_field(mut self, field: &str) -> Self {
+        for error in &mut self.errors {
+            field.clone_into(&mut error.field);
+        }
+        self
+    }
 }
 
 const INVALID: &str = "a value is not valid";
@@ -340,6 +348,17 @@ impl From<LabError> for ApiError {
             return ApiError::new(status, code, title, INTERNAL_DETAIL);
         }
         let problem = ApiError::new(status, code, title, error.to_string());
+        if let Some((axis, [value, lower, upper])) = error.outside_travel() {
+            return problem.with(vec![FieldProblem {
+                field: format!("{axis}_deg"),
+                message: error.to_string(),
+                out_of_range: Some(OutOfRange {
+                    value,
+                    lower,
+                    upper,
+                }),
+            }]);
+        }
         match error {
             LabError::Plan(plan) => {
                 problem.with(plan.problems.into_iter().map(FieldProblem::from).collect())

@@ -4,8 +4,8 @@ use std::fmt;
 use std::sync::Arc;
 
 use crate::analysis::AnalysisError;
-use crate::bench::CameraError;
 use crate::bench::stage::StageError;
+use crate::bench::{AxisName, CameraError};
 use crate::job::{JobId, JobState};
 use crate::program::ProgramError;
 use crate::scan::visit::stage_code;
@@ -306,6 +306,23 @@ pub(super) fn not_stopped(source: &StageError) -> String {
 }
 
 impl LabError {
+    /// Returns the axis of a target outside its travel, with target, lower and upper limit in degrees.
+    #[must_use]
+    pub fn outside_travel(&self) -> Option<(AxisName, [f64; 3])> {
+        match self {
+            LabError::Stage(StageError::OutsideLimits {
+                axis,
+                target,
+                min,
+                max,
+            }) => Some((
+                *axis,
+                [target, min, max].map(|angle| angle.deg_for_tables()),
+            )),
+            _ => None,
+        }
+    }
+
     /// Returns a stable code for logs and scripts.
     #[must_use]
     pub fn code(&self) -> &'static str {

@@ -40,10 +40,13 @@ async fn both_axes_move_in_one_order_that_a_caller_waits_for() {
     assert!((motion["phi_s_deg"].as_f64().unwrap() - 90.0).abs() < 0.01);
 
     // A refused order is no motion. A stop ends one.
-    is_problem(
-        &order(json!({ "theta_c_deg": 500.0, "phi_s_deg": 0.0 })).await,
-        422,
-        "outside-limits",
+    let outside = order(json!({ "theta_c_deg": 500.0, "phi_s_deg": 0.0 })).await;
+    is_problem(&outside, 422, "outside-limits");
+    let error = &outside.body["errors"][0];
+    assert_eq!(error["field"], "theta_c_deg");
+    assert_eq!(
+        error["out_of_range"],
+        json!({ "value": 500.0, "lower": -60.0, "upper": 60.0 })
     );
     let long = order(json!({ "theta_c_deg": 30.0, "phi_s_deg": 360.0 })).await;
     let path = format!("/api/v1/rig/moves/{}", long.body["id"]);

@@ -42,21 +42,23 @@ interface FieldWords {
 }
 
 const TILT: FieldWords = { name: 'Camera tilt', unit: '°' };
+const AZIMUTH: FieldWords = { name: 'Sample azimuth', unit: '°' };
 const EXPOSURE: FieldWords = { name: 'Exposure', unit: ' ms', factor: 1000 };
 
-/** Fields of requests as the forms call them. */
+/** Fields of plans and moves as the forms call them. */
 const FIELDS: Readonly<Record<string, FieldWords>> = {
-  'plan.theta_c_deg': TILT,
-  'plan.phi_s_deg': { name: 'Sample azimuth', unit: '°' },
-  'plan.poses': { name: 'Poses' },
-  'plan.poses.theta_c_deg': TILT,
-  'plan.poses.phi_s_deg': { name: 'Sample azimuth', unit: '°' },
-  'plan.exposures_s': EXPOSURE,
-  'plan.repeats': { name: 'Repeats' },
-  'plan.dark.repeats': { name: 'Dark frames, repeats' },
-  'plan.flat.theta_c_deg': { ...TILT, name: 'White reference, camera tilt' },
-  'plan.flat.exposures_s': { ...EXPOSURE, name: 'White reference, exposure' },
-  'plan.flat.repeats': { name: 'White reference, repeats' },
+  theta_c_deg: TILT,
+  phi_s_deg: AZIMUTH,
+  position_deg: { name: 'Position', unit: '°' },
+  poses: { name: 'Poses' },
+  'poses.theta_c_deg': TILT,
+  'poses.phi_s_deg': AZIMUTH,
+  exposures_s: EXPOSURE,
+  repeats: { name: 'Repeats' },
+  'dark.repeats': { name: 'Dark frames, repeats' },
+  'flat.theta_c_deg': { ...TILT, name: 'White reference, camera tilt' },
+  'flat.exposures_s': { ...EXPOSURE, name: 'White reference, exposure' },
+  'flat.repeats': { name: 'White reference, repeats' },
   folder: { name: 'Folder' },
   scene: { name: 'Scene' },
   shape: { name: 'Shape' },
@@ -89,7 +91,7 @@ const stem = (field: string): string => field.replace(/\[\d+\]/g, '');
 function fieldWords(path: string): FieldWords | null {
   const [list, parameter] = path.split('.');
   const known = (list === 'fix' || list === 'priors') && parameter !== undefined ? KNOWABLE[parameter] : undefined;
-  return FIELDS[path] ?? (known ? { name: known.name } : null);
+  return FIELDS[path.replace('plan.', '')] ?? (known ? { name: known.name } : null);
 }
 
 /** Wrong values in sentences. Values with the same range are put into one. */

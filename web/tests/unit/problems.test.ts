@@ -55,6 +55,12 @@ describe('faultWords', () => {
     );
   });
 
+  it('calls the target of a move as its form does', () => {
+    const beyond = (field: string) => faultWords([{ field, message: 'theta_c = 500.000° is outside its limits', out_of_range: { value: 500, lower: -60, upper: 60 } }]);
+    expect(beyond('position_deg')).toBe('Position: 500° is outside −60 to 60°.');
+    expect(beyond('theta_c_deg')).toBe('Camera tilt: 500° is outside −60 to 60°.');
+  });
+
   it('calls a parameter by its name, and a field without a name by its path', () => {
     expect(faultWords([{ field: 'fix.rho_d', message: 'lies between 0 and 1' }])).toBe('Diffuse reflectance: lies between 0 and 1.');
     expect(faultWords([{ field: 'new.thing', message: 'is missing' }])).toBe('new.thing: is missing.');
