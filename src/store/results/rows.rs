@@ -156,8 +156,23 @@ fn to_decimal_of(value: f64, std: f64) -> f64 {
     }
     let decimals = DIGITS_STD - 1 - std.log10().floor() as i32;
     match usize::try_from(decimals) {
-        Ok(decimals @ 0..=300) => parsed(format!("{value:.decimals$}"), value),
+        Ok(decimals @ 0..=300) => parsed(to_decimals(value, decimals), value),
         _ => to_digits(value),
+    }
+}
+
+/// Writes a value with some decimals. A reader that rounds once more, to fewer decimals, gets the same as from all digits:
+/// where rounding would make a 5 at the end, whose rounding has lost its direction, the neighbour on the value's side is
+/// written.
+fn to_decimals(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    let ends_in_5 = text.trim_end_matches('0').ends_with('5');
+    match text.parse::<f64>() {
+        Ok(rounded) if ends_in_5 && rounded != value => {
+            let step = 0.1_f64.powi(decimals as i32);
+            format!("{:.decimals$}", rounded + step.copysign(value - rounded))
+        }
+        _ => text,
     }
 }
 
@@ -223,6 +238,12 @@ mod tests {
             (10.001_234_567, 0.012_345, 10.001_2),
             (0.012_345, 0.012_345, 0.0123),
             (-0.000_001, 0.012_345, 0.0),
+            // Two digits of these are 0.025, 0.026 and −0.025.
+            (0.025_47, 0.025_47, 0.025_4),
+            (0.025_53, 0.025_53, 0.025_6),
+            (-0.025_47, 0.012_345, -0.025_4),
+            (0.025_499_7, 0.001_234_5, 0.025_49),
+            (0.025_5, 0.025_5, 0.025_5),
             (12_345.678_9, 250.0, 12_346.0),
             (12_345.678_9, 0.0, 12_345.7),
             (1.0, f64::NAN, 1.0),
