@@ -101,16 +101,24 @@ fn text(compared: &Comparison) -> String {
     for note in &compared.notes {
         out.push_str(&format!("{note}\n"));
     }
-    out.push_str("± is the expanded uncertainty U, with k = 2 where no other k is stated.\n");
+    out.push_str(FACTOR_NOTE);
     out
+}
+
+/// What ± is in a table whose values state their k by [`with_factor`].
+pub(super) const FACTOR_NOTE: &str =
+    "± is the expanded uncertainty U, with k = 2 where no other k is stated.\n";
+
+/// Adds the coverage factor to a value ± U where it is not 2.
+pub(super) fn with_factor(text: String, factor: Option<f64>) -> String {
+    match other_factor(factor) {
+        Some(k) => format!("{text} ({k})"),
+        None => text,
+    }
 }
 
 fn row(parameter: &ComparedParameter) -> String {
     let name = names::quantity(parameter.name);
-    let with_factor = |text: String, factor: Option<f64>| match other_factor(factor) {
-        Some(k) => format!("{text} ({k})"),
-        None => text,
-    };
     let value = |value: &ComparedValue| {
         let text = stated(value.value, value.expanded, name.unit);
         with_factor(text, value.coverage_factor)

@@ -5,7 +5,6 @@ mod folder;
 mod host;
 mod rig;
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::anyhow;
@@ -63,14 +62,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         },
     );
     runtime::block_on(check(args, &config, &mut findings))?;
-    let text = match args.json {
-        true => format!("{:#}\n", findings.json()),
-        false => output::in_columns(&findings.text()),
-    };
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)?;
+    output::write(args.json, &findings.json(), || findings.text())?;
     match findings.worst().exit_code() {
         0 => Ok(()),
         code => Err(CliError::Verdict(code)),

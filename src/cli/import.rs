@@ -1,7 +1,6 @@
 //! `ridged import`: imports a recorded series into the store.
 
 use std::fs::File;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,9 +12,8 @@ use serde_json::{Value, json};
 
 use super::CliError;
 use super::client::{Client, ConnectionArgs};
-use super::interrupt;
 use super::progress::Bar;
-use super::runtime;
+use super::{interrupt, output, runtime};
 use crate::archive;
 use crate::daemon;
 use crate::lab::ImportOptions;
@@ -79,17 +77,12 @@ pub fn run(args: Args) -> Result<(), CliError> {
             differences::in_words(&differing)
         );
     }
-    let text = match args.json {
-        true => format!("{answer:#}\n"),
-        false => format!(
+    output::write(args.json, &answer, || {
+        format!(
             "scan {} with {} frames\n",
             answer["scan_id"], answer["n_frames"]
-        ),
-    };
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)
+        )
+    })
 }
 
 /// What the daemon is asked.

@@ -1,6 +1,6 @@
 //! `ridged repeatability`: scatter of scans beside their stated uncertainty, and gauge R&R.
 
-use super::compare::{StudyArgs, opened, stated};
+use super::compare::{FACTOR_NOTE, StudyArgs, opened, stated, with_factor};
 use super::{CliError, output, runtime};
 use crate::lab;
 use crate::repeatability::gauge::{Gauge, GaugeNumber, GaugeSpread, GroupedBy, VarianceSource};
@@ -75,10 +75,14 @@ fn text(found: &Repeatability) -> String {
             result.of.part,
             utc_words(&result.of.measured_at),
             result.of.operator_name.as_deref().unwrap_or(""),
-            stated(Some(result.value), Some(result.expanded), unit),
+            with_factor(
+                stated(Some(result.value), Some(result.expanded), unit),
+                Some(result.coverage_factor)
+            ),
             signed(result.deviation, digits)
         ));
     }
+    out.push_str(FACTOR_NOTE);
     for scan in &found.left_out {
         out.push_str(&format!("Left out: scan {}: {}\n", scan.scan_id, scan.why));
     }

@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 
 mod lease;
 
-use super::CliError;
 use super::client::{Client, ConnectionArgs};
+use super::{CliError, output};
 use lease::LeaseAction;
 use preview::PreviewArgs;
 
@@ -175,14 +175,9 @@ pub fn run(args: Args) -> Result<(), CliError> {
             client.get("/rig")?
         }
     };
-    let text = match args.json {
-        true => format!("{answer:#}\n"),
-        false => text.unwrap_or_else(|| words(&args.action, &answer)),
-    };
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)
+    output::write(args.json, &answer, || {
+        text.unwrap_or_else(|| words(&args.action, &answer))
+    })
 }
 
 /// Moves the axes, and waits until they have arrived.
@@ -322,10 +317,12 @@ fn words(action: &Action, answer: &Value) -> String {
             .as_array()
             .map(|all| all.iter().filter_map(Value::as_str).collect())
             .unwrap_or_default();
-        text.push_str(&format!(
-            "{axis:>8} {position}  {moving}, {homed} {}\n",
+        let line = format!(
+            "{axis:>8} {position}  {moving}, {homed} {}",
             warnings.join("; ")
-        ));
+        );
+        text.push_str(line.trim_end());
+        text.push('\n');
     }
     text
 }

@@ -1,12 +1,10 @@
 //! `ridged sample`: lists and corrects the parts of a running daemon.
 
-use std::io::Write;
-use std::path::PathBuf;
-
 use serde_json::{Value, json};
 
 use super::CliError;
-use super::client::{Client, ConnectionArgs};
+use super::definitions::DaemonArgs;
+use super::output;
 
 /// Lists parts, renames one, or assigns a scan to another one.
 #[derive(Debug, clap::Args)]
@@ -18,15 +16,9 @@ pub struct Args {
     /// The action.
     #[command(subcommand)]
     pub action: Action,
-    /// Data folder of the daemon.
-    #[arg(long, value_name = "DIR", default_value = "ridged-data", global = true)]
-    pub data: PathBuf,
-    /// Address, token and lease.
+    /// Where the daemon is, and what it is shown.
     #[command(flatten)]
-    pub connection: ConnectionArgs,
-    /// One JSON object on stdout.
-    #[arg(long, global = true)]
-    pub json: bool,
+    pub daemon: DaemonArgs,
 }
 
 /// An action on parts.
@@ -62,7 +54,7 @@ pub enum Action {
 /// # Errors
 /// No result if no daemon runs; bad input for an unknown part or scan, or an invalid name.
 pub fn run(args: Args) -> Result<(), CliError> {
-    let client = Client::require(&args.data, &args.connection)?;
+    let client = args.daemon.client()?;
     let (answer, text) = match args.action {
         Action::List => {
             let answer = client.get("/samples")?;
@@ -83,14 +75,7 @@ pub fn run(args: Args) -> Result<(), CliError> {
             (answer, text)
         }
     };
-    let text = match args.json {
-        true => format!("{answer:#}\n"),
-        false => text,
-    };
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)
+    output::write(args.daemon.json, &answer, || text)
 }
 
 /// A part in one line, with the names it had.

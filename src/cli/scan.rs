@@ -1,6 +1,5 @@
 //! `ridged scan`: runs one scan, by a running daemon or in this process.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, anyhow};
@@ -8,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::CliError;
 use super::client::{Client, ConnectionArgs};
-use super::runtime;
+use super::{output, runtime};
 use crate::lab::{NameOrId, ScanRequest};
 use crate::material::{Material, tables};
 use crate::scan::PlanRequest;
@@ -162,23 +161,18 @@ pub fn run(args: Args) -> Result<(), CliError> {
 
 /// Prints the end of a scan, and the verdicts on it.
 fn print(args: &Args, answer: &Value) -> Result<(), CliError> {
-    let text = match args.json {
-        true => format!("{answer:#}\n"),
-        false => format!(
-            "scan {} {}\n{}",
+    output::write(args.json, answer, || {
+        let timing = match args.timing {
+            true => timing_words(answer),
+            false => String::new(),
+        };
+        format!(
+            "scan {} {}\n{}{timing}",
             answer["id"],
             answer["state"].as_str().unwrap_or(""),
             verdict_words(&answer["verdicts"])
-        ),
-    };
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .map_err(CliError::no_result)?;
-    if args.timing && !args.json {
-        out.write_all(timing_words(answer).as_bytes())
-            .map_err(CliError::no_result)?;
-    }
-    out.flush().map_err(CliError::no_result)
+        )
+    })
 }
 
 /// The request for the scan of a part.

@@ -6,9 +6,9 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
-use serde_json::json;
+use serde_json::{Value, json};
 
-use super::CliError;
+use super::{CliError, output};
 use crate::access::{Role, Secret, TokenFile, TokenFileError, TokenRow};
 use crate::clock::{Clock, SystemClock};
 use crate::store::utc_text;
@@ -63,7 +63,7 @@ pub enum Action {
 pub fn run(args: Args) -> Result<(), CliError> {
     let tokens = TokenFile::of_folder(&args.data);
     let now = utc_text(SystemClock::new().utc());
-    let text = match args.action {
+    let (answer, text) = match args.action {
         Action::Create { name, role, out } => {
             // Before the token is made: one that cannot be written would be lost.
             let file = out.as_deref().map(new_file).transpose()?;
@@ -76,30 +76,20 @@ pub fn run(args: Args) -> Result<(), CliError> {
                 }
                 (Err(error), None) => return Err(error),
             };
-            created(&name, role, &secret, file.zip(out), args.json)?
+            created(&name, role, &secret, file.zip(out))?
         }
         Action::List => {
             let rows = tokens.rows().map_err(wrong)?;
-            match args.json {
-                true => {
-                    let rows: Vec<_> = rows.iter().map(as_json).collect();
-                    format!("{:#}\n", json!({ "items": rows }))
-                }
-                false => listed(&rows),
-            }
+            let items: Vec<_> = rows.iter().map(as_json).collect();
+            (json!({ "items": items }), listed(&rows))
         }
         Action::Revoke { name } => {
             tokens.revoke(&name, &now).map_err(wrong)?;
-            match args.json {
-                true => format!("{:#}\n", json!({ "name": name, "revoked_at": now })),
-                false => format!("{name} is revoked\n"),
-            }
+            let text = format!("{name} is revoked\n");
+            (json!({ "name": name, "revoked_at": now }), text)
         }
     };
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(CliError::no_result)
+    output::write(args.json, &answer, || text)
 }
 
 fn wrong(error: TokenFileError) -> CliError {
@@ -131,29 +121,23 @@ fn created(
     role: Role,
     secret: &Secret,
     file: Option<(std::fs::File, PathBuf)>,
-    as_json: bool,
-) -> Result<String, CliError> {
+) -> Result<(Value, String), CliError> {
     let mut answer = json!({ "name": name, "role": role });
     let Some((mut file, path)) = file else {
         super::say("this token is shown once; its holder keeps it in a file of mode 600");
         answer["token"] = json!(secret.reveal());
-        return Ok(match as_json {
-            true => format!("{answer:#}\n"),
-            false => format!("{}\n", secret.reveal()),
-        });
+        return Ok((answer, format!("{}\n", secret.reveal())));
     };
     writeln!(file, "{}", secret.reveal())
         .and_then(|()| file.sync_all())
         .map_err(|error| CliError::no_result(anyhow!("{}: {error}", path.display())))?;
     answer["file"] = json!(path);
-    Ok(match as_json {
-        true => format!("{answer:#}\n"),
-        false => format!("the token of {name} ({role}) is in {}\n", path.display()),
-    })
+    let text = format!("the token of {name} ({role}) is in {}\n", path.display());
+    Ok((answer, text))
 }
 
 /// A row without its fingerprint, which helps no reader.
-fn as_json(row: &TokenRow) -> serde_json::Value {
+fn as_json(row: &TokenRow) -> Value {
     json!({
         "name": row.name, "role": row.role, "created_at": row.created_at, "revoked_at": row.revoked_at,
     })

@@ -81,7 +81,7 @@ pub(super) fn log(event: &RecordedEvent) {
             number,
             forecast,
             ..
-        } => tracing::info!(id, of, number, "{of} {number} will take {forecast}"),
+        } => tracing::info!(id, of, number, "{of} {number}, forecast: {forecast}"),
         Event::Recovered {
             scan_id,
             code,

@@ -233,8 +233,8 @@ impl TraceReport {
     pub fn about(mut self, scene: About) -> Self {
         if scene.is_drawn {
             self.notes.push(
-                "the errors are those of the photons on this one surface; other surfaces of the same statistics may differ by \
-                 more: `--surfaces N` shows by how much"
+                "the errors are those of the photons on this one surface; trace several surfaces to see how far others of the \
+                 same statistics differ"
                     .to_owned(),
             );
         }

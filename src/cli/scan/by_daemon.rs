@@ -208,7 +208,7 @@ pub(in crate::cli) fn followed(
                 bar.clear();
                 let reason = scan["reason"].as_str().unwrap_or("by another client");
                 return Err(CliError::no_result(anyhow!(
-                    "scan {id} is paused: {reason}; resume it on {}, or with `ridged scan resume {id}`",
+                    "scan {id} is paused: {reason} (to resume: {}, or `ridged scan resume {id}`)",
                     client.url
                 )));
             }
