@@ -50,7 +50,7 @@ pub struct CalibrationParams {
     kind: Option<FrameKind>,
     /// Made at or after this time, RFC 3339.
     since: Option<String>,
-    /// Rows at most, 1 to 1000; 100 if omitted.
+    /// Largest number of rows, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the previous page.

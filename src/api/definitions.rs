@@ -30,7 +30,7 @@ pub struct DefinitionParams {
     name: Option<String>,
     /// The archived ones instead of the others.
     archived: Option<bool>,
-    /// Rows at most, 1 to 1000; 100 if omitted.
+    /// Largest number of rows, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the previous page.

@@ -10,7 +10,7 @@ use super::status::ApiError;
 use crate::store::{PageRequest, utc_of, utc_text};
 use crate::wording::json::{self, Fault};
 
-/// Most bytes of a body.
+/// Largest body, bytes.
 pub const BODY_BYTES_MAX: usize = 8 << 20;
 
 /// The route whose body is not JSON, but an archive that goes to a file.
@@ -114,7 +114,7 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for ScansAnd<T> {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct PageParams {
-    /// Rows at most, 1 to 1000; 100 if omitted.
+    /// Largest number of rows, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     pub limit: Option<u32>,
     /// `next_cursor` of the previous page.

@@ -39,7 +39,7 @@ pub struct FitParams {
     theta_r_deg_min: Option<f64>,
     /// Fits whose ridge angle is at most this, degrees.
     theta_r_deg_max: Option<f64>,
-    /// Rows at most, 1 to 1000; 100 if omitted.
+    /// Largest number of rows, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the previous page.

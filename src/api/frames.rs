@@ -134,7 +134,7 @@ pub(super) fn image_of(id: i64) -> String {
 pub struct FrameParams {
     /// Frames of this kind.
     kind: Option<FrameKind>,
-    /// Rows at most, 1 to 1000; 100 if omitted.
+    /// Largest number of rows, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the previous page.

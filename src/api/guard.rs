@@ -17,15 +17,15 @@ use super::peers::BodyRoom;
 use super::status::ApiError;
 use super::via::Client;
 
-/// Most bytes of a refused body that are read, so that a client that is still sending receives the refusal.
+/// Largest part of a refused body that is read, bytes, so that a client that is still sending receives the refusal.
 const DRAINED_BYTES_MAX: usize = 1 << 30;
 /// How long a client may take to send the next part of a body.
 pub(super) const CHUNK_WAIT: Duration = Duration::from_secs(30);
-/// Waits for a part that a whole body has in addition to its bytes at the least rate.
+/// Time that a whole body has in addition to its bytes at the least rate, in waits for one part.
 const GRACE_WAITS: u32 = 2;
 /// Least rate of a body, bytes per second: a body of 8 MB may take half an hour.
 const RATE_MIN: u32 = 4096;
-/// Most bytes of a body without a valid token: a login fits into it.
+/// Largest body without a valid token, bytes: a login fits into it.
 const OPEN_BODY_BYTES_MAX: usize = 4096;
 /// How long the body of a login may take.
 const OPEN_CHUNK_WAIT: Duration = Duration::from_secs(5);
@@ -130,7 +130,7 @@ async fn whole(
     while let Some(chunk) = arrival.next_or(unreadable).await? {
         if bytes.len() + chunk.len() > bytes_max {
             drop(bytes);
-            // What a small packed body becomes is not unpacked to its end.
+            // Unpacking ends at the limit: a small packed body can become a very large one.
             if !is_packed {
                 arrival.drain().await;
             }
@@ -144,7 +144,7 @@ async fn whole(
     Ok(bytes)
 }
 
-/// What a body that ends early is refused with.
+/// Message about a body that ends early.
 const BROKEN_OFF: &str = "the connection broke before the body was complete";
 
 /// Reads a body part by part. Each part must arrive in time, and all of them at the least rate, so that a few bytes now and

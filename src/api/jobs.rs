@@ -73,7 +73,7 @@ pub struct JobParams {
     state: Option<JobState>,
     /// Started at or after this time, RFC 3339.
     since: Option<String>,
-    /// Rows at most, 1 to 1000; 100 if omitted.
+    /// Largest number of rows, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the previous page.

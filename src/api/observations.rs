@@ -29,7 +29,7 @@ pub struct ObservationParams {
     /// json (default) or csv.
     #[param(value_type = Option<String>)]
     format: Option<Format>,
-    /// Rows at most, 1 to 1000; all if omitted.
+    /// Largest number of rows, 1 to 1000; all if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the previous page.

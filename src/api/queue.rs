@@ -249,7 +249,7 @@ pub struct OrdersRequest {
 pub struct OrderParams {
     /// Orders in this state; if omitted, those that run or wait.
     state: Option<OrderState>,
-    /// Rows at most, 1 to 1000; 100 if omitted.
+    /// Largest number of rows, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the previous page.

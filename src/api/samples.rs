@@ -231,7 +231,7 @@ impl From<Sample> for SampleBody {
 pub struct SampleParams {
     /// Parts of exactly this name.
     name: Option<String>,
-    /// Rows at most, 1 to 1000; 100 if omitted.
+    /// Largest number of rows, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the previous page.

@@ -228,7 +228,7 @@ pub struct ScanParams {
     #[serde(default)]
     #[param(inline, value_type = Option<Archived>)]
     archived: Archived,
-    /// Rows at most, 1 to 1000; 100 if omitted.
+    /// Largest number of rows, 1 to 1000; 100 if omitted.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the previous page.

@@ -21,7 +21,7 @@ use folder::FolderHolder;
 const ANSWER_WITHIN: Duration = Duration::from_secs(60);
 /// How long the answer to the stop may take: a daemon answers it within a second in every state.
 const STOP_WITHIN: Duration = Duration::from_secs(2);
-/// How long an answer may take for which the daemon waits for nothing.
+/// How long an answer may take that the daemon gives at once.
 const STATE_WITHIN: Duration = Duration::from_secs(5);
 
 /// A running daemon.
@@ -301,7 +301,7 @@ fn unreachable(error: ureq::Error) -> CliError {
     CliError::no_result(anyhow!("the daemon does not answer: {text}{way_out}"))
 }
 
-/// The message of a problem.
+/// Returns the message of a problem.
 fn message(problem: &Value) -> String {
     let detail = problem["detail"].as_str();
     let detail = detail.unwrap_or("the daemon refused");

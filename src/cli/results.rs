@@ -35,7 +35,7 @@ pub struct Args {
     /// Columns, separated by commas, or `all`.
     #[arg(long, value_name = "COLUMNS")]
     pub fields: Option<String>,
-    /// Rows at most [default: 100, and all with --csv].
+    /// Largest number of rows [default: 100, and all with --csv].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub limit: Option<u32>,
     /// One JSON object on stdout, with the number of all rows that the filters select.

@@ -22,7 +22,7 @@ pub const SCHEMA: &str = "gonio-series-1";
 /// Keys that the program does not use, kept so that an export loses nothing.
 pub type Notes = BTreeMap<String, toml::Value>;
 
-/// What `manifest.toml` says.
+/// Content of `manifest.toml`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
     /// [`SCHEMA`].
@@ -54,7 +54,7 @@ fn default_frames() -> String {
     "frames.csv".to_owned()
 }
 
-/// `[rig]`: where lamp and camera stand.
+/// `[rig]`: positions of lamp and camera.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct RigFacts {
     /// Angle θl between lamp and camera.
@@ -65,7 +65,7 @@ pub struct RigFacts {
     /// Added to the recorded φs it gives the azimuth of v.
     #[serde(default)]
     pub azimuth_zero_deg: f64,
-    /// Standard uncertainty of where v stands at a recorded φs: of `azimuth_zero_deg`, and of how a sample is laid down.
+    /// Standard uncertainty of the azimuth of v at a recorded φs: that of `azimuth_zero_deg` and of laying a sample down.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub azimuth_zero_std_deg: Option<f64>,
     /// Half angle of the lamp seen from the sample.
@@ -97,7 +97,7 @@ pub struct RigFacts {
     /// Radius of the lamp, where its distance is finite.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_radius_mm: Option<f64>,
-    /// Standard uncertainty of how a sample's mean plane is inclined to the turntable, along any direction.
+    /// Standard uncertainty of the inclination of a sample's mean plane to the turntable, in any direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sample_wedge_std_deg: Option<f64>,
     /// Standard uncertainty of `theta_l_deg`.
@@ -113,7 +113,7 @@ pub struct RigFacts {
     /// its error at the ends of the range of tilts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub theta_c_std_deg: Option<f64>,
-    /// The same of the recorded φs: of the stage's zero, and of its error once round.
+    /// The same for the recorded φs: the stage's zero, and its error over one turn.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub phi_s_std_deg: Option<f64>,
     /// Relative standard uncertainty that the lamp's drift between white reference and sample gives the signals.
@@ -158,7 +158,7 @@ pub struct CameraFacts {
     /// Exposure times that the series has.
     #[serde(default)]
     pub exposures_s: Vec<f64>,
-    /// From the centre of tilt to the camera's pupil, where it is finite and `[rig]` does not say.
+    /// From the centre of tilt to the camera's pupil, where it is finite and `[rig]` does not state it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_distance_mm: Option<f64>,
     /// Column and row of the foot of a near camera's optical axis. That of the centre of tilt by default.
@@ -289,8 +289,8 @@ pub struct LayoutFacts {
 }
 
 impl LayoutFacts {
-    /// Lean direction of a patch relative to the sample's own azimuth; `odd` for i + j odd. Read
-    /// from the words of the manifest, 0° and 90° where they say nothing.
+    /// Lean direction of a patch relative to the sample's own azimuth; `odd` for i + j odd. It is
+    /// read from the words of the manifest; 0° and 90° where they state none.
     #[must_use]
     pub fn lean_azimuth(&self, odd: bool) -> Angle {
         let (words, default_deg) = if odd {
@@ -307,7 +307,7 @@ impl LayoutFacts {
     }
 }
 
-/// Whether words say a lean direction in the form that [`LayoutFacts::lean_azimuth`] reads: `phi_s`, then nothing up to the
+/// Whether words state a lean direction in the form that [`LayoutFacts::lean_azimuth`] reads: `phi_s`, then nothing up to the
 /// next mark, or an angle in degrees with its sign.
 pub(super) fn is_lean(words: &str) -> bool {
     let Some((_, rest)) = words.split_once("phi_s") else {
@@ -487,9 +487,9 @@ impl Manifest {
 pub struct Contradiction {
     /// Its key.
     pub key: &'static str,
-    /// What it is.
+    /// Its value.
     pub value: f64,
-    /// What the others allow.
+    /// What the other values allow.
     pub allowed: String,
 }
 
@@ -508,7 +508,7 @@ impl CameraFacts {
         self.saturation_dn.unwrap_or_else(most)
     }
 
-    /// The first value that the others leave no room for.
+    /// Returns the first value that contradicts the others.
     #[must_use]
     pub fn contradiction(&self) -> Option<Contradiction> {
         let full_dn = self.full_dn();

@@ -9,7 +9,7 @@ use crate::bench::line::PortLine;
 
 /// Second answers since the last check that show a second device: fewer may be garbled replies.
 const SECOND_ANSWERS: u64 = 3;
-/// Replies of others since the last notice that are worth one.
+/// Number of foreign replies since the last notice that causes the next one.
 const FOREIGN_REPLIES: u64 = 3;
 /// Least time between two notices.
 const NOTICE_EVERY: Duration = Duration::from_secs(600);
@@ -56,7 +56,7 @@ impl LineWatch {
         })
     }
 
-    /// Tells a person if another program or device talks on the line.
+    /// Warns a person if another program or device talks on the line.
     pub fn report_foreign_traffic(&self, line: &PortLine) {
         let counts = line.counts();
         let mut seen = self.seen();

@@ -33,7 +33,7 @@ pub const GENERAL: &[(&str, &str)] = &[
         "fields",
         "Columns of the rows, separated by commas, or `all`, or `usual`; without it, the usual ones with long texts shortened",
     ),
-    ("limit", "Rows at most, 1 to 1000; 100 if omitted, and all rows of a CSV"),
+    ("limit", "Largest number of rows, 1 to 1000; 100 if omitted, and all rows of a CSV"),
     ("cursor", "`next_cursor` of the previous page, with the same sort"),
     ("count", "true: the answer counts all rows that the filters select"),
     ("format", "json or csv; by default as the header Accept asks, otherwise json"),
@@ -79,7 +79,7 @@ pub struct ResultQuery {
     pub fields: Vec<&'static Column>,
     /// Whether the columns were left open, so that a row of JSON has at most [`super::ROW_BYTES_MAX`] bytes.
     pub brief: bool,
-    /// Rows at most, if stated.
+    /// Largest number of rows, if stated.
     pub limit: Option<u32>,
     /// Whether to count all rows.
     pub count: bool,
