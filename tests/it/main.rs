@@ -28,6 +28,7 @@ mod nist;
 mod off_axis;
 mod parameter_covariance;
 mod radiances;
+mod readme;
 mod real_samples;
 mod recorded;
 mod runner;
