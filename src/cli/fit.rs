@@ -38,7 +38,7 @@ use crate::tables;
 #[command(
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
-    after_help = "Example:\n  ridged fit tests/data/series/polymer-10 --json > polymer-10.json\n  \
+    after_help = "Examples:\n  ridged fit tests/data/series/polymer-10 --json > polymer-10.json\n  \
                   ridged fit --scan 8 --store && ridged report --scan 8 --out report.html\n  \
                   ridged fit tests/data/series/steel-15 --variant traced\n  \
                   ridged fit tests/data/series/steel-15 --variant paper --check-traced\n  \
@@ -52,7 +52,7 @@ pub struct Args {
     pub action: Option<Action>,
     /// Folder of a recorded series (manifest.toml, frames.csv, frames/), or of a goniometer's table of BRDF
     /// (docs/reference/brdf-tables.md). Several folders of frames of one part
-    /// are fitted together: one surface, but offsets and gain of each scan its own.
+    /// are fitted together, with one surface and with offsets and a gain for each scan.
     #[arg(
         value_name = "DIR",
         required_unless_present = "scan",
@@ -132,7 +132,7 @@ pub struct Args {
 /// Subcommands of `ridged fit`.
 #[derive(Debug, clap::Subcommand)]
 pub enum Action {
-    /// Merges results of single series (`ridged fit DIR --json`) into one table.
+    /// Merge results of single series (`ridged fit DIR --json`) into one table.
     #[command(after_help = "Example:\n  ridged fit merge a.json b.json --out fits.csv")]
     Merge(merge::Args),
 }

@@ -24,7 +24,7 @@ use crate::wording::differences;
 /// Imports a recorded series into the store: PNG frames bit for bit, TIFF frames as PNG with the same counts.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  ridged import tests/data/series/polymer-10 && ridged fit --scan 1 --store\n  ridged import polymer-10.zip"
+    after_help = "Examples:\n  ridged import tests/data/series/polymer-10 && ridged fit --scan 1 --store\n  ridged import polymer-10.zip"
 )]
 pub struct Args {
     /// Folder of the series (manifest.toml, frames.csv, frames/), or a zip archive of it.

@@ -25,7 +25,7 @@ Example:
 The verdict is in the output; the exit code is 0 whatever it says. Decision rule (JCGM 106, guarded
 acceptance): pass where the risk that the part does not conform is at most the specification's
 max_false_accept_risk, fail where the chance that it conforms is at most max_false_reject_risk,
-cannot tell between, or where the data do not determine the quantity.")]
+otherwise cannot tell, as where the data do not determine the quantity.")]
 pub struct Args {
     /// Folder of a recorded series (manifest.toml, frames.csv, frames/).
     #[arg(required_unless_present = "scan", conflicts_with = "scan")]

@@ -85,7 +85,7 @@ pub struct Args {
 /// Subcommands of `ridged map`.
 #[derive(Debug, clap::Subcommand)]
 pub enum Action {
-    /// Merges the files of all shards of one map; the result is bit-equal to one run.
+    /// Merge the files of all shards of one map; the result is bit-equal to one run.
     #[command(after_help = "Example:\n  ridged map merge 1.shard 2.shard --out checker-map")]
     Merge(MergeArgs),
 }

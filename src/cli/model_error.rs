@@ -68,7 +68,7 @@ pub struct Args {
 /// Subcommands of `ridged model-error`.
 #[derive(Debug, clap::Subcommand)]
 pub enum Action {
-    /// Merges the files of all shards of one run; the result is bit-equal to one run.
+    /// Merge the files of all shards of one run; the result is bit-equal to one run.
     #[command(after_help = "Example:\n  ridged model-error merge 1.shard 2.shard --out errors")]
     Merge(MergeArgs),
 }

@@ -42,7 +42,7 @@ right size if it is about 0.5: the errors are then half of U, that is one standa
 /// Fits recorded series whose truth is known and prints truth, value, expanded uncertainty and E_n.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  ridged score tests/data/series tests/data/series2\n  \
+    after_help = "Examples:\n  ridged score tests/data/series tests/data/series2\n  \
                   ridged score tests/data/series2/translucent-12 --json\n  \
                   ridged score tests/data/series tests/data/series2 --draws 10 --out docs/explanation/real-samples.md"
 )]

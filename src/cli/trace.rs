@@ -72,7 +72,7 @@ pub struct Args {
 /// Subcommands of `ridged trace`.
 #[derive(Debug, clap::Subcommand)]
 pub enum Action {
-    /// Merges the files of all shards of one run; the result is bit-equal to one run.
+    /// Merge the files of all shards of one run; the result is bit-equal to one run.
     #[command(after_help = "Example:\n  ridged trace merge part-1.csv part-2.csv --out bins.csv")]
     Merge {
         /// Files that `--shard` wrote.

@@ -85,7 +85,7 @@ pub struct Args {
 /// Subcommands of `ridged wear`.
 #[derive(Debug, clap::Subcommand)]
 pub enum Action {
-    /// Merges the files of all shards of one run; the result is bit-equal to one run.
+    /// Merge the files of all shards of one run; the result is bit-equal to one run.
     #[command(after_help = "Example:\n  ridged wear merge 1.shard 2.shard --out worn")]
     Merge(MergeArgs),
 }
