@@ -163,7 +163,7 @@ fn to_decimal_of(value: f64, std: f64) -> f64 {
 
 /// Writes a value with some decimals. A reader that rounds once more, to fewer decimals, gets the same as from all digits:
 /// where rounding would make a 5 at the end, whose rounding has lost its direction, the neighbour on the value's side is
-/// written.
+/// written. Otherwise one uncertainty in twenty would have another second digit in a list than in its fit.
 fn to_decimals(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let ends_in_5 = text.trim_end_matches('0').ends_with('5');
