@@ -51,7 +51,7 @@ pub mod findings;
 pub mod fitted_surface;
 pub mod intervals;
 pub mod joint;
-mod known;
+pub(crate) mod known;
 mod lane_form;
 pub mod least_squares;
 mod leftover;

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::FitOptions;
 use super::constraints::priors;
-use super::known::certified;
+use super::known::{certified, gain_and_stray_light};
 use super::minimum::Minimum;
 use super::misfit::{flat_sigma, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
@@ -15,6 +15,7 @@ use super::settle::{Settled, Weighing, sigma_at};
 use crate::material::Material;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
+use crate::units::Angle;
 
 /// Discrepancy for the starts, before it is estimated from the data.
 const FIRST_DISCREPANCY: f64 = 0.03;
@@ -148,7 +149,14 @@ pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>
     let absolute = set.white_reference.is_some();
     let metal = matches!(set.material, Material::Conductor { .. });
     let peak = peak(set);
-    let (gain, background) = from_flats(set);
+    // The flats at a tilt zero of 0; without flats, 1 and the mean of the prior.
+    let (flats, rig) = (&set.flats, &set.rig);
+    let white = set.white_reference.filter(|_| !flats.is_empty());
+    let by_flats = white
+        .and_then(|white| gain_and_stray_light(&white, flats, rig, Angle::ZERO, set.background));
+    let (gain, background) = by_flats.map_or((1.0, set.background.mean), |[gain, stray]| {
+        (gain.0, stray.0)
+    });
     let fixed = Values {
         alpha_u: 0.1,
         alpha_v: 0.1,
@@ -169,34 +177,4 @@ pub fn free_quantities(set: &ObservationSet, variant: Variant) -> (Vec<Quantity>
         })
         .collect();
     (free, fixed)
-}
-
-/// Computes gain and stray light from the flats and the prior on stray light, at a tilt zero of 0. Without flats the
-/// result is 1 and the mean of the prior.
-fn from_flats(set: &ObservationSet) -> (f64, f64) {
-    let prior = set.background;
-    let Some(white) = set.white_reference.filter(|_| !set.flats.is_empty()) else {
-        return (1.0, prior.mean);
-    };
-    // Normal equations of two unknowns.
-    let weight = 1.0 / (prior.std * prior.std);
-    let (mut aa, mut ab, mut bb) = (0.0, 0.0, weight);
-    let (mut ay, mut by) = (0.0, weight * prior.mean);
-    for flat in &set.flats {
-        let a = white.reflectance / std::f64::consts::PI * set.rig.cos_incidence(flat.theta_c);
-        let w = 1.0 / (flat.sigma * flat.sigma);
-        aa += w * a * a;
-        ab += w * a;
-        bb += w;
-        ay += w * a * flat.signal;
-        by += w * flat.signal;
-    }
-    let determinant = aa * bb - ab * ab;
-    let gain = (ay * bb - by * ab) / determinant;
-    let background = (aa * by - ab * ay) / determinant;
-    if gain.is_finite() && background.is_finite() && gain > 0.0 {
-        (gain, background)
-    } else {
-        (1.0, prior.mean)
-    }
 }

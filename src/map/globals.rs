@@ -6,9 +6,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::fit::known::gain_and_stray_light;
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
-use crate::observation::{FlatObservation, WhiteReference};
+use crate::observation::{FlatObservation, Prior, WhiteReference};
 use crate::units::Angle;
 
 /// Standard uncertainty of the stray light, as a share of the largest signal, if nothing determines it.
@@ -83,33 +84,24 @@ impl Globals {
         let Some(white) = &given.white else {
             return self;
         };
-        // Unknowns: gain and b = gain · s; prior b = 0 ± STRAY_SHARE · largest.
-        let prior = (STRAY_SHARE * given.largest).powi(-2);
-        let (mut aa, mut ab, mut bb, mut ya, mut yb) = (0.0, 0.0, prior, 0.0, 0.0);
-        for flat in given.flats {
-            let due = white.reflectance / std::f64::consts::PI
-                * given.rig.cos_incidence(flat.theta_c + self.tilt_offset);
-            let w2 = flat.sigma.powi(-2);
-            aa += w2 * due * due;
-            ab += w2 * due;
-            bb += w2;
-            ya += w2 * due * flat.signal;
-            yb += w2 * flat.signal;
-        }
-        let determinant = aa * bb - ab * ab;
-        let gain = (ya * bb - yb * ab) / determinant;
+        let prior = Prior {
+            mean: 0.0,
+            std: STRAY_SHARE * given.largest,
+        };
+        let by_flats =
+            gain_and_stray_light(white, given.flats, &given.rig, self.tilt_offset, prior);
+        let Some([(gain, std), (stray, stray_std)]) = by_flats else {
+            return self;
+        };
         let reference = white.reflectance_std / white.reflectance;
         let own = Globals {
             gain,
-            gain_relative_std: (bb / determinant / (gain * gain) + reference * reference).sqrt(),
+            gain_relative_std: (std / gain).hypot(reference),
             ..self
         };
-        let stray = (yb * aa - ya * ab) / determinant / gain;
         match given.material {
             Material::Conductor { .. } => own,
-            Material::Dielectric { .. } => {
-                own.with(Which::Stray, (stray, (aa / determinant).sqrt() / gain))
-            }
+            Material::Dielectric { .. } => own.with(Which::Stray, (stray / gain, stray_std / gain)),
         }
     }
 
