@@ -3,12 +3,12 @@
 //!
 //! A tile is a run of [`TILE`] consecutive pixels. Planes are written pose by pose and read tile by tile.
 
-use std::fs::File;
 use std::io;
 use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
+
+use tempfile::NamedTempFile;
 
 /// Pixels per tile.
 pub(super) const TILE: usize = 4096;
@@ -25,10 +25,7 @@ pub(super) struct Planes {
 enum Keep {
     /// One vector per tile, `[pose][pixel][signal, σ]`.
     Memory(Vec<Mutex<Vec<f32>>>),
-    File {
-        file: File,
-        path: PathBuf,
-    },
+    File(NamedTempFile),
 }
 
 impl Planes {
@@ -51,8 +48,9 @@ impl Planes {
             )
         } else {
             std::fs::create_dir_all(scratch)?;
-            let (file, path) = fresh(scratch)?;
-            Keep::File { file, path }
+            let mut named = tempfile::Builder::new();
+            named.prefix(".ridged-map-").suffix(".scratch");
+            Keep::File(named.tempfile_in(scratch)?)
         };
         Ok(Planes {
             poses,
@@ -87,10 +85,10 @@ impl Planes {
                 kept[pose * length..(pose + 1) * length].copy_from_slice(plane);
                 Ok(())
             }
-            Keep::File { file, .. } => {
+            Keep::File(file) => {
                 let bytes: Vec<u8> = plane.iter().flat_map(|x| x.to_le_bytes()).collect();
                 let at = (tile * TILE * self.poses) * BYTES + pose * length * 4;
-                file.write_all_at(&bytes, at as u64)
+                file.as_file().write_all_at(&bytes, at as u64)
             }
         }
     }
@@ -105,9 +103,10 @@ impl Planes {
                 .lock()
                 .expect("no holder of this lock panics")
                 .clone()),
-            Keep::File { file, .. } => {
+            Keep::File(file) => {
                 let mut bytes = vec![0; self.poses * length(self.pixels, tile) * BYTES];
-                file.read_exact_at(&mut bytes, (tile * TILE * self.poses * BYTES) as u64)?;
+                let at = (tile * TILE * self.poses * BYTES) as u64;
+                file.as_file().read_exact_at(&mut bytes, at)?;
                 Ok(bytes
                     .as_chunks::<4>()
                     .0
@@ -119,43 +118,14 @@ impl Planes {
     }
 }
 
-impl Drop for Planes {
-    fn drop(&mut self) {
-        if let Keep::File { path, .. } = &self.keep {
-            // A remaining scratch file is a nuisance, not an error.
-            let _ = std::fs::remove_file(path);
-        }
-    }
-}
-
-/// Creates a unique file in `scratch`: two maps of one process, or one that was killed before, may share the folder.
-fn fresh(scratch: &Path) -> io::Result<(File, PathBuf)> {
-    static MADE: AtomicU64 = AtomicU64::new(0);
-    loop {
-        let number = MADE.fetch_add(1, Ordering::Relaxed);
-        let path = scratch.join(format!(
-            ".ridged-map-{}-{number}.scratch",
-            std::process::id()
-        ));
-        let file = File::options()
-            .read(true)
-            .write(true)
-            .create_new(true)
-            .open(&path);
-        match file {
-            Ok(file) => return Ok((file, path)),
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-            Err(error) => return Err(error),
-        }
-    }
-}
-
 fn length(pixels: usize, tile: usize) -> usize {
     TILE.min(pixels - tile * TILE)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::path::PathBuf;
+
     use super::*;
 
     #[test]
