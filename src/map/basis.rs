@@ -70,7 +70,7 @@ impl Basis {
         warnings.extend(doubts(settled));
         Basis {
             manifest: manifest.clone(),
-            n_poses: settled.poses.len(),
+            n_poses: settled.costly.poses().len(),
             globals: settled.globals,
             birge: settled.birge,
             shared_std: settled.shared_std,

@@ -28,8 +28,8 @@ use crate::material::Material;
 use crate::model::extended::{self, Real, Terms, Walls};
 use crate::model::prepared::{OpticsTable, Prepared};
 use crate::model::quadrature::Quadrature;
-use crate::model::{Optics, Surface, Variant};
-use expansion::{Cell, Expanded, Expansion};
+use crate::model::{Gradient, Optics, Surface, Variant};
+use expansion::{Cell, Expanded};
 use few::few_of;
 
 /// Widths of a cell: rad, rad, logarithms, ρd or amplitude. Within half a width the second order is below 1e-3 of the
@@ -83,13 +83,14 @@ fn add_scaled(to: &mut [f64], factor: f64, what: &[f64]) {
     }
 }
 
-/// The range that an expansion covers.
+/// The part of a descent, which decides on the observations and on the range that an expansion covers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Size {
-    /// For a minimum: the expansion's error is negligible in a pixel.
-    Usual,
-    /// Far from the minimum, and of the subset of the observations only; see [`Costly::few`].
-    Large,
+pub(super) enum Way {
+    /// All of it, from any start: the expansion's error is negligible in a pixel.
+    Whole,
+    /// With a subset of the observations ([`Costly::few`]) and large cells, as far as it determines the minimum; the fit's
+    /// parameters are the next start.
+    There,
 }
 
 /// The costly terms for the rig and the material that pixels share.
@@ -104,9 +105,8 @@ pub(super) struct Costly {
     few_geometry: Vec<Geometry>,
     lamp: f64,
     amplitude: bool,
-    cells: RwLock<Cells>,
-    /// Larger cells for use far from the minimum; few enough to stay in the processor's cache.
-    large_cells: RwLock<Cells>,
+    /// By [`Way`]; the large ones are few enough to stay in the processor's cache.
+    cells: [RwLock<Cells>; 2],
     integrated: Integrated,
     /// The sample's uniform deviations from an ideal sawtooth.
     real: Option<Arc<RealSurface>>,
@@ -120,12 +120,9 @@ pub(super) struct RealSurface {
     pub(super) walls: Walls,
 }
 
-/// Cells that one thread has used, so that it finds them without a lock.
+/// Cells that one thread has used, by [`Way`], so that it finds them without a lock.
 #[derive(Default)]
-pub(super) struct Met {
-    usual: Cells,
-    large: Cells,
-}
+pub(super) struct Met([Cells; 2]);
 
 impl Costly {
     pub(super) fn new(
@@ -152,8 +149,7 @@ impl Costly {
             poses,
             geometry,
             lamp,
-            cells: RwLock::new(Cells::default()),
-            large_cells: RwLock::new(Cells::default()),
+            cells: Default::default(),
             integrated,
             real: None,
             arch: pulp::Arch::new(),
@@ -191,11 +187,8 @@ impl Costly {
         &self.few_geometry
     }
 
-    fn cell_of(&self, key: Key, centre: Parameters, size: Size) -> Arc<Cell> {
-        let cells = match size {
-            Size::Usual => &self.cells,
-            Size::Large => &self.large_cells,
-        };
+    fn cell_of(&self, key: Key, centre: Parameters, way: Way) -> Arc<Cell> {
+        let cells = &self.cells[way as usize];
         if let Some(cell) = cells
             .read()
             .expect("no holder of this lock panics")
@@ -204,11 +197,10 @@ impl Costly {
             return Arc::clone(cell);
         }
         // Two threads may compute the same cell; they get the same numbers.
-        let cell = match size {
-            Size::Large if !self.few.is_empty() => self.expand(&centre, self.few.iter().copied()),
-            _ => self.expand(&centre, 0..self.poses.len()),
-        };
-        let cell = Arc::new(Cell::from(cell));
+        let cell = Arc::new(match way {
+            Way::There => self.expand(&centre, self.few.iter().copied()),
+            Way::Whole => self.expand(&centre, 0..self.poses.len()),
+        });
         cells
             .write()
             .expect("no holder of this lock panics")
@@ -217,92 +209,88 @@ impl Costly {
             .clone()
     }
 
-    fn expand(
-        &self,
-        centre: &Parameters,
-        observations: impl ExactSizeIterator<Item = usize>,
-    ) -> Expansion {
-        let real = self.real.as_ref().map_or(Real::NONE, |r| r.real);
-        self.expand_as(centre, &real, observations)
+    /// Returns the deviations of the sample from an ideal sawtooth.
+    fn real(&self) -> Real {
+        self.real.as_ref().map_or(Real::NONE, |r| r.real)
     }
 
-    /// As [`Self::expand`], with other deviations from an ideal sawtooth than the sample's.
-    fn expand_as(
-        &self,
-        centre: &Parameters,
-        real: &Real,
-        observations: impl ExactSizeIterator<Item = usize>,
-    ) -> Expansion {
-        let n = observations.len();
-        let (alpha_u, alpha_v) = (centre[2].exp(), centre[3].exp());
-        let surface = self.surface(centre);
+    /// Returns the full form with its gradient at `p`, by pose, with the given deviations from an ideal sawtooth.
+    fn full_form(&self, p: &Parameters, real: Real) -> impl Fn(&Pose) -> Gradient {
+        let surface = self.surface(p);
         let prepared = Prepared::new(Variant::Sawtooth, &surface, &self.table);
-        let full_at = |pose: &Pose| {
-            let pose = turned(pose, centre);
+        move |pose| {
+            let pose = turned(pose, p);
             let Some(RealSurface { walls, .. }) = self.real.as_deref() else {
                 return prepared.gradient(&self.rig, pose);
             };
             let directions = self.rig.directions(pose);
             let optics = &self.table.optics;
-            let terms = Terms::of(real, optics, &Real::default());
+            let terms = Terms::of(&real, optics, &Real::default());
             let (sin, cos) = (pose.phi_s + self.rig.azimuth_zero).sin_cos();
-            extended::partials(&directions, &surface, real, terms, optics, walls).on_rig(
+            extended::partials(&directions, &surface, &real, terms, optics, walls).on_rig(
                 &directions,
                 sin,
                 cos,
             )
-        };
-        let mut cell = Expansion {
-            centre: *centre,
-            offset: Vec::with_capacity(n),
-            basis: Vec::with_capacity(n),
-            slopes: std::array::from_fn(|_| Vec::with_capacity(n)),
-        };
-        for j in observations {
-            let (pose, geometry) = (&self.poses[j], &self.geometry[j]);
-            let full = full_at(pose);
-            let (a, slopes) = single(geometry, centre, self.lamp);
-            let share = surface.amplitude;
+        }
+    }
+
+    /// Expands the costly terms of some observations about a centre. The change of B with the shape belongs to the pixel's
+    /// ρd; the slopes contain it to first order, at the centre's ρd.
+    fn expand(
+        &self,
+        centre: &Parameters,
+        observations: impl ExactSizeIterator<Item = usize>,
+    ) -> Cell {
+        let n = observations.len();
+        let (alpha_u, alpha_v) = (centre[2].exp(), centre[3].exp());
+        let share = self.surface(centre).amplitude;
+        let full_form = self.full_form(centre, self.real());
+        let mut numbers = vec![0.0; (2 + FREE) * n];
+        for (at, j) in observations.enumerate() {
+            let full = full_form(&self.poses[j]);
+            let (a, slopes) = single(&self.geometry[j], centre, self.lamp);
             let (rest, last, basis) = if self.amplitude {
                 (full.value - share * a, full.amplitude - a, 0.0)
             } else {
                 (full.value - a - centre[4] * full.rho_d, 0.0, full.rho_d)
             };
-            cell.offset.push(rest);
-            cell.basis.push(basis);
-            let slopes = [
+            let row = [
+                rest,
+                basis,
                 full.theta_r - share * slopes[0],
                 full.phi_s - share * slopes[1],
                 full.alpha_u * alpha_u - share * slopes[2],
                 full.alpha_v * alpha_v - share * slopes[3],
                 last,
             ];
-            for (column, slope) in cell.slopes.iter_mut().zip(slopes) {
-                column.push(slope);
+            for (column, x) in numbers.chunks_exact_mut(n).zip(row) {
+                column[at] = x as f32;
             }
         }
-        // The change of B with the shape belongs to the pixel's ρd; the slopes contain it to first order, at the
-        // centre's ρd.
-        cell
+        Cell {
+            centre: *centre,
+            numbers,
+        }
     }
 
-    /// Writes offset and B at `p`, from a cell of the given size; `met` holds the thread's cells.
+    /// Writes offset and B at `p`; `met` holds the thread's cells.
     pub(super) fn write(
         &self,
         p: &Parameters,
-        size: Size,
+        way: Way,
         met: &mut Met,
         offset: &mut [f64],
         basis: &mut [f64],
     ) {
-        let (met, factor) = match size {
-            Size::Usual => (&mut met.usual, 1.0),
-            Size::Large => (&mut met.large, LARGE),
+        let factor = match way {
+            Way::Whole => 1.0,
+            Way::There => LARGE,
         };
         let (key, centre) = key(p, factor);
-        let cell = met
+        let cell = met.0[way as usize]
             .entry(key)
-            .or_insert_with(|| self.cell_of(key, centre, size));
+            .or_insert_with(|| self.cell_of(key, centre, way));
         let mut away: Parameters = std::array::from_fn(|k| p[k] - cell.centre[k]);
         let turn = std::f64::consts::TAU;
         away[1] -= turn * f64::from(floor(away[1] / turn + 0.5));
@@ -334,7 +322,7 @@ impl Costly {
             .map(|pose| self.rig.directions(turned(pose, p)))
             .collect();
         // The integrals are those of the ideal sawtooth.
-        let closed = self.closed_as(p, &Real::NONE);
+        let closed = self.closed(p, Real::NONE);
         let brightest = closed.iter().copied().fold(0.0, f64::max);
         Quadrature::new(&surface, &self.table)
             .with_polarisation(polarised)
@@ -354,7 +342,8 @@ impl Costly {
                 f64::INFINITY
             }
         });
-        let brightest = self.closed(p).into_iter().fold(f64::MIN_POSITIVE, f64::max);
+        let closed = self.closed(p, self.real()).into_iter();
+        let brightest = closed.fold(f64::MIN_POSITIVE, f64::max);
         largest / brightest
     }
 
@@ -367,18 +356,17 @@ impl Costly {
         for side in [-0.25, 0.0, 0.25] {
             let mut at: Parameters = std::array::from_fn(|k| p[k] + side * CELL[k]);
             at[0] = at[0].max(0.0);
-            self.write(
-                &at,
-                Size::Usual,
-                &mut Met::default(),
-                &mut offset,
-                &mut basis,
-            );
-            let closed = self.closed(&at);
+            let mut met = Met::default();
+            self.write(&at, Way::Whole, &mut met, &mut offset, &mut basis);
+            let closed = self.closed(&at, self.real());
             let brightest = closed.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
             for (j, exact) in closed.iter().enumerate() {
                 let once = single(&self.geometry[j], &at, self.lamp).0;
-                let expanded = self.light(&at, once, offset[j], basis[j]);
+                let (held, fifth) = match self.amplitude {
+                    true => (0.0, once),
+                    false => (once, basis[j]),
+                };
+                let expanded = held + at[4] * fifth + offset[j];
                 largest = largest.max((expanded - exact).abs() / brightest);
             }
         }
@@ -407,36 +395,18 @@ impl Costly {
 
     /// Returns the full radiances at `p` for all observations, without an expansion.
     pub(super) fn full(&self, p: &Parameters) -> Vec<f64> {
-        let mut full = self.closed(p);
+        let mut full = self.closed(p, self.real());
         if let Some((share, integrated)) = self.integrated.near(p) {
             add_scaled(&mut full, share, integrated);
         }
         full
     }
 
-    /// Returns the radiance of an observation at `p` from the single reflection of amplitude 1, offset and B.
-    pub(super) fn light(&self, p: &Parameters, once: f64, offset: f64, basis: f64) -> f64 {
-        match self.amplitude {
-            true => p[4] * once + offset,
-            false => once + p[4] * basis + offset,
-        }
-    }
-
-    fn closed(&self, p: &Parameters) -> Vec<f64> {
-        let real = self.real.as_ref().map_or(Real::NONE, |r| r.real);
-        self.closed_as(p, &real)
-    }
-
-    fn closed_as(&self, p: &Parameters, real: &Real) -> Vec<f64> {
-        let cell = self.expand_as(p, real, 0..self.poses.len());
-        self.geometry
+    fn closed(&self, p: &Parameters, real: Real) -> Vec<f64> {
+        let full_form = self.full_form(p, real);
+        self.poses
             .iter()
-            .zip(&cell.offset)
-            .zip(&cell.basis)
-            .map(|((g, offset), basis)| {
-                let once = single(g, p, self.lamp).0;
-                self.light(p, once, *offset, *basis)
-            })
+            .map(|pose| full_form(pose).value)
             .collect()
     }
 }

@@ -57,7 +57,6 @@ pub struct PixelParameters {
 /// Fits pixels imaged at the same poses.
 pub struct PixelFitter {
     view: View,
-    poses: Vec<Pose>,
     costly: Costly,
     globals: Globals,
 }
@@ -69,15 +68,8 @@ impl PixelFitter {
         let view = View::far(rig, &material);
         let geometry = poses.iter().map(|p| view.central(*p)).collect();
         PixelFitter {
-            costly: Costly::new(
-                rig,
-                material,
-                poses.clone(),
-                geometry,
-                Integrated::default(),
-            ),
+            costly: Costly::new(rig, material, poses, geometry, Integrated::default()),
             view,
-            poses,
             globals: Globals {
                 stray_std: 0.0,
                 ..Globals::first(0.0)
@@ -113,14 +105,13 @@ impl PixelFitter {
         refreshes: u8,
         instructions: Instructions,
     ) -> Vec<PixelParameters> {
-        let batch = Batch::of_slices(self.poses.len(), signal, sigma);
+        let batch = Batch::of_slices(self.costly.poses().len(), signal, sigma);
         assert_eq!(batch.pixels.len(), starts.len(), "every pixel has a start");
         let run = Run {
             batch: &batch,
             globals: &self.globals,
             costly: &self.costly,
             view: &self.view,
-            poses: &self.poses,
             beside: None,
         };
         run.fit_on(instructions.arch(), &batch.pixels, starts, refreshes)

@@ -3,14 +3,13 @@
 use std::borrow::Cow;
 
 use super::beside::Beside;
-use super::costly::{Costly, Met, Size};
+use super::costly::{Costly, Met, Way};
 use super::globals::Globals;
 use super::kernel::{FREE, Geometry, Parameters};
 use super::planes::Planes;
-use super::solve::{End, Job, PixelFit, Pixels, Way, solve_on};
+use super::solve::{End, Job, PixelFit, Pixels, solve_on};
 use super::start::Starts;
 use super::view::View;
-use crate::geometry::Pose;
 use crate::robust::reduced_chi2_at;
 
 /// Signals of some pixels, pixel by pixel.
@@ -123,8 +122,6 @@ pub(super) struct Run<'a> {
     pub(super) globals: &'a Globals,
     pub(super) costly: &'a Costly,
     pub(super) view: &'a View,
-    /// True poses with the shared tilt offset.
-    pub(super) poses: &'a [Pose],
     /// Off-centre changes of a near field, once they are known.
     pub(super) beside: Option<&'a Beside>,
 }
@@ -169,7 +166,7 @@ impl Run<'_> {
     /// Returns the irradiance on a pixel in its observation `j`, relative to the field's centre.
     fn irradiance(&self, index: usize, j: usize) -> f64 {
         let place = self.view.place_mm(self.batch.pixels[index]);
-        self.view.irradiance(self.poses[j], place)
+        self.view.irradiance(self.costly.poses()[j], place)
     }
 
     #[inline(always)]
@@ -206,7 +203,8 @@ impl Run<'_> {
         }
         let place = self.view.place_mm(self.batch.pixels[index]);
         Cow::Owned(
-            self.poses
+            self.costly
+                .poses()
                 .iter()
                 .map(|pose| self.view.geometry(*pose, place))
                 .collect(),
@@ -364,12 +362,12 @@ impl Pixels for Chosen<'_> {
     fn costly(
         &self,
         p: &Parameters,
-        size: Size,
+        way: Way,
         met: &mut Met,
         offset: &mut [f64],
         basis: &mut [f64],
     ) {
-        self.run.costly.write(p, size, met, offset, basis);
+        self.run.costly.write(p, way, met, offset, basis);
     }
 }
 

@@ -40,7 +40,6 @@ const ASKED_MAX: usize = 500;
 /// The results, which the map needs for its pixels.
 pub(super) struct Settled {
     pub(super) globals: Globals,
-    pub(super) poses: Vec<Pose>,
     pub(super) costly: Costly,
     /// The surfaces of the clusters' means.
     pub(super) leaders: Starts,
@@ -100,9 +99,8 @@ pub(super) fn settle(
         beside: None,
         integrated: Integrated::default(),
     };
-    let costly = at.costly(given.recorded);
     let first = Globals::first(given.largest);
-    let lobed = lobed(&at.run(batch, &first, given.recorded, &costly));
+    let lobed = lobed(&at.run(batch, &first, &at.costly(&first)));
     if lobed.is_empty() {
         return Err(MapError::NoLobes);
     }
@@ -120,14 +118,11 @@ pub(super) fn settle(
     let means = means(batch, view, largest);
     at.real = &shared.real;
     let mut globals = shared.globals;
-    let poses = at.poses(&globals);
-    let costly = at.costly(&poses);
+    let costly = at.costly(&globals);
     let amplitude = costly.is_amplitude();
     let quarters = Starts::quarters(amplitude, |p| costly.full(p));
     let all: Vec<usize> = (0..means.pixels.len()).collect();
-    let found = at
-        .run(&means, &globals, &poses, &costly)
-        .fit_from(&all, &quarters);
+    let found = at.run(&means, &globals, &costly).fit_from(&all, &quarters);
     let mut found = Found::of(all.into_iter().zip(found).collect());
 
     let surfaces = distinct(&found.fits);
@@ -153,9 +148,8 @@ pub(super) fn settle(
 
     let leaders = distinct(&found.fits);
     let usual = |globals: &Globals| -> Result<(Found, f64), MapError> {
-        let poses = at.poses(globals);
-        let costly = at.costly(&poses);
-        let run = at.run(batch, globals, &poses, &costly);
+        let costly = at.costly(globals);
+        let run = at.run(batch, globals, &costly);
         let leaders = Starts::new(leaders.clone(), |p| costly.full(p));
         usual(&run, &lobed, &leaders)
     };
@@ -164,8 +158,7 @@ pub(super) fn settle(
     let is_tilt_known = mean.is_some_and(|mean| mean.tilt_offset_deg.is_some());
     at.refine(batch, &mut globals, &good, birge, is_tilt_known);
     let (good, birge) = usual(&globals)?;
-    let poses = at.poses(&globals);
-    let costly = at.costly(&poses);
+    let costly = at.costly(&globals);
     Ok(Settled {
         matte: Starts::matte(costly.geometry()),
         leaders: Starts::new(leaders, |p| costly.full(p)),
@@ -180,7 +173,6 @@ pub(super) fn settle(
         beside: at.beside,
         costly,
         view: at.view,
-        poses,
     })
 }
 
@@ -219,50 +211,34 @@ struct Stand<'a> {
 }
 
 impl Stand<'_> {
-    /// Returns the recorded poses with the tilt offset added.
-    fn poses(&self, globals: &Globals) -> Vec<Pose> {
+    /// Returns the costly terms at the recorded poses with the tilt offset added.
+    fn costly(&self, globals: &Globals) -> Costly {
         let shifted = self.given.recorded.iter().map(|pose| Pose {
             theta_c: pose.theta_c + globals.tilt_offset,
             ..*pose
         });
-        shifted.collect()
+        let poses: Vec<Pose> = shifted.collect();
+        let geometry = poses.iter().map(|pose| self.view.central(*pose)).collect();
+        let Given { rig, material, .. } = *self.given;
+        Costly::new(rig, *material, poses, geometry, self.integrated.clone())
+            .with_real(self.real.clone())
     }
 
-    fn costly(&self, poses: &[Pose]) -> Costly {
-        let geometry = poses.iter().map(|pose| self.view.central(*pose));
-        Costly::new(
-            self.given.rig,
-            *self.given.material,
-            poses.to_vec(),
-            geometry.collect(),
-            self.integrated.clone(),
-        )
-        .with_real(self.real.clone())
-    }
-
-    fn run<'r>(
-        &'r self,
-        batch: &'r Batch,
-        globals: &'r Globals,
-        poses: &'r [Pose],
-        costly: &'r Costly,
-    ) -> Run<'r> {
+    fn run<'r>(&'r self, batch: &'r Batch, globals: &'r Globals, costly: &'r Costly) -> Run<'r> {
         Run {
             batch,
             globals,
             costly,
             view: &self.view,
-            poses,
             beside: self.beside.as_ref(),
         }
     }
 
     /// Continues fits with other shared quantities or costly terms.
     fn fit_on(&self, batch: &Batch, globals: &Globals, found: &Found) -> Vec<PixelFit> {
-        let poses = self.poses(globals);
-        let costly = self.costly(&poses);
+        let costly = self.costly(globals);
         let starts: Vec<Parameters> = found.fits.iter().map(|fit| fit.p).collect();
-        let run = self.run(batch, globals, &poses, &costly);
+        let run = self.run(batch, globals, &costly);
         run.fit(&found.pixels, &starts, 1)
     }
 
@@ -361,7 +337,7 @@ fn usual(run: &Run<'_>, chosen: &[usize], leaders: &Starts) -> Result<(Found, f6
     // There are lobes, but these poses do not determine their parameters.
     let birge = robust::median_of_finite(all.iter().map(|(_, fit)| reduced(fit)))
         .ok_or(MapError::NothingFitted {
-            poses: run.poses.len(),
+            poses: run.batch.observations,
             chi2: left.unwrap_or(f64::INFINITY),
         })?
         .max(1.0);

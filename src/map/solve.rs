@@ -14,7 +14,7 @@ mod step;
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::costly::{Met, Size};
+use super::costly::{Met, Way};
 use super::inverse::invert;
 use super::kernel::{FREE, GEOMETRY, Geometry, PACKED, Parameters, packed};
 use crate::model::lanes::{Lane, Numbers};
@@ -53,20 +53,11 @@ pub(super) trait Pixels: Sync {
     fn costly(
         &self,
         p: &Parameters,
-        size: Size,
+        way: Way,
         met: &mut Met,
         offset: &mut [f64],
         basis: &mut [f64],
     );
-}
-
-/// The part of a descent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Way {
-    /// All of it, from any start.
-    Whole,
-    /// With a subset of the observations, as far as it determines the minimum; the fit's parameters are the next start.
-    There,
 }
 
 /// Inputs that all pixels share.
@@ -247,17 +238,11 @@ impl<'a> Table<'a> {
 
     /// Computes the costly terms at `p`.
     fn refresh(&mut self, lane: usize, p: &Parameters) {
-        let size = match self.job.way {
-            Way::Whole => Size::Usual,
-            Way::There => Size::Large,
-        };
+        let (job, width) = (self.job, self.width);
         let (offset, basis) = (&mut self.offset, &mut self.column);
-        self.job
-            .pixels
-            .costly(p, size, &mut self.met, offset, basis);
-        let width = self.width;
-        if self.job.own_geometry {
-            for (j, (basis, centre)) in basis.iter_mut().zip(self.job.geometry).enumerate() {
+        job.pixels.costly(p, job.way, &mut self.met, offset, basis);
+        if job.own_geometry {
+            for (j, (basis, centre)) in basis.iter_mut().zip(job.geometry).enumerate() {
                 let number = |k| self.geometry[(j * GEOMETRY + k) * width + lane];
                 *basis *= Geometry(std::array::from_fn(number)).facing_beside(centre, p);
             }

@@ -81,7 +81,6 @@ pub(super) fn fit_tiles(
             globals: &settled.globals,
             costly: &settled.costly,
             view,
-            poses: &settled.poses,
             beside: settled.beside.as_ref(),
         };
         let (answers, spent) = fit_batch(&run, settled);

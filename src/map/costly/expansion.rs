@@ -2,31 +2,12 @@
 
 use crate::map::kernel::{FREE, Parameters};
 
-/// A first-order expansion, one element per observation.
-pub(super) struct Expansion {
-    pub(super) centre: Parameters,
-    pub(super) offset: Vec<f64>,
-    pub(super) basis: Vec<f64>,
-    /// Derivatives of the offset, per parameter.
-    pub(super) slopes: [Vec<f64>; FREE],
-}
-
-/// One cell's expansion, stored compactly and contiguously: there are many cells, and the time to fetch them from
+/// One cell's first-order expansion, stored compactly and contiguously: there are many cells, and the time to fetch them from
 /// memory dominates. Single precision is 6e-8 of an offset.
 pub(super) struct Cell {
     pub(super) centre: Parameters,
-    /// Offset, B, and the offset's slopes, concatenated.
+    /// Offset, B, and the offset's slopes per parameter, concatenated; each has one element per observation.
     pub(super) numbers: Vec<f32>,
-}
-
-impl From<Expansion> for Cell {
-    fn from(full: Expansion) -> Self {
-        let columns = [&full.offset, &full.basis].into_iter().chain(&full.slopes);
-        Cell {
-            centre: full.centre,
-            numbers: columns.flatten().map(|x| *x as f32).collect(),
-        }
-    }
 }
 
 /// Evaluates a cell's expansion at a distance from its centre. It is a type and not a closure: a closure of this size

@@ -106,7 +106,7 @@ impl Pixels for Synthetic {
         [p[0] + 0.05, p[1] + 0.3, p[2] + 0.3, p[3] - 0.3, p[4] * 0.7]
     }
 
-    fn costly(&self, _: &Parameters, _: Size, _: &mut Met, offset: &mut [f64], basis: &mut [f64]) {
+    fn costly(&self, _: &Parameters, _: Way, _: &mut Met, offset: &mut [f64], basis: &mut [f64]) {
         offset.fill(0.0);
         basis.copy_from_slice(&self.basis);
     }
@@ -161,12 +161,12 @@ impl Pixels for Beside {
     fn costly(
         &self,
         p: &Parameters,
-        size: Size,
+        way: Way,
         met: &mut Met,
         offset: &mut [f64],
         basis: &mut [f64],
     ) {
-        self.centre.costly(p, size, met, offset, basis);
+        self.centre.costly(p, way, met, offset, basis);
     }
 }
 
@@ -257,12 +257,12 @@ fn masked_observations_have_no_effect_and_too_few_are_reported() {
         fn costly(
             &self,
             p: &Parameters,
-            size: Size,
+            way: Way,
             met: &mut Met,
             offset: &mut [f64],
             basis: &mut [f64],
         ) {
-            self.0.costly(p, size, met, offset, basis);
+            self.0.costly(p, way, met, offset, basis);
         }
     }
     let masked = Masked(Synthetic::new(9, 0.0), 5);
