@@ -10,14 +10,17 @@
 use std::f64::consts::FRAC_1_PI;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, Scalar, Simd, WithSimd};
 
 use super::lane_form::{COLUMNS, LaneForm, N, ROW, SHAPE, columns, rows};
+use super::lane_steps::{BLOCK, Block, damped, packed};
 use super::minimum::{Bounds, Ending, Minimum};
 use super::problem::{Problem, Values};
 use crate::model::lanes::{Lane, Numbers, WIDEST};
 
 const PACKED: usize = N * (N + 1) / 2;
+/// Columns of a row: the slopes and the residual.
+const ALL: usize = N + 1;
 /// Gain, as a share of the cost, below which a lane is done.
 const SMALL_GAIN: f64 = 1e-7;
 /// Damping up to which a step is as good as a Gauss–Newton step.
@@ -137,11 +140,6 @@ struct State {
     start: Option<usize>,
 }
 
-const fn packed(a: usize, b: usize) -> usize {
-    // a ≥ b
-    a * (a + 1) / 2 + b
-}
-
 impl State {
     fn new(table: &Table<'_, '_>, values: &Values, start: Option<usize>) -> Self {
         let free = table.problem.free();
@@ -223,41 +221,19 @@ impl State {
 
     /// −(H + λ diag H)⁻¹ g over the parameters that are free and not pushed against their bounds.
     fn step(&self, table: &Table<'_, '_>) -> [f64; N] {
-        let mut moving = [0; N];
-        let mut n = 0;
+        let lane = |x: f64| Lane::splat(Scalar::new(), x);
+        let mut free = [lane(0.0); N];
         for k in 0..table.columns.len() {
             let c = table.columns[k];
             let (g, x) = (self.gradient[c], self.x[c]);
             let held = (x <= table.bounds.lower[k] && g > 0.0)
                 || (x >= table.bounds.upper[k] && g < 0.0)
                 || self.normal[packed(c, c)] <= 0.0;
-            if !held {
-                moving[n] = c;
-                n += 1;
-            }
+            free[c] = lane(if held { 0.0 } else { 1.0 });
         }
-        let moving = &moving[..n];
-        let entry = |a: usize, b: usize| self.normal[packed(a.max(b), a.min(b))];
-        let mut l = [[0.0; N]; N];
-        let mut d = [0.0; N];
-        for (i, &a) in moving.iter().enumerate() {
-            for (j, &b) in moving[..i].iter().enumerate() {
-                let sum: f64 = (0..j).map(|m| l[i][m] * l[j][m]).sum();
-                l[i][j] = (entry(a, b) - sum) / l[j][j];
-            }
-            let own = entry(a, a);
-            let sum: f64 = (0..i).map(|m| l[i][m] * l[i][m]).sum();
-            l[i][i] = (own * (1.0 + self.damping) - sum).max(1e-14 * own).sqrt();
-            let sum: f64 = (0..i).map(|m| l[i][m] * d[m]).sum();
-            d[i] = (-self.gradient[a] - sum) / l[i][i];
-        }
-        let mut step = [0.0; N];
-        for i in (0..moving.len()).rev() {
-            let sum: f64 = (i + 1..moving.len()).map(|m| l[m][i] * d[m]).sum();
-            d[i] = (d[i] - sum) / l[i][i];
-            step[moving[i]] = d[i];
-        }
-        step
+        let downhill = self.gradient.map(|g| lane(-g));
+        let (normal, damping) = (self.normal.map(lane), lane(self.damping));
+        damped(Scalar::new(), &normal, &downhill, &free, damping).map(|step| step.1)
     }
 }
 
@@ -318,21 +294,6 @@ fn rest(
     cost
 }
 
-/// Rows that are evaluated before they are summed.
-const BLOCK: usize = 12;
-
-/// Slopes and residuals of some rows: `[row][slope, …, residual][lane]`. Its alignment applies to the whole stack
-/// frame, so that registers spilled there do not cross cache lines either.
-#[repr(align(64))]
-struct Block([f64; BLOCK * (N + 1) * WIDEST]);
-
-impl Block {
-    #[inline(always)]
-    fn new() -> Self {
-        Block([0.0; BLOCK * (N + 1) * WIDEST])
-    }
-}
-
 /// Computes cost, gradient and normal matrix of the sample residuals at the trial of every lane.
 #[inline(always)]
 #[expect(
@@ -346,7 +307,7 @@ fn evaluate<S: Simd>(simd: S, table: &Table<'_, '_>, lanes: &[State], sums: &mut
         };
     }
     let width = Lane::<S>::WIDTH;
-    let mut block = Block::new();
+    let mut block = Block::<ALL>::new();
     let mut shape = [0.0; SHAPE * WIDEST];
     let mut numbers = [0.0; SHAPE];
     for (lane, state) in lanes.iter().enumerate() {
@@ -360,10 +321,7 @@ fn evaluate<S: Simd>(simd: S, table: &Table<'_, '_>, lanes: &[State], sums: &mut
     for n in 0..SHAPE {
         at[n] = Lane::load(simd, &shape[..SHAPE * width], n);
     }
-    let mut cost = zero;
-    let mut gradient = [zero; N];
-    let mut normal = [zero; PACKED];
-    // First some rows, then their sums: the registers cannot hold both at once.
+    let mut totals = [zero; PACKED + ALL];
     for rows in table.rows.chunks(BLOCK) {
         for (i, row) in rows.iter().enumerate() {
             let mut pose = [k!(0.0); ROW];
@@ -372,36 +330,14 @@ fn evaluate<S: Simd>(simd: S, table: &Table<'_, '_>, lanes: &[State], sums: &mut
             }
             let found = table.form.row(simd, &pose, &at);
             for a in 0..N {
-                found.slopes[a].store(&mut block.0, i * (N + 1) + a);
+                block.put(i, a, found.slopes[a]);
             }
-            found.residual.store(&mut block.0, i * (N + 1) + N);
+            block.put(i, N, found.residual);
         }
-        // Adds about as many sums at once as there are registers.
-        macro_rules! add {
-            ($from:expr, $to:expr) => {
-                for i in 0..rows.len() {
-                    for a in $from..$to {
-                        let x = Lane::load(simd, &block.0, i * (N + 1) + a);
-                        for b in 0..=a {
-                            let y = Lane::load(simd, &block.0, i * (N + 1) + b);
-                            normal[packed(a, b)] = x.mul_add(y, normal[packed(a, b)]);
-                        }
-                    }
-                }
-            };
-        }
-        add!(0, 4);
-        add!(4, 6);
-        add!(6, N);
-        for i in 0..rows.len() {
-            let residual = Lane::load(simd, &block.0, i * (N + 1) + N);
-            for a in 0..N {
-                let x = Lane::load(simd, &block.0, i * (N + 1) + a);
-                gradient[a] = x.mul_add(residual, gradient[a]);
-            }
-            cost = residual.mul_add(residual, cost);
-        }
+        block.add(simd, rows.len(), &mut totals);
     }
+    let (normal, rest) = totals.split_at_mut(PACKED);
+    let (gradient, cost) = rest.split_at_mut(N);
     // ∂/∂|θr| is −∂/∂θr on the other side.
     let mut sides = [0.0; WIDEST];
     for (lane, state) in lanes.iter().enumerate() {
@@ -412,7 +348,7 @@ fn evaluate<S: Simd>(simd: S, table: &Table<'_, '_>, lanes: &[State], sums: &mut
     for a in 1..N {
         normal[packed(a, 0)] = normal[packed(a, 0)] * side;
     }
-    cost.store(sums, 0);
+    cost[0].store(sums, 0);
     for a in 0..N {
         gradient[a].store(sums, 1 + a);
     }

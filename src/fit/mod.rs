@@ -13,7 +13,7 @@
 //! - The problem: [`least_squares`] (definition), [`solver`] (bounded Levenberg–Marquardt to a [`minimum`]), [`quantity`] (what can be
 //!   fitted), [`problem`] (observation model, with `known` inputs), [`loss`] (how residuals count).
 //! - The search: [`search`] (multistart with a stopping rule), [`start`] (starts that the bright spot suggests), `drawn`
-//!   (starts from the whole box), `crew` (descends from all starts at once, by `lane_form`), [`tuning`]
+//!   (starts from the whole box), `crew` (descends from all starts at once, by `lane_form` and `lane_steps`), [`tuning`]
 //!   (its constants), `projection` (best amplitudes of a start).
 //! - One variant: [`one_variant`] (the call), `pipeline` (its steps), with [`opening`] (initial state), [`thin`] (very many
 //!   observations), `misfit` (model error), `settle` (its weights), [`tier`] (the costlier model as an offset), `unseen` (whether
@@ -53,6 +53,7 @@ pub mod intervals;
 pub mod joint;
 pub(crate) mod known;
 mod lane_form;
+pub(crate) mod lane_steps;
 pub mod least_squares;
 mod leftover;
 mod lighter;

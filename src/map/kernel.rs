@@ -27,6 +27,7 @@
 use nalgebra::Vector3;
 use pulp::Simd;
 
+pub(super) use crate::fit::lane_steps::packed;
 use crate::geometry::Directions;
 use crate::model::lanes::Lane;
 
@@ -193,11 +194,6 @@ pub(super) fn row<S: Simd>(
 pub(super) const FREE: usize = 5;
 /// Numbers in a packed symmetric matrix of [`FREE`] rows.
 pub(super) const PACKED: usize = FREE * (FREE + 1) / 2;
-
-/// Returns the index of packed element (i, j ≤ i).
-pub(super) const fn packed(i: usize, j: usize) -> usize {
-    i * (i + 1) / 2 + j
-}
 
 /// One pixel's parameters in the order of the fit: θr and ψ in radians, ln αu, ln αv, and either ρd (dielectrics) or
 /// the amplitude (conductors).

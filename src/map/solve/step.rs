@@ -2,10 +2,8 @@
 //!
 //! Call [`step`]. All of it is inlined into the function that is compiled for the machine's instructions.
 //!
-//! *Conditioning.* The condition of the normal equations is the square of that of the derivatives. A pivot of their
-//! column-scaled form loses as many of 16 digits as 1/pivot has: at 1e-9, below which the rank test of `inverse` fails,
-//! seven are left. The factors of a *step* depend on the damping and on a floor of 1e-14 of the diagonal, so a step is
-//! finite for any data.
+//! *Conditioning.* See `fit::lane_steps`. A pivot of the column-scaled normal equations loses as many of 16 digits as 1/pivot
+//! has: at 1e-9, below which the rank test of `inverse` fails, seven are left.
 
 use pulp::Simd;
 
@@ -14,24 +12,13 @@ use super::{
     COST, DECREMENT, FREE, GRADIENT, LAMBDA, LOWER, NORMAL, P, PACKED, ROW, SHAPE, TRIAL,
     TRIAL_SHAPE, Table, packed, upper,
 };
-use crate::model::lanes::{Lane, WIDEST};
+use crate::fit::lane_steps::{BLOCK, Block, damped};
+use crate::model::lanes::Lane;
 
+/// Columns of a row: the slopes and the residual.
+const COLUMNS: usize = FREE + 1;
 /// Longest step per parameter: rad, rad, logarithms, ρd or amplitude.
 const STEP_MAX: [f64; FREE] = [0.15, 0.5, 0.5, 0.5, 0.5];
-/// Number of rows that are computed before they are summed.
-const BLOCK: usize = 12;
-
-/// The slopes and residuals of some rows: `[row][slope, …, residual][lane]`. Its alignment also aligns the stack
-/// frame, so that spilled registers do not cross cache lines either.
-#[repr(align(64))]
-struct Block([f64; BLOCK * (FREE + 1) * WIDEST]);
-
-impl Block {
-    #[inline(always)]
-    fn new() -> Self {
-        Block([0.0; BLOCK * (FREE + 1) * WIDEST])
-    }
-}
 
 /// Evaluates all trials, accepts or rejects each, and proposes the next ones.
 #[inline(always)]
@@ -71,11 +58,8 @@ pub(super) fn step<S: Simd, const AMPLITUDE: bool>(simd: S, table: &mut Table<'_
         norm: (inv_a * inv_b).sqrt(),
     };
 
-    let mut cost = k!(0.0);
-    let mut gradient = [k!(0.0); FREE];
-    let mut normal = [k!(0.0); PACKED];
-    // First some rows are computed, then they are summed: the registers cannot hold both at once.
-    let mut block = Block::new();
+    let mut sums = [k!(0.0); PACKED + COLUMNS];
+    let mut block = Block::<COLUMNS>::new();
     let n = table.job.observations;
     let mut done = 0;
     while done < n {
@@ -107,36 +91,17 @@ pub(super) fn step<S: Simd, const AMPLITUDE: bool>(simd: S, table: &mut Table<'_
             };
             let numbers = [r.theta, r.psi, r.alpha_u, r.alpha_v, last, residual];
             for (k, x) in numbers.into_iter().enumerate() {
-                x.store(&mut block.0, i * (FREE + 1) + k);
+                block.put(i, k, x);
             }
         }
-        // In two passes, each with no more sums than the narrower machines have registers.
-        const HALF: usize = FREE - 1;
-        for i in 0..count {
-            let mut x = [k!(0.0); HALF];
-            for a in 0..HALF {
-                x[a] = read!(&block.0, i * (FREE + 1) + a);
-            }
-            for a in 0..HALF {
-                for b in 0..=a {
-                    normal[packed(a, b)] = x[a].mul_add(x[b], normal[packed(a, b)]);
-                }
-            }
-        }
-        for i in 0..count {
-            let last = read!(&block.0, i * (FREE + 1) + HALF);
-            let residual = read!(&block.0, i * (FREE + 1) + FREE);
-            for a in 0..HALF {
-                let x = read!(&block.0, i * (FREE + 1) + a);
-                normal[packed(HALF, a)] = x.mul_add(last, normal[packed(HALF, a)]);
-                gradient[a] = x.mul_add(residual, gradient[a]);
-            }
-            normal[packed(HALF, HALF)] = last.mul_add(last, normal[packed(HALF, HALF)]);
-            gradient[HALF] = last.mul_add(residual, gradient[HALF]);
-            cost = residual.mul_add(residual, cost);
-        }
+        block.add(simd, count, &mut sums);
         done += count;
     }
+    let mut normal = [k!(0.0); PACKED];
+    normal.copy_from_slice(&sums[..PACKED]);
+    let mut gradient = [k!(0.0); FREE];
+    gradient.copy_from_slice(&sums[PACKED..PACKED + FREE]);
+    let cost = sums[PACKED + FREE];
     // The factors that all rows of a column share.
     let factor = [
         k!(1.0),
@@ -224,45 +189,11 @@ fn propose<S: Simd>(
         let above = k!(upper[i] - 1e-9).less(p[i]).and(zero.less(gradient[i]));
         free[i] = below.select(zero, above.select(zero, one));
     }
-    let mut g = *gradient;
-    for i in 0..FREE {
-        g[i] = g[i] * free[i];
-    }
-    let mut l = [zero; PACKED];
-    let mut inverse = [zero; FREE];
-    for i in 0..FREE {
-        for j in 0..i {
-            let mut x = normal[packed(i, j)] * (free[i] * free[j]);
-            for m in 0..j {
-                x = x - l[packed(i, m)] * l[packed(j, m)];
-            }
-            l[packed(i, j)] = x * inverse[j];
-        }
-        let diagonal = normal[packed(i, i)];
-        let floor = diagonal * k!(1e-14) + k!(1e-100);
-        let mut x = diagonal * (one + lambda);
-        for m in 0..i {
-            x = x - l[packed(i, m)] * l[packed(i, m)];
-        }
-        inverse[i] = one / x.max(floor).sqrt();
-    }
-    let mut d = g;
-    for i in 0..FREE {
-        for j in 0..i {
-            d[i] = d[i] - l[packed(i, j)] * d[j];
-        }
-        d[i] = d[i] * inverse[i];
-    }
-    for i in (0..FREE).rev() {
-        for j in i + 1..FREE {
-            d[i] = d[i] - l[packed(j, i)] * d[j];
-        }
-        d[i] = d[i] * inverse[i];
-    }
+    let mut d = damped(simd, normal, gradient, &free, lambda);
     let mut decrement = zero;
     let mut excess = one;
     for i in 0..FREE {
-        decrement = d[i].mul_add(g[i], decrement);
+        decrement = d[i].mul_add(gradient[i], decrement);
         excess = excess.max(d[i].abs() * k!(1.0 / STEP_MAX[i]));
     }
     let shrink = one / excess;
