@@ -26,8 +26,8 @@ use super::tuning::Tuning;
 
 /// Relative difference in cost below which two ends are the same minimum.
 const SAME_COST: f64 = 1e-6;
-/// Number of different ends that are refined on another problem.
-const REFINED: usize = 4;
+/// Number of different ends that are carried over to another problem.
+const REFINED: usize = 5;
 /// Standard uncertainty of an angle (rad) or a ln α above which the surface counts as undetermined.
 const OPEN: f64 = 0.1;
 /// Rise of the cost up to which a minimum is as good as the best one: the square of the coverage factor of the report.
@@ -108,53 +108,61 @@ impl<'p> Search<'p> {
         self.descend_from(problem, &nominal, &found, false);
     }
 
-    /// Adds the ends of rough descents. The `most` different ones among those that could still win are refined; `near`
-    /// is the relative difference in cost that separates two ends.
-    fn refine(&mut self, problem: &Problem<'_>, mut ends: Vec<Minimum>, most: usize, near: f64) {
+    /// Continues the different ones of some ends on `from` to their minima on `to`, and counts every end at the minimum of
+    /// the one that it resembles: at the same spot, or at its cost, to a relative difference `near`. Only the `most` deepest
+    /// of the different ones could still win. After the time limit only the best of them is continued.
+    fn refine(
+        &mut self,
+        from: &Problem<'_>,
+        to: &Problem<'_>,
+        mut ends: Vec<Minimum>,
+        most: usize,
+        near: f64,
+    ) {
+        for end in &mut ends {
+            end.parameters = to.pack(&from.unpack(&end.parameters));
+        }
         ends.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        let surface = |m: &Minimum| problem.unpack(&m.parameters).folded();
-        let mut different: Vec<(f64, Values, Minimum)> = Vec::new();
+        let mut different: Vec<(&Minimum, Values)> = Vec::new();
         let mut leads_to: Vec<Option<usize>> = Vec::new();
         for end in &ends {
-            let here = surface(end);
-            let known = different.iter().position(|(cost, other, _)| {
-                end.cost <= cost * (1.0 + near) + near || distance(&here, other) < SAME_SPOT
+            let here = to.unpack(&end.parameters).folded();
+            let known = different.iter().position(|(other, there)| {
+                end.cost <= other.cost * (1.0 + near) + near || distance(&here, there) < SAME_SPOT
             });
-            leads_to.push(known.or_else(|| {
+            let new = || {
                 (different.len() < most).then(|| {
-                    different.push((end.cost, here, end.clone()));
+                    different.push((end, here));
                     different.len() - 1
                 })
+            };
+            leads_to.push(match end.cost.is_finite() {
+                true => known.or_else(new),
+                false => None,
+            });
+        }
+        let minimum = |(k, (end, _)): (usize, &(&Minimum, Values))| {
+            // What is known already is not repeated.
+            let is_there = |m: &&Minimum| m.ending.is_success() && is_at(end.cost, m.cost);
+            match self.runs.iter().find(is_there) {
+                Some(known) => Some(in_short(known)),
+                None if k > 0 && self.over() => None,
+                None => Some(to.descend(&end.parameters, &Settings::FINE, self.cancel)),
+            }
+        };
+        let minima = different.par_iter().enumerate().map(minimum);
+        let mut minima: Vec<Option<Minimum>> = minima.collect();
+        for (end, to) in ends.into_iter().zip(leads_to) {
+            let found = to.and_then(|k| {
+                let others = minima[k].as_ref().map(in_short);
+                std::mem::replace(&mut minima[k], others)
+            });
+            self.runs.push(found.unwrap_or(Minimum {
+                cost: f64::INFINITY,
+                ending: Ending::MaxIterations,
+                ..end
             }));
         }
-        self.go_on(problem, &mut different);
-        let mut in_full = vec![false; different.len()];
-        for (mut end, to) in ends.into_iter().zip(leads_to) {
-            if let Some(k) = to {
-                let minimum = &different[k].2;
-                self.runs
-                    .push(match std::mem::replace(&mut in_full[k], true) {
-                        true => in_short(minimum),
-                        false => minimum.clone(),
-                    });
-            } else {
-                end.ending = Ending::MaxIterations;
-                end.cost = f64::INFINITY;
-                self.runs.push(end);
-            }
-        }
-    }
-
-    /// Continues rough descents to their minima. Ends at the cost of a minimum that is known already are not repeated.
-    fn go_on(&self, problem: &Problem<'_>, ends: &mut [(f64, Values, Minimum)]) {
-        ends.par_iter_mut().for_each(|(cost, _, m)| {
-            let is_there = |known: &&Minimum| known.ending.is_success() && is_at(*cost, known.cost);
-            match self.runs.iter().find(is_there) {
-                Some(known) => *m = in_short(known),
-                None if self.over() => {}
-                None => *m = problem.descend(&m.parameters, &Settings::FINE, self.cancel),
-            }
-        });
     }
 
     /// Returns different ends within `rise` of the best cost, without the best one. Two surfaces may have the same cost
@@ -241,38 +249,10 @@ impl<'p> Search<'p> {
         chosen
     }
 
-    /// Refines all different ends on a problem with other weights or more free parameters; their counts stay.
+    /// Refines the different ends on a problem with other weights or more free parameters; their counts stay.
     pub(super) fn carry_over(&mut self, from: &Problem<'_>, to: &Problem<'_>) {
-        let mut runs = std::mem::take(&mut self.runs);
-        runs.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        let mut different: Vec<&Minimum> = Vec::new();
-        let mut leads_to: Vec<Option<usize>> = Vec::new();
-        for run in &runs {
-            let known = different.iter().position(|m| same(run.cost, m.cost));
-            leads_to.push(known.or_else(|| {
-                (run.cost.is_finite() && different.len() <= REFINED).then(|| {
-                    different.push(run);
-                    different.len() - 1
-                })
-            }));
-        }
-        // After the time limit only the best of them is refined.
-        let ends: Vec<Option<Minimum>> = different
-            .par_iter()
-            .enumerate()
-            .map(|(k, run)| {
-                let x = to.pack(&from.unpack(&run.parameters));
-                (k == 0 || !self.over()).then(|| to.descend(&x, &Settings::FINE, self.cancel))
-            })
-            .collect();
-        for (run, to) in runs.iter().zip(leads_to) {
-            let end = to.and_then(|k| ends[k].clone());
-            self.runs.push(end.unwrap_or_else(|| Minimum {
-                cost: f64::INFINITY,
-                ending: Ending::MaxIterations,
-                ..run.clone()
-            }));
-        }
+        let runs = std::mem::take(&mut self.runs);
+        self.refine(from, to, runs, REFINED, SAME_COST);
     }
 
     /// Best end so far.

@@ -15,6 +15,8 @@ use crate::observation::ObservationSet;
 
 /// Lanes that descend together.
 const CHUNK: usize = 256;
+/// Relative difference in cost below which the ends of rough descents count as one.
+const NEAR_COST: f64 = 1e-4;
 /// Maximum number of azimuth lines about which a surface is mirrored.
 const LINES: usize = 3;
 /// Descents along the valley of the best end.
@@ -64,13 +66,9 @@ impl Search<'_> {
     ) {
         let evaluations = self.tuning.evaluations as usize;
         let late = || limited && self.over();
-        let mut ends = descend(nominal, starts, evaluations, &late, self.cancel);
-        if nominal.free().len() < problem.free().len() {
-            for end in &mut ends {
-                end.parameters = problem.pack(&nominal.unpack(&end.parameters));
-            }
-        }
-        self.refine(problem, ends, self.tuning.refined as usize, 1e-4);
+        let ends = descend(nominal, starts, evaluations, &late, self.cancel);
+        let most = self.tuning.refined as usize;
+        self.refine(nominal, problem, ends, most, NEAR_COST);
     }
 
     /// Descends from the mirror images of the best end. A scan along few lines of azimuths is nearly its own mirror image
