@@ -92,12 +92,8 @@ impl Amplitudes {
             Some(s.iter().zip(d).map(|(s, d)| s + share * d).collect())
         };
         let mut held: Option<f64> = None;
-        let (mut cost, mut found) = match (&single, &diffuse) {
-            (Some(s), Some(d)) => least(&dark, &[Some(s), Some(d), background.as_ref()]),
-            (Some(s), None) => least(&dark, &[Some(s), None, background.as_ref()]),
-            (None, Some(d)) => least(&dark, &[None, Some(d), background.as_ref()]),
-            (None, None) => least(&dark, &[None, None, background.as_ref()]),
-        };
+        let columns = [single.as_ref(), diffuse.as_ref(), background.as_ref()];
+        let (mut cost, mut found) = least(&dark, &columns);
         if single.is_some() && diffuse.is_some() {
             let [g, gd, _] = found;
             let inside = g > 0.0 && gd >= low * g && gd <= high * g;

@@ -110,13 +110,8 @@ fn from_bright_spot(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
         .iter()
         .enumerate()
         .map(|(i, o)| {
-            let rig = set.rig_directions(i);
-            let h = rig.incident + rig.outgoing;
-            let turn = o.pose.phi_s + set.rig.azimuth_zero + set.region_azimuth;
-            let (s, c) = turn.sin_cos();
-            // Along v and across it, for an azimuth offset of 0.
-            let slopes = [(h.x * c + h.y * s) / h.z, (h.y * c - h.x * s) / h.z];
-            (slopes, (o.signal - low) / (high - low))
+            let h = half_vector(set, i, 0.0);
+            ([h.x / h.z, h.y / h.z], (o.signal - low) / (high - low))
         })
         .collect();
     let mut spots: Vec<Vec<_>> = BRIGHT
@@ -135,7 +130,7 @@ fn from_bright_spot(set: &ObservationSet, fallback: &Values) -> Vec<Values> {
     }
     spots
         .iter()
-        .filter_map(|spot| paraboloid(spot).or_else(|| round_paraboloid(spot)))
+        .filter_map(|spot| paraboloid(spot))
         .map(|top| {
             let mut values = *fallback;
             let [x, y] = top.slopes;
@@ -155,28 +150,45 @@ struct Top {
     across: f64,
 }
 
-/// Weighted regression of the logarithm on (1, x, y, x², xy, y²); `None` if it has no top.
+/// Returns the top of the logarithm's paraboloid, which has one width if there are too few points for two; `None` if it has
+/// no top.
 fn paraboloid(points: &[([f64; 2], f64)]) -> Option<Top> {
+    let two_widths = || {
+        let [_, x, y, xx, xy, yy] = regression(points, |x, y| [1.0, x, y, x * x, x * y, y * y])?;
+        top([x, y], [xx, xy, yy])
+    };
+    let one_width = || {
+        let [_, x, y, q] = regression(points, |x, y| [1.0, x, y, x * x + y * y])?;
+        top([x, y], [q, 0.0, q])
+    };
+    two_widths().or_else(one_width)
+}
+
+/// Weighted regression of the logarithm on some terms of the slopes.
+fn regression<const N: usize>(
+    points: &[([f64; 2], f64)],
+    terms: impl Fn(f64, f64) -> [f64; N],
+) -> Option<[f64; N]> {
     let m = points.len();
-    if m < 6 {
+    if m < N {
         return None;
     }
-    let mut a = vec![0.0; 6 * m];
-    let mut b = vec![0.0; m];
+    let (mut a, mut b) = (vec![0.0; N * m], vec![0.0; m]);
     for (i, ([x, y], value)) in points.iter().enumerate() {
         // A relative error of the value is an absolute error of its logarithm; bright values count most.
-        let weight = *value;
-        for (j, term) in [1.0, *x, *y, x * x, x * y, y * y].into_iter().enumerate() {
-            a[i + j * m] = weight * term;
+        for (j, term) in terms(*x, *y).into_iter().enumerate() {
+            a[i + j * m] = value * term;
         }
-        b[i] = weight * value.ln();
+        b[i] = value * value.ln();
     }
-    householder(&mut a, m, 6, &mut b);
-    if !solve_upper(&a, m, 6, &mut b) {
-        return None;
-    }
-    let [_, bx, by, qxx, qxy, qyy] = [b[0], b[1], b[2], b[3], b[4], b[5]];
-    // ln = … + b·s + sᵀ Q s with Q = [[qxx, qxy/2], [qxy/2, qyy]]: the top is at −Q⁻¹ b/2.
+    householder(&mut a, m, N, &mut b);
+    solve_upper(&a, m, N, &mut b)
+        .then(|| b.first_chunk().copied())
+        .flatten()
+}
+
+/// Returns the top of … + b·s + sᵀ Q s with Q = [[qxx, qxy/2], [qxy/2, qyy]], which is at −Q⁻¹ b/2.
+fn top([bx, by]: [f64; 2], [qxx, qxy, qyy]: [f64; 3]) -> Option<Top> {
     let determinant = qxx * qyy - 0.25 * qxy * qxy;
     if !(qxx < 0.0 && determinant > 0.0) {
         return None;
@@ -197,34 +209,6 @@ fn paraboloid(points: &[([f64; 2], f64)]) -> Option<Top> {
         slopes: [x, y],
         along: 1.0 / curvature(c, s).sqrt(),
         across: 1.0 / curvature(-s, c).sqrt(),
-    })
-}
-
-/// The same with one width: regression on (1, x, y, x² + y²), for spots of few poses.
-fn round_paraboloid(points: &[([f64; 2], f64)]) -> Option<Top> {
-    let m = points.len();
-    if m < 4 {
-        return None;
-    }
-    let mut a = vec![0.0; 4 * m];
-    let mut b = vec![0.0; m];
-    for (i, ([x, y], value)) in points.iter().enumerate() {
-        for (j, term) in [1.0, *x, *y, x * x + y * y].into_iter().enumerate() {
-            a[i + j * m] = value * term;
-        }
-        b[i] = value * value.ln();
-    }
-    householder(&mut a, m, 4, &mut b);
-    if !solve_upper(&a, m, 4, &mut b) || b[3] >= 0.0 {
-        return None;
-    }
-    let slopes = [-0.5 * b[1] / b[3], -0.5 * b[2] / b[3]];
-    let width = 1.0 / (-b[3]).sqrt();
-    let fits = slopes[0].hypot(slopes[1]) < 2.0 && width.is_finite();
-    fits.then_some(Top {
-        slopes,
-        along: width,
-        across: width,
     })
 }
 
