@@ -21,7 +21,7 @@ use crate::geometry::Pose;
 use crate::scan::event::RigActivity;
 use crate::scan::look::Look;
 use crate::scan::recorder::RecordError;
-use crate::scan::reference::ReferenceRules;
+use crate::scan::reference::{REMEMBERED_MAX, ReferenceRules};
 use crate::scan::runner::{self, CommandRequest, ScanRun};
 use crate::scan::{Event, Plan, Rig, ScanState, Step, TravelLimits};
 use crate::store::StoreError;
@@ -244,14 +244,19 @@ impl RigContext {
         FrameTag::default()
     }
 
-    /// Returns the newest accepted points of the sample with the look of their frames, in the order taken; none if they cannot
-    /// be read, which the scan's end will report.
-    async fn unchecked(&self, scan_id: i64, limit: u32) -> Vec<(u32, Vec<Look>)> {
+    /// Returns the accepted points of the sample, the newest `looks` of them with the look of their frames, in the order taken;
+    /// none if they cannot be read, which the scan's end will report.
+    async fn unchecked(&self, scan_id: i64, looks: u32) -> Vec<(u32, Vec<Look>)> {
         let store = self.sink.store.clone();
         let rules = self.settings.runner.frame.clone();
-        let newest = store.newest_sample_shots(scan_id, limit).await;
+        let newest = store.newest_sample_shots(scan_id, REMEMBERED_MAX).await;
+        let newest = newest.unwrap_or_default();
         let mut points = Vec::new();
-        for (index, shot_id) in newest.unwrap_or_default().into_iter().rev() {
+        for (age, (index, shot_id)) in newest.into_iter().enumerate().rev() {
+            if age >= looks as usize {
+                points.push((index, Vec::new()));
+                continue;
+            }
             let frames = store.frames_of_shot(shot_id).await.unwrap_or_default();
             let (store, rules) = (store.clone(), rules.clone());
             let look = move || -> Vec<Look> {

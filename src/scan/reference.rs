@@ -5,7 +5,8 @@
 //! check confirmed, or the first one, confirms all points since then. The scan returns to one where this takes a small share of the
 //! time of the points that it confirms. Between such checks it returns to points of its last block, which confirms a part of them.
 //! After the last point it returns to one that confirms all, however far it is, unless both axes have an encoder, which shows
-//! slips at once.
+//! slips at once. Pictures that hardly depend on an angle confirm points after a slip, too. So the axes are then homed, which mends a
+//! slip, and the points that show one best are looked at again: what was as before the homing and is not after it was taken wrong.
 
 use std::time::Duration;
 
@@ -17,14 +18,16 @@ use crate::units::Angle;
 
 /// A slip that a check should show: a tenth of the usual distance of poses.
 const SLIP_DEG: f64 = 1.0;
+/// Largest slip that need not show at any point. On a sample whose pictures depend less on an angle it does little harm.
+pub(super) const SLIP_LARGE: Angle = Angle::from_deg(10.0);
 /// Weight of a pose whose picture does not depend on the angles: it still shows a change of the lamp.
 const FLAT_WEIGHT: f64 = 0.05;
-/// Largest distance of poses of which the change of the level per degree is estimated.
-const NEIGHBOUR_DEG: f64 = 45.0;
+/// Largest distance of poses of which the change of the level per degree is estimated: somewhat more than a quarter of a turn.
+const NEIGHBOUR_DEG: f64 = 100.0;
 /// Angles that differ less are the same one.
 const SAME_DEG: f64 = 0.01;
 /// Points that are remembered at most, so that memory and time of a check do not grow with the scan.
-const REMEMBERED_MAX: usize = 300;
+pub const REMEMBERED_MAX: u32 = 300;
 /// Longer ways are those that a forbidden region blocks.
 const BLOCKED: Duration = Duration::from_secs(100_000);
 
@@ -78,6 +81,8 @@ pub(super) enum Aim {
     Axis(AxisName),
     /// To confirm all points.
     Confirm,
+    /// To look at this point once more, since the axes have been homed.
+    Again(usize),
 }
 
 /// What the choice of a reference pose depends on.
@@ -156,6 +161,9 @@ impl ReferenceRules {
         aim: Aim,
     ) -> Option<Detour> {
         let last = visited.last()?;
+        if let Aim::Again(index) = aim {
+            return ways.detour(last.target, index, &visited[index]);
+        }
         if covered.confirmed == visited.len() && !matches!(aim, Aim::Axis(_)) {
             return None;
         }
@@ -166,7 +174,7 @@ impl ReferenceRules {
         };
         let n = match aim {
             Aim::Confirm => trusted,
-            Aim::Both | Aim::Axis(_) => visited.len(),
+            Aim::Both | Aim::Axis(_) | Aim::Again(_) => visited.len(),
         };
         let comparable = visited[..n].iter().enumerate();
         let comparable = comparable.filter(|(i, point)| {
@@ -179,6 +187,8 @@ impl ReferenceRules {
         let confirms_all = |detour: &&Detour| detour.index < trusted;
         let all = spent(covered.confirmed).mul_f64(self.time_share_max);
         let (all, some) = match ways.next {
+            // Once a scan.
+            None if matches!(aim, Aim::Axis(_)) => (BLOCKED, BLOCKED),
             Some(_) => (all, spent(covered.checked).mul_f64(self.time_share_max)),
             None if ways.slips_show => (all, all),
             None => {
@@ -208,7 +218,7 @@ impl ReferenceRules {
     fn weight(&self, visited: &[Visited], index: usize, aim: Aim) -> f64 {
         let shown = AxisName::ALL.into_iter().filter(|axis| match aim {
             Aim::Axis(only) => *axis == only,
-            Aim::Both | Aim::Confirm => true,
+            Aim::Both | Aim::Confirm | Aim::Again(_) => true,
         });
         let weight: f64 = shown.map(|axis| self.shows(visited, index, axis)).sum();
         FLAT_WEIGHT.max(weight)
@@ -220,13 +230,18 @@ impl ReferenceRules {
         change / (change + self.change_max)
     }
 
-    /// Returns the axis of which another point shows a slip much better than this one.
-    pub(super) fn shown_worse(&self, visited: &[Visited], index: usize) -> Option<AxisName> {
-        AxisName::ALL.into_iter().find(|axis| {
-            let shows = |index| self.shows(visited, index, *axis);
-            let best = (0..visited.len()).map(shows).fold(0.0, f64::max);
-            shows(index) < 0.5 * best
-        })
+    /// Whether another point shows a slip of an axis much better than each of these.
+    pub(super) fn show_worse(&self, visited: &[Visited], these: &[usize], axis: AxisName) -> bool {
+        let shows = |index| self.shows(visited, index, axis);
+        let best = (0..visited.len()).map(shows).fold(0.0, f64::max);
+        these.iter().all(|index| shows(*index) < 0.5 * best)
+    }
+
+    /// Returns the least slip of an axis that the picture at one of the points would show; `None` if they are at one angle only.
+    pub(super) fn least_slip(&self, visited: &[Visited], axis: AxisName) -> Option<Angle> {
+        let changes = (0..visited.len()).filter_map(|index| change_per_deg(visited, index, axis));
+        let most = changes.max_by(f64::total_cmp)?;
+        Some(Angle::from_deg(self.change_max / most))
     }
 
     /// Whether a check is due after this number of points; `more`: others follow.
@@ -291,7 +306,7 @@ impl ReferenceRules {
 
 /// Forgets the oldest points; returns how many of them were not confirmed.
 pub(super) fn forget<T>(visited: &mut Vec<T>, covered: &mut Covered) -> usize {
-    let excess = visited.len().saturating_sub(REMEMBERED_MAX);
+    let excess = visited.len().saturating_sub(REMEMBERED_MAX as usize);
     visited.drain(..excess);
     let unconfirmed = excess.saturating_sub(covered.confirmed);
     covered.confirmed = covered.confirmed.saturating_sub(excess);
@@ -333,7 +348,7 @@ fn change_per_deg(visited: &[Visited], index: usize, axis: AxisName) -> Option<f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::AxisName::ThetaC;
+    use crate::bench::AxisName::{PhiS, ThetaC};
     use crate::scan::plan::Preset;
     use crate::scan::{PlanRequest, plan::PlanDefaults};
 
@@ -472,8 +487,21 @@ mod tests {
             Aim::Both,
         );
         assert_eq!(on_flank.unwrap().index, 1);
-        assert_eq!(far_too.shown_worse(&lobe, 3), Some(ThetaC));
-        assert_eq!(far_too.shown_worse(&lobe, 4), None);
+        assert!(far_too.show_worse(&lobe, &[3], ThetaC));
+        assert!(
+            !far_too.show_worse(&lobe, &[4], ThetaC) && !far_too.show_worse(&lobe, &[3, 4], ThetaC)
+        );
+        assert!(!far_too.show_worse(&lobe, &[3], PhiS), "no point shows it");
+        // On the flanks the level doubles over 10°, so 0.1° change it by the limit of 2 %.
+        let least = |axis| far_too.least_slip(&lobe, axis).map(|slip| slip.deg());
+        assert!(
+            (0.1..0.5).contains(&least(ThetaC).unwrap()),
+            "{:?}",
+            least(ThetaC)
+        );
+        assert_eq!(least(PhiS), None, "it has one angle");
+        let even = [at(0.0, 0.0, 1.0), at(0.0, 30.0, 1.001), at(0.0, 60.0, 1.0)];
+        assert!(far_too.least_slip(&even, PhiS).unwrap() > SLIP_LARGE);
         // A way on that a forbidden region blocks rules a pose out.
         let blocked = |from: Pose, to: Pose| match from.theta_c.deg() > -5.0 && Some(to) == next {
             true => 10 * BLOCKED,
@@ -506,12 +534,12 @@ mod tests {
         };
         let begun_dark = [dark, visited[1], visited[2]];
         assert_eq!(Covered::default().trusted(&begun_dark), 2);
-        let mut many = vec![(); REMEMBERED_MAX + 7];
+        let mut many = vec![(); REMEMBERED_MAX as usize + 7];
         let mut covered = Covered {
             confirmed: 5,
             checked: 20,
         };
         assert_eq!(forget(&mut many, &mut covered), 2);
-        assert_eq!((many.len(), covered.checked), (REMEMBERED_MAX, 13));
+        assert_eq!((many.len(), covered.checked), (REMEMBERED_MAX as usize, 13));
     }
 }

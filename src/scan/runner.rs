@@ -5,10 +5,12 @@
 //! say (`recovery`), then pauses the scan, so that the operator can fix it and resume (`waiting`); a contradiction to the
 //! plan fails the scan.
 
-mod checks;
+mod camera_checks;
 mod lamp;
+mod points;
 mod progress;
 mod recovery;
+mod reference_checks;
 mod suspension;
 mod waiting;
 
@@ -17,7 +19,8 @@ use std::sync::Arc;
 
 use tokio::sync::{mpsc, oneshot};
 
-use self::checks::{Checks, Confirmed, is_timed, looks_of};
+use self::camera_checks::{CameraChecks, Confirmed, is_timed, looks_of};
+use self::points::Points;
 use self::progress::ProgressState;
 use self::recovery::Recovered;
 pub use self::suspension::SuspendRules;
@@ -196,7 +199,9 @@ struct Runner<'a> {
     skipped: BTreeSet<u32>,
     /// What the camera stated about its frames.
     tags: TagHistory,
-    checks: Checks,
+    camera_checks: CameraChecks,
+    /// The points of the sample, for the checks at reference poses.
+    points: Points,
     suspensions: Suspensions,
     /// Frames of each point of the plan.
     frames_of: BTreeMap<u32, u32>,
@@ -217,7 +222,8 @@ impl<'a> Runner<'a> {
             trouble: recovery::Trouble::of_a_run_after(&run),
             skipped: BTreeSet::new(),
             tags: TagHistory::after(&run.settings.tags, &run.stated),
-            checks: Checks::new(),
+            camera_checks: CameraChecks::new(),
+            points: Points::default(),
             suspensions: Suspensions::default(),
             frames_of: BTreeMap::new(),
             rig,
@@ -349,7 +355,7 @@ impl<'a> Runner<'a> {
                     }
                     let looks = looks_of(&visit, rules);
                     if visit.rejected.is_none() {
-                        visit.rejected = self.checks.as_dark(shot, &looks, rules);
+                        visit.rejected = self.camera_checks.as_dark(shot, &looks, rules);
                     }
                     if visit.rejected.is_none() && !is_timed(&visit) {
                         match self.confirm(shot, &looks).await? {
@@ -357,7 +363,7 @@ impl<'a> Runner<'a> {
                             Confirmed::No(why) => visit.rejected = Some(why),
                             Confirmed::Stopped => continue,
                             Confirmed::Failed(error) => {
-                                self.checks.doubt_the_camera();
+                                self.camera_checks.doubt();
                                 let next = self
                                     .recover(error, &mut attempts, Some(shot), false)
                                     .await?;
@@ -398,7 +404,7 @@ impl<'a> Runner<'a> {
                 }
                 Err(error) => error,
             };
-            self.checks.doubt_the_camera();
+            self.camera_checks.doubt();
             let next = self
                 .recover(error, &mut attempts, Some(shot), false)
                 .await?;

@@ -574,6 +574,59 @@ async fn a_slip_between_reference_poses_is_found_by_a_point_that_was_confirmed_b
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_slip_that_only_later_points_show_is_found_by_a_homing_after_the_last_one() {
+    // The sample is alike at the first azimuths. After the slip it comes to those where it is not, and each later look finds the
+    // picture that was taken there.
+    let at = |phi_s_deg: f64| Pose::from_deg(0.0, phi_s_deg);
+    let points = || -> Vec<Step> {
+        let azimuths = [0.0, 10.0, 20.0, 30.0, 200.0, 210.0];
+        let turned = |(step, phi_s_deg): (Step, f64)| match step {
+            Step::Shot(shot) => Step::Shot(Shot {
+                pose: Some(at(phi_s_deg)),
+                target: Some(at(phi_s_deg)),
+                ..shot
+            }),
+            step => step,
+        };
+        grid().into_iter().zip(azimuths).map(turned).collect()
+    };
+    let level_dn = |pose: Pose| match pose.phi_s.deg() {
+        deg if (100.0..300.0).contains(&deg) => 2500.0 - 40.0 * (deg - 200.0),
+        _ => 2000.0,
+    };
+    let slip = AxisFault::Slip(Angle::from_deg(5.0));
+    let cues = [
+        (0, Cue::NoEncoder),
+        (1, Cue::Even(level_dn)),
+        (4, Cue::Cause(AxisName::PhiS, slip)),
+    ];
+    let (end, reported) = run(points(), &[], cues, |_| u64::MAX).await;
+    assert_eq!(end.state, ScanState::Completed, "{:?}", reported.alarms);
+    let recoveries = &reported.recoveries;
+    assert_eq!(reported.alarms, ["reference-changed"], "{recoveries:?}");
+    assert_eq!(reported.withdrawn, [[0, 1, 2, 3, 4, 5]]);
+    for wrong in [4, 5] {
+        assert!(reported.of_another_pose.contains(&wrong), "{wrong}");
+    }
+    let mut accepted = reported.accepted.clone();
+    accepted.sort_unstable();
+    assert_eq!((accepted, reported.reason), (vec![0, 1, 2, 3, 4, 5], None));
+    // Where no picture depends on the azimuth, nothing shows it, and the scan says so.
+    let even = |_: Pose| 2000.0;
+    let cues = [
+        (0, Cue::NoEncoder),
+        (1, Cue::Even(even)),
+        (4, Cue::Cause(AxisName::PhiS, slip)),
+    ];
+    let (_, reported) = run(points(), &[], cues, |_| u64::MAX).await;
+    let reason = reported.reason.unwrap();
+    assert!(
+        reason.starts_with("a slip of phi_s by less than"),
+        "{reason}"
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn points_that_nothing_confirms_are_stated_at_the_end() {
     // A sample without light at every pose, and no encoders.
     let cues = [(0, Cue::NoEncoder), (1, Cue::Black)];

@@ -73,16 +73,21 @@ impl Trouble {
 impl Runner<'_> {
     /// Connects and homes the rig for a person who has just requested motion, until it is ready.
     pub(super) async fn make_ready(&mut self) -> Result<(), Ending> {
-        match self.ready(true).await? {
-            Ok(()) => Ok(()),
-            Err(error) => {
-                let mut attempts = Attempts::default();
-                let error = VisitError::Stage(error);
-                self.recover(error, &mut attempts, None, true)
-                    .await
-                    .map(|_| ())
-            }
-        }
+        self.make_ready_for(true).await
+    }
+
+    /// Homes the axes that are doubted, by itself.
+    pub(super) async fn make_ready_again(&mut self) -> Result<(), Ending> {
+        self.make_ready_for(false).await
+    }
+
+    async fn make_ready_for(&mut self, by_a_person: bool) -> Result<(), Ending> {
+        let Err(error) = self.ready(by_a_person).await? else {
+            return Ok(());
+        };
+        let (error, mut attempts) = (VisitError::Stage(error), Attempts::default());
+        let recovered = self.recover(error, &mut attempts, None, by_a_person);
+        recovered.await.map(|_| ())
     }
 
     /// Returns the connected stage; `None` where it was stopped and resumed. An axis whose position is doubted is homed first.
@@ -122,7 +127,7 @@ impl Runner<'_> {
             match orders.during(made_ready).await? {
                 Ok(Ok((move_times, slips_show, pose))) => {
                     if !std::mem::take(&mut self.doubted).is_empty() {
-                        self.checks.homed();
+                        self.points.homed();
                     }
                     self.move_times = move_times;
                     self.slips_show = slips_show;

@@ -56,6 +56,8 @@ pub(super) enum Cue {
     NoEncoder,
     /// Something happens to an axis while it exposes.
     Cause(AxisName, AxisFault),
+    /// From now on its pictures are even, and have these counts at a pose.
+    Even(fn(Pose) -> f64),
 }
 
 /// The simulated camera, with faults by the number of the frame.
@@ -78,6 +80,7 @@ struct CuedCamera {
     /// Share of the light that the lamp gives.
     light: f64,
     state: Option<Statement>,
+    even: Option<fn(Pose) -> f64>,
     /// Frames with the poses that they show.
     shown: Shown,
     once_recorded: OnceRecorded,
@@ -168,6 +171,7 @@ impl Camera for CuedCamera {
                 });
             }
             Some(Cue::Cause(axis, fault)) => self.world.cause(*axis, *fault),
+            Some(Cue::Even(level_dn)) => self.even = Some(*level_dn),
             Some(Cue::Fail) => {
                 let failed = CameraError::Failed("the cable came off".into());
                 return Box::pin(std::future::ready(Err(failed)));
@@ -191,6 +195,15 @@ impl Camera for CuedCamera {
                 let (width, height) = (captured.frame.width_px(), captured.frame.height_px());
                 let uniform_dn = vec![dn; (width * height) as usize];
                 captured.frame = Frame::new(width, height, uniform_dn).unwrap();
+            }
+            if let Some(level_dn) = self.even {
+                let level_dn = level_dn(self.world.pose_now()).round() as u16;
+                let (width, height) = (captured.frame.width_px(), captured.frame.height_px());
+                // Noise by the number of the frame, so that no image comes twice.
+                let noise =
+                    |i: u32| (i.wrapping_mul(self.asked).wrapping_mul(2_654_435_761) >> 28) as u16;
+                let pixels_dn = (0..width * height).map(|i| level_dn + noise(i)).collect();
+                captured.frame = Frame::new(width, height, pixels_dn).unwrap();
             }
             if self.hangs
                 && let Some(last) = &self.last
@@ -321,7 +334,11 @@ impl Recorder for Notebook {
                     .find(|truth| truth.frame == taken.captured.frame);
                 let Some(truth) = truth else { continue };
                 let index = visit.shot.index;
-                let apart = (truth.pose.theta_c - visit.pose.theta_c).abs().deg();
+                let tilt = (truth.pose.theta_c - visit.pose.theta_c).abs().deg();
+                let turn = (truth.pose.phi_s - visit.pose.phi_s)
+                    .deg()
+                    .rem_euclid(360.0);
+                let apart = tilt.max(turn.min(360.0 - turn));
                 if apart > 0.1 && visit.shot.target.is_some() {
                     self.of_another_pose.push(index);
                 }
@@ -471,6 +488,7 @@ pub(super) async fn run_with(
         stale: false,
         light: 1.0,
         state: None,
+        even: None,
         shown: Arc::clone(&shown),
         once_recorded: Arc::clone(&once_recorded),
     };
