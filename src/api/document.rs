@@ -153,7 +153,7 @@ fn complete(document: &mut OpenApi) {
                 answers(
                     operation,
                     "503",
-                    "The store cannot be written (`store-locked`, `data-folder-gone`)",
+                    "The store cannot be written (`store-locked`, `disk-silent`, `data-folder-gone`)",
                 );
                 answers(operation, "507", "The disk is full (`disk-full`)");
             }

@@ -344,7 +344,7 @@ pub(super) async fn move_to(
     (status = 200, description = "The removed order", body = OrderBody),
     (status = 404, description = "Not found", body = Problem),
     (status = 409, description = "The order neither waits nor failed", body = Problem),
-    (status = 503, description = "The store cannot be written (`store-locked`, `data-folder-gone`)", body = Problem),
+    (status = 503, description = "The store cannot be written (`store-locked`, `disk-silent`, `data-folder-gone`)", body = Problem),
     (status = 507, description = "The disk is full (`disk-full`)", body = Problem),
 ))]
 pub(super) async fn remove(Caller(app): Caller, Id(id): Id) -> Result<Json<OrderBody>, ApiError> {

@@ -321,7 +321,7 @@ pub struct RenameBody {
     (status = 404, description = "Not found", body = Problem),
     (status = 409, description = "Another part has this name (`name-taken`)", body = Problem),
     (status = 422, description = "The name is not valid", body = Problem),
-    (status = 503, description = "The store cannot be written (`store-locked`, `data-folder-gone`)", body = Problem),
+    (status = 503, description = "The store cannot be written (`store-locked`, `disk-silent`, `data-folder-gone`)", body = Problem),
     (status = 507, description = "The disk is full (`disk-full`)", body = Problem),
 ))]
 pub(super) async fn rename(

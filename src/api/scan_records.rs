@@ -47,7 +47,7 @@ fn stated<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Option<String>>, 
     (status = 404, description = "There is no such scan or part", body = Problem),
     (status = 409, description = "The scan holds the rig and cannot be assigned to another part", body = Problem),
     (status = 422, description = "A value is not valid", body = Problem),
-    (status = 503, description = "The store cannot be written (`store-locked`, `data-folder-gone`)", body = Problem),
+    (status = 503, description = "The store cannot be written (`store-locked`, `disk-silent`, `data-folder-gone`)", body = Problem),
     (status = 507, description = "The disk is full (`disk-full`)", body = Problem),
 ))]
 pub(super) async fn change(

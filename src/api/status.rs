@@ -457,6 +457,10 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
         LabError::Store(StoreError::DiskFull { .. }) => {
             (StatusCode::INSUFFICIENT_STORAGE, "the disk is full")
         }
+        LabError::Store(StoreError::NoAnswer)
+        | LabError::WaitsForDatabase {
+            no_answer: true, ..
+        } => (StatusCode::SERVICE_UNAVAILABLE, "the disk does not answer"),
         LabError::Store(StoreError::Locked) | LabError::WaitsForDatabase { .. } => (
             StatusCode::SERVICE_UNAVAILABLE,
             "the database is locked by another program",

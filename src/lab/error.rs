@@ -209,10 +209,14 @@ pub enum LabError {
         /// The scan.
         scan_id: i64,
     },
-    /// An order waits for a locked database.
+    /// An order waits for a locked database, or for a disk that does not answer.
     #[error(
-        "scan {scan_id} cannot record the order to {asked} yet, since another program has locked the database; it obeys as soon \
-         as the lock ends: end that program (`fuser` with the path of ridged.sqlite names it){}",
+        "scan {scan_id} cannot record the order to {asked} yet, since {}; it obeys as soon as {}{}",
+        if *no_answer { "the disk of the data folder does not answer" } else { "another program has locked the database" },
+        match no_answer {
+            true => "the disk answers",
+            false => "the lock ends: end that program (`fuser` with the path of ridged.sqlite names it)",
+        },
         if *asked == "abort" { "; the stages have stopped" } else { "" }
     )]
     WaitsForDatabase {
@@ -220,6 +224,8 @@ pub enum LabError {
         scan_id: i64,
         /// The order.
         asked: &'static str,
+        /// It is the disk that does not answer.
+        no_answer: bool,
     },
     /// The stop of an abort did not reach the stages.
     #[error("scan {scan_id} is aborted, but {}", not_stopped(source))]
@@ -342,6 +348,9 @@ impl LabError {
             | LabError::NotStopped { source: error }
             | LabError::AbortedInMotion { source: error, .. } => stage_code(error),
             LabError::StopUnconfirmed | LabError::AbortUnconfirmed { .. } => "stop-unconfirmed",
+            LabError::WaitsForDatabase {
+                no_answer: true, ..
+            } => "disk-silent",
             LabError::WaitsForDatabase { .. } => "store-locked",
             LabError::JogEnded => "jog-ended",
             LabError::OtherStagesAnswer { .. } => "other-stages",
@@ -378,6 +387,7 @@ pub(super) fn store_code(error: &StoreError) -> &'static str {
         StoreError::FrameDamaged { .. } => "frame-damaged",
         StoreError::FolderGone { .. } => "data-folder-gone",
         StoreError::Locked => "store-locked",
+        StoreError::NoAnswer => "disk-silent",
         StoreError::Damaged { .. }
         | StoreError::BadRow { .. }
         | StoreError::RowsMissing { .. }

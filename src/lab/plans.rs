@@ -325,7 +325,7 @@ impl Lab {
         to_the_end(async move {
             // Nothing begins later, after a person was refused.
             lab.store()
-                .check_lock(super::scan_commands::ORDER_ANSWER)
+                .check_writing(super::scan_commands::ORDER_ANSWER)
                 .await?;
             lab.plan_and_begin(&request, None).await
         })

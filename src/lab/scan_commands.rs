@@ -3,16 +3,19 @@
 use std::time::Duration;
 
 use tokio::sync::oneshot;
-use tokio::time::{Instant, timeout, timeout_at};
+use tokio::time::{Instant, timeout_at};
 
 use super::{Lab, LabError, Occupation};
 use crate::bench::stage::StageError;
 use crate::scan::runner::{CommandRequest, RunEnd, ScanCommand};
 use crate::scan::{RecordedEvent, ScanState};
+use crate::store::StoreError;
 use crate::store::scans::Scan;
 
 /// Time after which an order to a scan is answered, also where the stages do not answer or the database is locked.
 pub(super) const ORDER_ANSWER: Duration = Duration::from_millis(900);
+/// Least time between two looks at why a scan does not answer.
+const SHORT_WAIT: Duration = Duration::from_millis(100);
 
 impl Lab {
     /// Sends a command to a running scan, or resumes an interrupted one.
@@ -35,7 +38,7 @@ impl Lab {
         let answer_by = Instant::now() + ORDER_ANSWER;
         if order_moves(order) {
             // Nothing moves later, after a person was refused.
-            self.store().check_lock(ORDER_ANSWER).await?;
+            self.store().check_writing(ORDER_ANSWER).await?;
         }
         let not_now = |state| LabError::NotNow {
             scan_id,
@@ -52,7 +55,8 @@ impl Lab {
         };
         let states = states_for(order);
         if !states.is_empty() {
-            let state = self.inner.store.scan(scan_id).await?.state;
+            let state = timeout_at(answer_by, self.inner.store.scan(scan_id)).await;
+            let state = state.unwrap_or(Err(StoreError::NoAnswer))?.state;
             if !states.contains(&state) {
                 return Err(not_now(match state {
                     // Another caller has just resumed it, and its row is not written yet.
@@ -130,31 +134,30 @@ impl Lab {
         }
     }
 
-    /// Waits for the answer of a scan, but not for a database that another program has locked.
+    /// Waits for the answer of a scan, but neither for a database that another program has locked nor for a disk that does not
+    /// answer.
     async fn answer_in_time(
         &self,
         scan_id: i64,
         order: ScanCommand,
-        mut answer: oneshot::Receiver<Result<ScanState, ScanState>>,
+        answer: oneshot::Receiver<Result<ScanState, ScanState>>,
         by: Instant,
     ) -> Result<Option<Result<ScanState, ScanState>>, LabError> {
-        if let Ok(answer) = timeout_at(by, &mut answer).await {
-            return Ok(answer.ok());
-        }
-        let asked = asked(order);
-        loop {
-            if self.store().is_locked() {
-                return Err(LabError::WaitsForDatabase { scan_id, asked });
-            }
-            if let Ok(answer) = timeout(ORDER_ANSWER, &mut answer).await {
-                return Ok(answer.ok());
-            }
+        let left = by.saturating_duration_since(Instant::now());
+        tokio::select! {
+            biased;
+            answer = answer => Ok(answer.ok()),
+            trouble = self.store().trouble(left.max(SHORT_WAIT)) => Err(LabError::WaitsForDatabase {
+                scan_id,
+                asked: asked(order),
+                no_answer: matches!(trouble, StoreError::NoAnswer),
+            }),
         }
     }
 
     /// Sends a command to a scan that is not running.
     async fn order_unheld(&self, scan_id: i64, order: ScanCommand) -> Result<ScanState, LabError> {
-        self.store().check_lock(ORDER_ANSWER).await?;
+        self.store().check_writing(ORDER_ANSWER).await?;
         if let Some(side) = &self.inner.rig {
             side.sink.record_end_of(scan_id).await?;
         }

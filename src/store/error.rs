@@ -72,6 +72,12 @@ pub enum StoreError {
          then try again; nothing was written"
     )]
     Locked,
+    /// The disk does not answer.
+    #[error(
+        "the disk of the data folder does not answer (a network drive that is gone does that); bring it back, then try again; \
+         nothing was written"
+    )]
+    NoAnswer,
     /// The disk is full.
     #[error(
         "the disk is full: {detail}; free some space, then try again; nothing that was committed is lost"

@@ -10,7 +10,7 @@ use std::path::Path;
 use super::StoreError;
 
 /// Name of the file.
-const FILE: &str = "lock";
+pub(super) const FILE: &str = "lock";
 
 /// Locks a folder until it is dropped, or its process ends.
 #[derive(Debug)]

@@ -54,6 +54,7 @@ use sqlx::sqlite::{
 use tempfile::TempDir;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
+use tokio::time::{sleep, timeout};
 
 use crate::clock::Clock;
 use disk::Disk;
@@ -385,7 +386,8 @@ impl Store {
             let now = Instant::now();
             *inner.lock_seen() = Some(now);
             let is_ending = inner.no_wait_from.get().is_some_and(|from| now >= *from);
-            if is_ending || now - began >= wait {
+            // Another attempt would end after that time.
+            if is_ending || now - began + LOCK_ATTEMPT > wait {
                 return Err(error);
             }
         }
@@ -398,15 +400,50 @@ impl Store {
         seen.is_some_and(|seen| seen.elapsed() < 3 * LOCK_ATTEMPT)
     }
 
-    /// Checks that no other program holds the lock of the database, or gives it up within this time.
+    /// Checks that the disk answers, and that no other program holds the lock of the database or gives it up within this time.
     ///
     /// # Errors
-    /// [`StoreError::Locked`]; the next write reports what else is wrong.
-    pub async fn check_lock(&self, wait: Duration) -> Result<(), StoreError> {
-        match self.writing_within(wait).await {
-            Err(StoreError::Locked) => Err(StoreError::Locked),
-            _ => Ok(()),
+    /// [`StoreError::Locked`] or [`StoreError::NoAnswer`]; the next write reports what else is wrong.
+    pub async fn check_writing(&self, wait: Duration) -> Result<(), StoreError> {
+        self.ask_disk().await?;
+        let mut writing = std::pin::pin!(self.writing_within(wait));
+        loop {
+            match timeout(wait + LOCK_ATTEMPT, &mut writing).await {
+                Ok(Err(StoreError::Locked)) => return Err(StoreError::Locked),
+                Ok(_) => return Ok(()),
+                // Other writes wait for the lock before this one.
+                Err(_) if self.is_locked() => return Err(StoreError::Locked),
+                // The disk is slow.
+                Err(_) => {}
+            }
         }
+    }
+
+    /// Waits while writes are possible; returns why they are not, at the earliest after this time.
+    pub async fn trouble(&self, wait: Duration) -> StoreError {
+        loop {
+            let (answer, ()) = futures::join!(self.ask_disk(), sleep(wait));
+            match answer {
+                Err(silent) => return silent,
+                Ok(()) if self.is_locked() => return StoreError::Locked,
+                Ok(()) => {}
+            }
+        }
+    }
+
+    /// Checks that the disk takes a change: reading may still be possible on one that does not.
+    ///
+    /// # Errors
+    /// [`StoreError::NoAnswer`].
+    async fn ask_disk(&self) -> Result<(), StoreError> {
+        let store = self.clone();
+        let change = asked(move || {
+            let Inner { disk, folder, .. } = &*store.inner;
+            disk.ask(&folder.join(lock::FILE));
+            Ok(())
+        });
+        let answer = timeout(DISK_ANSWER, change).await;
+        answer.unwrap_or(Err(StoreError::NoAnswer))
     }
 
     /// Lets no write wait for another program's lock after this time: the daemon ends.
@@ -429,6 +466,8 @@ impl Store {
 
 /// How long a write waits for a lock that another program holds.
 const LOCK_WAIT: Duration = Duration::from_secs(10);
+/// Time after which a disk counts as silent. Changing the time of a file takes milliseconds on a slow one, too.
+const DISK_ANSWER: Duration = Duration::from_millis(900);
 /// How long SQLite waits for it at a time: nothing can cut this short.
 const LOCK_ATTEMPT: Duration = Duration::from_millis(200);
 

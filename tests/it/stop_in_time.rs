@@ -11,8 +11,8 @@ use ridged::bench::AxisName::{PhiS, ThetaC};
 use ridged::bench::port::{NoFaults, Port, PortAddress, PortError, PortSeam};
 use ridged::clock::{Clock, ScaledClock};
 use ridged::lab::ScanRequest;
-use ridged::scan::Event;
 use ridged::scan::runner::ScanCommand;
+use ridged::scan::{Event, ScanState};
 use ridged::sim::rig::SimulatedRig;
 use ridged::store::disk::{Disk, RealDisk};
 use ridged::units::Angle;
@@ -114,7 +114,8 @@ async fn a_stop_is_on_the_wire_at_once_and_answered_within_a_second_in_every_sta
     };
     until(&mut events, waits).await;
     assert_eq!(stop("waiting for the operator").await, 200);
-    let paused = |event: &Event| matches!(event, Event::Scan { state, .. } if *state == ridged::scan::ScanState::Paused);
+    let paused =
+        |event: &Event| matches!(event, Event::Scan { state, .. } if *state == ScanState::Paused);
     until(&mut events, paused).await;
     assert_eq!(stop("paused").await, 200);
     lab.order(scan.id, ScanCommand::Resume).await.unwrap();
@@ -180,6 +181,12 @@ impl Disk for HungDisk {
         }
         RealDisk.free_bytes(folder)
     }
+
+    fn ask(&self, _: &Path) {
+        while self.hangs.load(Ordering::SeqCst) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -215,5 +222,41 @@ async fn a_stop_is_answered_while_the_disk_hangs() {
     for answered in waiting {
         answered.await.unwrap();
     }
+    bench.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn orders_are_answered_while_the_disk_hangs_and_move_nothing_later() {
+    let disk = Arc::new(HungDisk::default());
+    let bench = BenchInABox::with(Arc::clone(&disk) as Arc<dyn Disk>, false).await;
+    let scan = bench.start(small(&[0.0], &[0.0])).await;
+    bench.until(scan.id, ScanState::WaitingForOperator).await;
+    bench.lab.order(scan.id, ScanCommand::Pause).await.unwrap();
+    disk.hangs.store(true, Ordering::SeqCst);
+    let request = ScanRequest::of(2, small(&[0.0], &[0.0]));
+    let refused = async |order: Option<ScanCommand>| {
+        let asked = Instant::now();
+        let error = match order {
+            Some(order) => bench.lab.order(scan.id, order).await.unwrap_err(),
+            None => bench.lab.start_scan(&request).await.unwrap_err(),
+        };
+        assert_eq!(error.code(), "disk-silent", "{order:?}: {error}");
+        let took = asked.elapsed();
+        assert!(took < Duration::from_millis(1500), "{order:?}: {took:?}");
+    };
+    for order in [Some(ScanCommand::Resume), Some(ScanCommand::Continue), None] {
+        refused(order).await;
+    }
+    bench.lab.stop().await.unwrap();
+    disk.hangs.store(false, Ordering::SeqCst);
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    let state = bench.lab.store().scan(scan.id).await.unwrap().state;
+    assert_eq!(
+        state,
+        ScanState::Paused,
+        "an order was obeyed after it was refused"
+    );
+    bench.lab.order(scan.id, ScanCommand::Resume).await.unwrap();
+    bench.lab.order(scan.id, ScanCommand::Abort).await.unwrap();
     bench.end().await;
 }

@@ -23,7 +23,7 @@ logger = logging.getLogger("ridged")
 #: Routes whose answers the daemon does not keep: each stop stops, and the answer of the lease has a secret.
 UNKEYED = ("/rig/stop", "/rig/preview", "/lease")
 #: Refusals that pass by themselves.
-PASSING = {"too-many-connections", "too-many-streams", "store-locked", "stopping"}
+PASSING = {"too-many-connections", "too-many-streams", "store-locked", "disk-silent", "stopping"}
 #: Time to wait for the answer to a request, s. Imports are waited for without a limit.
 ANSWER_S = 60.0
 #: The daemon writes to an open event stream every 3 s, so one that is silent for longer is broken.
