@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::caller::{Principal, Proof};
-use crate::access::{Fingerprint, Guesses, LOCAL, Lease, Roots, Sessions, TokenFile};
+use crate::access::{DAEMON, Fingerprint, Guesses, LOCAL, Lease, Roots, Sessions, TokenFile};
 
 /// Who may use the interface, and from where.
 #[derive(Debug)]
@@ -110,9 +110,13 @@ impl Access {
 
     /// Returns the lease of the rig. It ends with the token of its holder.
     pub(super) fn lease(&self) -> &Lease {
-        self.lease
-            .end_of(|who| who != LOCAL && self.tokens.named(who).is_none());
+        self.lease.end_of(|who| self.is_revoked(who));
         &self.lease
+    }
+
+    /// Returns whether a caller is one whose token was revoked.
+    pub(super) fn is_revoked(&self, who: &str) -> bool {
+        ![LOCAL, DAEMON].contains(&who) && self.tokens.named(who).is_none()
     }
 
     /// Returns the time since the daemon started, which sessions and the lease count.

@@ -20,7 +20,6 @@ use super::table::Need;
 use super::{App, Begun};
 use crate::access::{Held, LeaseAnswer, LeaseTerms, Secret};
 use crate::clock::{Clock, SystemClock};
-use crate::lab::Lab;
 use crate::store::utc_text;
 use crate::wording::is_blank;
 
@@ -87,9 +86,12 @@ fn expires_at(left: Duration) -> String {
     utc_text(SystemClock::new().utc() + left)
 }
 
-/// Returns the caller whose scan or motion runs.
-pub(super) fn user_of_rig(lab: &Lab) -> Option<HolderBody> {
-    let user = lab.rig_user()?;
+/// Returns the caller whose scan or motion runs; none if its token was revoked.
+pub(super) fn user_of_rig(app: &App) -> Option<HolderBody> {
+    let user = app.lab.rig_user()?;
+    if app.access.is_revoked(&user.who) {
+        return None;
+    }
     Some(HolderBody {
         who: user.who,
         name: match user.scan_id {
@@ -125,7 +127,7 @@ pub(super) fn check_lease(
         LeaseAnswer::Own => Ok(()),
         LeaseAnswer::Held(held) => Err(ApiError::lease_held(holder_of_lease(&held))),
         LeaseAnswer::Lost => Err(ApiError::lease_lost()),
-        LeaseAnswer::Free => match user_of_rig(&app.lab) {
+        LeaseAnswer::Free => match user_of_rig(app) {
             Some(user) if user.who != caller.name => Err(ApiError::lease_held(user)),
             _ => Ok(()),
         },
@@ -149,7 +151,7 @@ pub(super) async fn get(
         holder: held
             .as_ref()
             .map(holder_of_lease)
-            .or_else(|| user_of_rig(&app.lab)),
+            .or_else(|| user_of_rig(&app)),
         own,
     })
 }
@@ -187,7 +189,7 @@ pub(super) async fn take(
         term: Duration::from_secs(seconds),
         take_over,
     };
-    let user = user_of_rig(&app.lab).filter(|user| user.who != caller.name);
+    let user = user_of_rig(&app).filter(|user| user.who != caller.name);
     if let Some(user) = &user
         && !take_over
         && app.access.lease().holder(app.access.now()).is_none()

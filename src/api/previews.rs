@@ -208,7 +208,7 @@ pub(super) async fn take(
     match app.lab.preview(request).await {
         Ok(view) => Ok(Json(view.into())),
         Err(busy @ LabError::Busy { .. }) => {
-            Err(ApiError::from(busy).with_holder(user_of_rig(&app.lab)))
+            Err(ApiError::from(busy).with_holder(user_of_rig(&app)))
         }
         Err(error) => Err(error.into()),
     }

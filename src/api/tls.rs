@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
+use time::macros::format_description;
+use time::{OffsetDateTime, PrimitiveDateTime};
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::ServerConfig;
 use tokio_rustls::rustls::crypto::ring;
@@ -47,6 +49,9 @@ pub enum TlsError {
 
 /// How often the files are looked at: certificates are renewed while a scan runs.
 const LOOK_EVERY: Duration = Duration::from_secs(10);
+
+/// Time before the end of a certificate from which a start and a renewal say so.
+const EXPIRES_SOON: time::Duration = time::Duration::days(30);
 
 /// A certificate that follows its files.
 pub(super) struct Tls {
@@ -116,9 +121,29 @@ fn acceptor(files: &TlsFiles) -> Result<TlsAcceptor, TlsError> {
     let chain = CertificateDer::pem_file_iter(&files.certificate)
         .and_then(Iterator::collect::<Result<Vec<_>, _>>)
         .map_err(|error| wrong(&files.certificate, "certificate", error.to_string()))?;
-    if chain.is_empty() {
+    let Some(own) = chain.first() else {
         let detail = "it has none".to_owned();
         return Err(wrong(&files.certificate, "certificate", detail));
+    };
+    let now = OffsetDateTime::now_utc();
+    match validity(own) {
+        Some((from, until)) if now < from || now > until => {
+            let file = files.certificate.display();
+            // Clients refuse it, but one that trusts this very certificate may not.
+            tracing::error!(
+                "the certificate {file} is valid from {} to {}, so clients refuse the connection: renew it, or set the clock",
+                from.date(),
+                until.date()
+            );
+        }
+        Some((_, until)) if until - now < EXPIRES_SOON => {
+            let file = files.certificate.display();
+            tracing::warn!(
+                "the certificate {file} expires on {}: renew it",
+                until.date()
+            );
+        }
+        Some(_) | None => {}
     }
     let key = PrivateKeyDer::from_pem_file(&files.key)
         .map_err(|error| wrong(&files.key, "private key", error.to_string()))?;
@@ -136,9 +161,82 @@ fn acceptor(files: &TlsFiles) -> Result<TlsAcceptor, TlsError> {
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
+/// Returns from when to when a certificate is valid; `None` if it cannot be read.
+fn validity(certificate: &[u8]) -> Option<(OffsetDateTime, OffsetDateTime)> {
+    const SEQUENCE: u8 = 0x30;
+    const VERSION: u8 = 0xA0;
+    let (_, certificate, _) = element(certificate)?;
+    let (_, mut fields, _) = element(certificate)?;
+    if fields.first() == Some(&VERSION) {
+        fields = element(fields)?.2;
+    }
+    // Serial number, algorithm and issuer come first.
+    for _ in 0..3 {
+        fields = element(fields)?.2;
+    }
+    let (SEQUENCE, times, _) = element(fields)? else {
+        return None;
+    };
+    let (form, from, rest) = element(times)?;
+    let (until_form, until, _) = element(rest)?;
+    Some((moment(form, from)?, moment(until_form, until)?))
+}
+
+/// Splits an element of DER into its tag, its content and what follows.
+fn element(der: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+    let (&tag, rest) = der.split_first()?;
+    let (&first, rest) = rest.split_first()?;
+    let (length, rest) = match first {
+        0..=127 => (usize::from(first), rest),
+        _ => {
+            let (bytes, rest) = rest.split_at_checked(usize::from(first & 127))?;
+            let length = bytes.iter().try_fold(0_usize, |length, byte| {
+                Some(length.checked_mul(256)? + usize::from(*byte))
+            });
+            (length?, rest)
+        }
+    };
+    let (content, rest) = rest.split_at_checked(length)?;
+    Some((tag, content, rest))
+}
+
+/// Reads a time of DER: `YYMMDDhhmmssZ`, or with four digits of the year.
+fn moment(form: u8, text: &[u8]) -> Option<OffsetDateTime> {
+    const TWO_DIGITS: u8 = 0x17;
+    let text = std::str::from_utf8(text).ok()?.strip_suffix('Z')?;
+    let text = match form {
+        // X.509 has them from 1950 to 2049.
+        TWO_DIGITS if text.get(..2)? < "50" => format!("20{text}"),
+        TWO_DIGITS => format!("19{text}"),
+        _ => text.to_owned(),
+    };
+    let form = format_description!("[year][month][day][hour][minute][second]");
+    let moment = PrimitiveDateTime::parse(&text, form).ok()?;
+    Some(moment.assume_utc())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_days_of_a_certificate_are_read_and_a_torn_one_has_none() {
+        let mut made = rcgen::CertificateParams::new(["localhost".to_owned()]).unwrap();
+        let key = rcgen::KeyPair::generate().unwrap();
+        for (from, until) in [
+            ((1999, 3, 4), (2026, 1, 9)),
+            ((2025, 12, 31), (2061, 2, 28)),
+        ] {
+            made.not_before = rcgen::date_time_ymd(from.0, from.1, from.2);
+            made.not_after = rcgen::date_time_ymd(until.0, until.1, until.2);
+            let signed = made.self_signed(&key).unwrap();
+            let read = validity(signed.der()).unwrap();
+            assert_eq!(read, (made.not_before, made.not_after));
+            for length in 0..120 {
+                assert_eq!(validity(&signed.der()[..length]), None);
+            }
+        }
+    }
 
     /// Writes a certificate of its own, and returns its files.
     fn written(folder: &Path) -> TlsFiles {

@@ -235,3 +235,18 @@ async fn a_lease_ends_with_the_token_of_its_holder() {
     served.tokens.revoke("the-operator", AT).unwrap();
     served.ask(other).await.is_ok();
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_of_a_revoked_token_is_no_reason_to_refuse_others() {
+    let (served, tokens) = Served::with_tokens().await;
+    let scan = json!({ "sample_id": 2, "plan": { "preset": "full" } });
+    let begun = served
+        .ask(post("/api/v1/scans", &scan).by(&tokens.operator))
+        .await;
+    let abort = format!("/api/v1/scans/{}/abort", begun.json()["id"]);
+    let abort = order(&abort).by(&tokens.admin);
+    served.ask(abort.clone()).await.is(409, "lease-held");
+    served.tokens.revoke("the-operator", AT).unwrap();
+    served.ask(abort).await.is_ok();
+    served.end().await;
+}
