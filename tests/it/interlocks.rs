@@ -222,6 +222,12 @@ async fn a_jog_stops_by_itself_when_it_is_not_renewed() {
     assert!(!rig.world.is_moving());
     let at = rig.world.pose_now().phi_s;
     assert!((at - end).abs().deg() < 0.02, "{at} {end}");
+    let status = rig.stage.status().await.unwrap();
+    assert_eq!(
+        status.phi_s.warnings,
+        Vec::<String>::new(),
+        "its own stop is no news"
+    );
     assert!(rig.world.pose_now().theta_c.deg().abs() < 0.01);
 }
 

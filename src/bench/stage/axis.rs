@@ -95,6 +95,8 @@ struct Memory {
     stalled_at: Option<Angle>,
     /// Where it hit a limit sensor, until it is homed.
     limit_hit_at: Option<Angle>,
+    /// This program stopped its last motion, so the flag of an interruption says nothing to a person.
+    stopped_by_us: bool,
 }
 
 /// One axis. The task that moves it holds `turn`.
@@ -114,6 +116,11 @@ pub(super) struct Axis {
 }
 
 impl Axis {
+    /// Whether a flag is worth a warning.
+    pub fn is_news(&self, flag: Flag) -> bool {
+        flag != Flag::MovementInterrupted || !self.memory().stopped_by_us
+    }
+
     fn memory(&self) -> MutexGuard<'_, Memory> {
         self.memory.lock().expect("no holder of this lock panics")
     }
@@ -352,6 +359,7 @@ impl Axis {
     ///
     /// A device that refuses the command for a moment is asked again within the time of a stop.
     async fn start(&self, words: &str, goal: Option<i64>, stops: u64) -> Result<(), StageError> {
+        self.memory().stopped_by_us = false;
         let mut attempt = 0;
         let passing_until = self.clock.now() + self.stopping_time();
         loop {
@@ -419,7 +427,10 @@ impl Axis {
 
     /// Waits after a stop until the axis is idle, regardless of flags.
     pub async fn await_rest(&self) -> Result<(), StageError> {
-        self.memory().engaged = false;
+        {
+            let mut memory = self.memory();
+            (memory.engaged, memory.stopped_by_us) = (false, true);
+        }
         let began = self.clock.now();
         loop {
             let waited = self.clock.now().saturating_sub(began);

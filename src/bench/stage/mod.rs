@@ -88,7 +88,10 @@ impl Stage {
                 position: axis.recorded(reading.counts),
                 moving: reading.activity == Activity::Busy,
                 homed: !flags.iter().any(|f| f.class() == FlagClass::ReferenceLost),
-                warnings: flags.iter().map(flag_text).collect(),
+                warnings: {
+                    let news = flags.iter().filter(|flag| axis.is_news(**flag));
+                    news.map(flag_text).collect()
+                },
                 flags,
                 serial: axis.identity.serial,
             })

@@ -57,6 +57,7 @@ impl Axis {
         self.ask("stop").await?;
         let reading = self.await_idle(Motion::Stop, stops).await?;
         self.check_jog_flags(&reading).await?;
+        self.memory().stopped_by_us = true;
         Ok(self.recorded(reading.counts))
     }
 
