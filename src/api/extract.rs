@@ -83,8 +83,18 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Params<T> {
 
 /// Reads parameters by name and text.
 pub(super) fn parameters<T: DeserializeOwned>(all: &[(String, String)]) -> Result<T, ApiError> {
+    parameters_beside("", all)
+}
+
+/// The same beside parameters that were read before; `known` says so where a name is not known.
+fn parameters_beside<T: DeserializeOwned>(
+    known: &str,
+    all: &[(String, String)],
+) -> Result<T, ApiError> {
     json::from_query(all).map_err(|refusal| match refusal.fault() {
-        Fault::UnknownField { .. } => ApiError::bad_request(refusal.message("parameter")),
+        Fault::UnknownField { .. } => {
+            ApiError::bad_request(format!("{}{known}", refusal.message("parameter")))
+        }
         _ => ApiError::invalid(refusal.path(), refusal.message("parameter")),
     })
 }
@@ -105,7 +115,8 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for ScansAnd<T> {
         let ids = ids.map_err(|_| {
             ApiError::invalid("scan_id", "expected whole numbers: scan_id=1&scan_id=2")
         })?;
-        Ok(ScansAnd(ids, parameters(&others)?))
+        let others = parameters_beside("; `scan_id` names the scans", &others)?;
+        Ok(ScansAnd(ids, others))
     }
 }
 
