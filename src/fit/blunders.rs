@@ -14,6 +14,7 @@
 
 use super::estimate::Estimate;
 use super::leftover::Leftover;
+use crate::geometry::Pose;
 
 /// Robust standard deviations above which a single pose is reported …
 const POSE_SIGMAS: f64 = 6.0;
@@ -21,8 +22,9 @@ const POSE_SIGMAS: f64 = 6.0;
 const POSE_LEAST: f64 = 2.0;
 /// Largest number of bad single poses; with more, the model is the cause.
 const POSES_MAX: usize = 3;
-/// Largest leverage of a bad pose. A pose that alone determines a parameter cannot be tested with it.
-const LEVERAGE_MAX: f64 = 0.5;
+/// Largest leverage of a bad pose. A pose that alone determines a parameter cannot be tested with it. Of few poses, each has a
+/// leverage of about a half.
+const LEVERAGE_MAX: f64 = 0.9;
 /// Smallest number of poses in a run, and their largest share of all poses.
 const BLOCK_LEAST: usize = 3;
 const BLOCK_SHARE: f64 = 0.5;
@@ -30,6 +32,8 @@ const BLOCK_SHARE: f64 = 0.5;
 const BLOCK_SIGMAS: f64 = 6.0;
 /// Share of χ² that a run explains.
 const BLOCK_EXPLAINS: f64 = 0.5;
+/// Angles up to this far apart are one of a plan.
+const SAME_DEG: f64 = 0.2;
 /// Degree of the smooth curve in time with as many parameters as a run: begin, end, size.
 const SMOOTH: usize = 3;
 
@@ -57,6 +61,9 @@ pub struct BadBlock {
     pub share_std: f64,
     /// Share of χ² that it explains.
     pub explains: f64,
+    /// Whether its poses are those of some tilts or of some azimuths: then a property of the surface at these angles may be the
+    /// cause.
+    pub is_of_angles: bool,
 }
 
 /// Finds single poses whose signals disagree with the others; `None` if there are none, or more than three.
@@ -67,11 +74,15 @@ pub fn bad_poses(estimate: &Estimate<'_>) -> Option<BadPoses> {
     let mut found: Vec<usize> = Vec::new();
     let mut deviations = 0.0;
     loop {
-        let others = || (0..n).filter(|i| !found.contains(i));
-        let scale = left.scale(others())?;
-        let judged = others().filter(|i| left.leverage(*i) < LEVERAGE_MAX);
+        let judged = (0..n).filter(|i| !found.contains(i) && left.leverage(*i) < LEVERAGE_MAX);
         let worst = judged.max_by(|a, b| left.size(*a).total_cmp(&left.size(*b)))?;
         let off = left.size(worst);
+        // The scatter of the others is that without this pose: among few, it bends the fit, and all deviate.
+        let mut rest = left.clone();
+        if !rest.take(&rest.row(worst)) {
+            return None;
+        }
+        let scale = rest.scale((0..n).filter(|i| *i != worst && !found.contains(i)))?;
         if !(off > POSE_SIGMAS * scale && off > POSE_LEAST) {
             break;
         }
@@ -82,9 +93,7 @@ pub fn bad_poses(estimate: &Estimate<'_>) -> Option<BadPoses> {
             deviations = off / scale.max(f64::MIN_POSITIVE);
         }
         found.push(worst);
-        if !left.take(&left.row(worst)) {
-            return None;
-        }
+        left = rest;
     }
     if found.is_empty() {
         return None;
@@ -158,7 +167,21 @@ pub fn bad_block(estimate: &Estimate<'_>) -> Option<BadBlock> {
     let significant = share.abs() > BLOCK_SIGMAS * share_std
         && after < (1.0 - BLOCK_EXPLAINS) * before
         && after < 0.5 * smooth.chi2();
+    let poses = |k: &usize| set.observations[*k].pose;
+    let angles: [&dyn Fn(&Pose) -> f64; 2] = [&|p| p.theta_c.deg(), &|p| p.phi_s.deg()];
+    // Poses out of the run at angles of the run.
+    let beside = angles.map(|angle| {
+        let within: Vec<f64> = order[from..=to].iter().map(|k| angle(&poses(k))).collect();
+        let out = order[..from].iter().chain(&order[to + 1..]);
+        let same = |k: &&usize| {
+            within
+                .iter()
+                .any(|a| (a - angle(&poses(k))).abs() < SAME_DEG)
+        };
+        out.filter(same).count()
+    });
     significant.then(|| BadBlock {
+        is_of_angles: beside.iter().any(|n| 4 * n <= to + 1 - from),
         observations: order[from..=to].to_vec(),
         share,
         share_std,
@@ -175,7 +198,6 @@ mod tests {
     use crate::fit::painted::{TRUTH, painted};
     use crate::fit::problem::Values;
     use crate::fit::{FitOptions, VariantChoice};
-    use crate::geometry::Pose;
     use crate::model::Variant;
     use crate::observation::ObservationSet;
     use crate::units::Angle;

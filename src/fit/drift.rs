@@ -408,7 +408,7 @@ impl Drift {
     }
 
     /// Whether the data decide between the lamp and a cause that follows the poses.
-    fn is_decided(&self) -> bool {
+    pub(super) fn is_decided(&self) -> bool {
         self.lamp.over_pose > DECIDES
     }
 }

@@ -1,6 +1,6 @@
 //! A fitted variant: what the search, the settling and the corrections leave to the budget and the report.
 
-use super::findings::Finding;
+use super::findings::{Blame, Finding};
 use super::minimum::Minimum;
 use super::misfit::{freedom, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
@@ -54,6 +54,10 @@ pub struct Estimate<'a> {
     pub thinned: Option<Thinned>,
     /// What explains the residual that an ideal sawtooth leaves, largest share first.
     pub findings: Vec<Finding>,
+    /// Whether wrong poses were tried beside those terms.
+    pub(super) poses_tried: bool,
+    /// The cause in the observations that explains the residual better than any property of the surface.
+    pub(super) blame: Option<Box<Blame>>,
     /// Whether the residual was large enough to try the terms of real samples.
     pub investigated: bool,
 }

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::observation::ObservationSet;
+
 /// A known cause. Scripts compare its code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -82,6 +84,19 @@ pub struct Finding {
     pub change_of_theta_r_deg: Option<f64>,
     /// What the user should do.
     pub advice: String,
+}
+
+/// A cause in the observations.
+#[derive(Debug, Clone)]
+pub(super) struct Blame {
+    /// The observations as they are without it, or with less weight for those that are wrong.
+    pub set: ObservationSet,
+    /// What names it; none of a drift, which the set itself names.
+    pub finding: Option<Finding>,
+    /// χ² per degree of freedom that it leaves.
+    pub left: f64,
+    /// Whether a property of the surface at the angles of the poses may be the cause as well.
+    pub is_open: bool,
 }
 
 /// Sorts findings by the share of χ² that they explain, largest first.

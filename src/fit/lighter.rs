@@ -18,6 +18,10 @@ use crate::observation::ObservationSet;
 /// Returns the observations with less weight for the poses that are wrong, and the finding that names them; `None` if there are
 /// none.
 pub(super) fn of(e: &Estimate<'_>) -> Option<(ObservationSet, Finding)> {
+    // An investigation has tried them beside the properties of the surface.
+    if e.poses_tried {
+        return None;
+    }
     let poses = bad_poses(e).filter(|found| found.explains > causes::EXPLAINS);
     let (wrong, finding) = match poses {
         Some(found) => (found.observations.clone(), causes::of_poses(e, &found)),

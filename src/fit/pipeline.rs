@@ -318,6 +318,8 @@ pub(super) fn conclude<'a>(
         cut_short,
         thinned: None,
         findings: Vec::new(),
+        poses_tried: false,
+        blame: None,
         investigated: false,
     };
     estimate.with_statistics(own)

@@ -9,6 +9,7 @@
 //! stays inside its range. If no suspect explains the residual alone, other ends of the search are tried, and then two
 //! suspects together, which must quarter χ². The index never joins, because it has a certificate.
 
+mod blames;
 mod list;
 mod settled;
 #[cfg(test)]
@@ -31,7 +32,8 @@ use super::tier::Tier;
 use super::{FitOptions, Loss};
 use crate::material::Material;
 use crate::model::Variant;
-use tried::Step;
+pub(in crate::fit) use blames::BLAMES;
+use tried::{Next, Step};
 
 /// Largest share of χ² that a reported suspect may leave.
 const EXPLAINED: f64 = 0.5;
@@ -72,11 +74,13 @@ impl Trial<'_> {
 }
 
 /// Returns the estimate with the terms that explain its residual, and with its findings. `tier` is the integrated
-/// second bounce.
+/// second bounce. Causes in the observations are tried but for those that are `blameless`; if one explains more, the estimate is
+/// returned as it was, with it.
 pub(super) fn investigated<'a>(
     e: Estimate<'a>,
     options: &FitOptions,
     tier: Option<Tier<'_>>,
+    blameless: &[Code],
     cancel: &AtomicBool,
 ) -> Estimate<'a> {
     let stated = stated(&e, options);
@@ -95,6 +99,7 @@ pub(super) fn investigated<'a>(
         tier,
         cancel,
         joined: &[],
+        blameless,
     };
     inquiry.run(&stated, doubted).unwrap_or(e)
 }
@@ -108,7 +113,7 @@ pub(super) fn agreed<'a>(
 ) -> Vec<Estimate<'a>> {
     let first: Vec<Estimate<'a>> = alone
         .par_iter()
-        .map(|e| investigated(e.clone(), options, tier, cancel))
+        .map(|e| investigated(e.clone(), options, tier, &BLAMES, cancel))
         .collect();
     let real = |e: &Estimate<'_>, q: Quantity| {
         let there = e.problem.is_extended() && e.problem.free().contains(&q);
@@ -134,6 +139,7 @@ pub(super) fn agreed<'a>(
                 tier,
                 cancel,
                 joined: &joined,
+                blameless: &BLAMES,
             };
             let quantities: Vec<Quantity> = joined.iter().map(|(q, _)| *q).collect();
             let forced = inquiry.run(&quantities, false).unwrap_or(found.clone());
@@ -196,6 +202,8 @@ struct Inquiry<'i, 'a> {
     cancel: &'i AtomicBool,
     /// Terms that join the fit in any case, with their starting values.
     joined: &'i [(Quantity, f64)],
+    /// Causes in the observations that are not tried.
+    blameless: &'i [Code],
 }
 
 impl<'a> Inquiry<'_, 'a> {
@@ -210,7 +218,15 @@ impl<'a> Inquiry<'_, 'a> {
             && trial.is_unexplained(self.e.fitted + joined.len())
         {
             tried = true;
-            let mut steps = self.next(&trial, &joined, joined.len() == stated.len());
+            let mut steps = match self.next(&trial, &joined, joined.len() == stated.len()) {
+                Next::Terms(steps) => steps,
+                Next::Blame(blame) => {
+                    return Some(Estimate {
+                        blame: Some(blame),
+                        ..self.e.clone()
+                    });
+                }
+            };
             let Some(last) = steps.pop() else {
                 break;
             };
@@ -241,6 +257,7 @@ impl<'a> Inquiry<'_, 'a> {
         };
         settled.findings = sorted(findings);
         settled.investigated = tried;
+        settled.poses_tried = tried && !self.blameless.contains(&Code::BadPose);
         Some(settled)
     }
 
@@ -342,7 +359,7 @@ impl<'a> Inquiry<'_, 'a> {
             ),
             Code::FlatLands => format!(
                 "{:.1} % of the surface is flat between the ridges; the fit includes this. θr, roughness and ρd are those of \
-                 the ridges.",
+                 the ridges. Maps and exports of the surface contain only the ridges.",
                 100.0 * values.real.land
             ),
             _ => format!(

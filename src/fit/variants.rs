@@ -18,7 +18,7 @@ use super::refusals::{empty, refusal};
 use super::report::{FitReport, LeftOut, Status, TracerReport, VariantName};
 use super::reporting::{report_with, spoken, status, summary};
 use super::solver::Ending;
-use super::suspects::investigated;
+use super::suspects::{BLAMES, investigated};
 use super::tier::Tier;
 use super::traced::{Watch, estimate_traced};
 use super::trail::{Time, retrace};
@@ -28,6 +28,7 @@ use crate::deadline;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::trace::surface_profile::SurfaceProfile;
+use crate::wording::significant;
 
 /// Gain in QAIC that counts as clear.
 const CLEAR_QAIC: f64 = 10.0;
@@ -159,6 +160,15 @@ fn fit_each(
     carried: &[Finding],
 ) -> FitReport {
     let late = || tracer.time.is_some_and(|time| !time.allows());
+    let known = |code: Code| carried.iter().any(|f| f.code == code);
+    let poses_known = known(Code::BadPose) || known(Code::BadBlock);
+    let blameless: Vec<Code> = BLAMES
+        .into_iter()
+        .filter(|code| match code {
+            Code::LampDrift => set.lamp.is_some(),
+            _ => poses_known,
+        })
+        .collect();
     let mut finer = None;
     let mut attempt = |over: &AtomicBool| {
         let run = |variant: Variant| {
@@ -169,7 +179,7 @@ fn fit_each(
         finer = ideal.as_ref().and_then(Estimate::with_finer_views);
         let sawtooth = match &ideal {
             Some(ideal) if finer.is_none() && !late() => {
-                Some(investigated(ideal.clone(), options, tier, over))
+                Some(investigated(ideal.clone(), options, tier, &blameless, over))
             }
             _ => ideal.clone(),
         };
@@ -198,7 +208,7 @@ fn fit_each(
     let again = |set: &ObservationSet| {
         let attempt = |over: &AtomicBool| {
             let e = estimate_until(set, Variant::Sawtooth, options, tier, &late, over)?;
-            Some(investigated(e, options, tier, over).discrepancy)
+            Some(investigated(e, options, tier, &BLAMES, over).discrepancy)
         };
         match is_limited {
             true => deadline::flagging(&late, cancel, attempt),
@@ -209,7 +219,7 @@ fn fit_each(
         let left = (again(set)? / sawtooth.as_ref()?.discrepancy).powi(2);
         (left < EXPLAINED).then_some(1.0 - left)
     };
-    let known = |code: Code| carried.iter().any(|f| f.code == code);
+    let blame = sawtooth.as_ref().and_then(|e| e.blame.as_deref());
     let with = |finding: Finding| [carried, &[finding]].concat();
     if may_go_on()
         && let Some(e) = &sawtooth
@@ -221,12 +231,20 @@ fn fit_each(
         && !known(Code::WhiteReference)
         && let Some((lighter, mut finding)) = sawtooth.as_ref().and_then(lighter::of_flats)
         && let Some(explains) = explained_by(&lighter)
+        && blame
+            .is_none_or(|blame| explained_by(&blame.set).is_none_or(|by_blame| by_blame < explains))
     {
         finding.explains = explains;
         return fit_each(&lighter, options, tier, tracer, cancel, &with(finding));
     }
     if may_go_on()
-        && !(known(Code::BadPose) || known(Code::BadBlock))
+        && let Some(blame) = blame
+    {
+        let carried = [carried, blame.finding.as_slice()].concat();
+        return fit_each(&blame.set, options, tier, tracer, cancel, &carried);
+    }
+    if may_go_on()
+        && !poses_known
         && let Some((lighter, finding)) = sawtooth.as_ref().and_then(lighter::of)
         && explained_by(&lighter).is_some()
     {
@@ -308,7 +326,9 @@ fn fit_each(
         None => uncertainty(main),
     };
     let mut report = report_with(main, &u, chosen);
-    report.findings.retain(|f| !known(f.code));
+    let of_poses = |code: Code| matches!(code, Code::BadPose | Code::BadBlock);
+    let again = |code: Code| known(code) || (poses_known && of_poses(code));
+    report.findings.retain(|f| !again(f.code));
     report.findings.extend_from_slice(carried);
     report.findings = sorted(report.findings);
     report.tracer = traced.as_ref().and_then(|e| tracer.report(e));
@@ -356,8 +376,9 @@ fn fit_each(
     }
     if dispersion > INADEQUATE {
         report.notes.push(format!(
-            "No variant explains the data to their counting noise (reduced χ² {dispersion:.3} for {best}). The budget \
-             line `model` contains the model error."
+            "No variant explains the data to their counting noise (reduced χ² {} for {best}). The budget line \
+             `model` contains the model error.",
+            significant(dispersion)
         ));
     }
     report

@@ -3,6 +3,7 @@
 use crate::trace::ridge_map::{RidgeFacts, RidgeMap, RidgeMapError};
 use crate::trace::scene::{HeightMap, MapUnits};
 use crate::trace::surface_profile::{ProfileError, SurfaceProfile};
+use crate::wording::significant;
 
 /// Units of a map stated by the user, µm; they override those of the file.
 #[derive(Debug, Clone, Default)]
@@ -93,6 +94,18 @@ pub enum ShapeError {
         "a table of two columns is a profile in µm: leave out --pitch-um and --height-unit-um (pitch_um, height_unit_um)"
     )]
     ProfileHasUnits,
+    /// The heights cannot be in the stated unit.
+    #[error(
+        "the heights span {} µm over a length of {} µm, which no part does; they are probably in another unit than stated: \
+         add --height-unit-um (height_unit_um), the micrometres per unit",
+        significant(*.height_um), significant(*.side_um)
+    )]
+    OffScale {
+        /// Between the lowest and the highest point.
+        height_um: f64,
+        /// Longer side of the map.
+        side_um: f64,
+    },
     /// The heights are not a closed profile.
     #[error(transparent)]
     Profile(#[from] ProfileError),
@@ -121,15 +134,30 @@ pub fn of(map: &HeightMap, units: &Units) -> Result<MeasuredShape, ShapeError> {
         return Err(ShapeError::ProfileHasUnits);
     }
     let units = units.of(map)?;
+    // What else is wrong follows from a wrong unit.
+    let because = |why: ShapeError| off_scale(map, units).unwrap_or(why);
     if map.rows == 1 {
-        return Ok(of_profile(map.row_profile(units)?, notes));
+        let profile = map.row_profile(units).map_err(|why| because(why.into()))?;
+        return Ok(of_profile(profile, notes));
     }
-    let found = RidgeMap::of(map, units)?;
+    let found = RidgeMap::of(map, units).map_err(|why| because(why.into()))?;
     Ok(MeasuredShape {
         profile: found.profile,
         facts: Some(found.facts),
         notes,
     })
+}
+
+/// Returns the refusal of a map that is higher than long.
+fn off_scale(map: &HeightMap, units: MapUnits) -> Option<ShapeError> {
+    let seen = || map.heights.iter().copied().filter(|h| h.is_finite());
+    let low = seen().fold(f64::INFINITY, f64::min);
+    let high = seen().fold(f64::NEG_INFINITY, f64::max);
+    let height_um = (high - low) * units.height_unit_um;
+    let [u, v] = units.pitch_um;
+    let side_um = (u * map.columns as f64).max(v * map.rows as f64);
+    (height_um > side_um && height_um.is_finite())
+        .then_some(ShapeError::OffScale { height_um, side_um })
 }
 
 #[cfg(test)]
@@ -181,6 +209,16 @@ mod tests {
         ] {
             let error = of(&square, units).unwrap_err().to_string();
             assert!(error.contains(word), "{error}");
+        }
+        // Micrometres that the file states as metres, of no whole number of periods.
+        let slope = map(5, vec![0.0, -0.5, -1.0, -0.3, 2.0]);
+        for (height_unit_um, word) in [(1.0, "close the period"), (1e6, "--height-unit-um")] {
+            let stated = MapUnits {
+                pitch_um: [2.0, 2.0],
+                height_unit_um,
+            };
+            let error = of(&slope.clone().stating(stated), &open).unwrap_err();
+            assert!(error.to_string().contains(word), "{error}");
         }
         // The command line overrides the file.
         let own = MapUnits {

@@ -339,6 +339,36 @@ fn fit_from(
     fitted
 }
 
+/// Returns how much c changes if only the darker half of the visits determines it; 0 within twice its own standard uncertainty.
+/// Over a curve of another form than this one c depends on the level, and the correction is wrong by about that much.
+fn by_level(visits: &[Visit], of: &CurveFit, known: &CurvePrior) -> f64 {
+    let level = |visit: &Visit| {
+        let means = visit.iter().map(|seen| {
+            let sums = seen
+                .bins
+                .iter()
+                .fold([0.0, 0.0], |a, b| [a[0] + b[0], a[1] + b[1]]);
+            sums[1] / sums[0]
+        });
+        means.fold(0.0, f64::max)
+    };
+    let kept = visits.iter().zip(&of.kept).filter(|(_, kept)| **kept);
+    let mut kept: Vec<&Visit> = kept.map(|(visit, _)| visit).collect();
+    kept.sort_by(|a, b| level(a).total_cmp(&level(b)));
+    let dark = &kept[..kept.len() / 2];
+    if dark.len() < VISITS_MIN {
+        return 0.0;
+    }
+    let Some((x, covariance)) = solved(dark, known, &of.x, of.flicker, true) else {
+        return 0.0;
+    };
+    let change = (x[C] - of.x[C]).abs();
+    match change > 2.0 * covariance[(C, C)].sqrt() {
+        true => change,
+        false => 0.0,
+    }
+}
+
 impl CurveFit {
     /// Twice the negative logarithm of how likely it is, up to a constant: the scatter that is left, visits left out, and
     /// what the clock is said to be off by.
@@ -386,6 +416,7 @@ impl Detector {
             let (c, std) = (f.x[C], f.covariance[(C, C)].sqrt());
             c.abs() > SIGNIFICANT_SIZE && c.abs() > SIGNIFICANT_SIGMAS * std && c.abs() < CURVE_MAX
         });
+        let by_level = bent.as_ref().map_or(0.0, |f| by_level(visits, f, known));
         let curve = bent.as_ref().map(|f| {
             let chosen: Vec<&Visit> = (visits.iter().zip(&f.kept))
                 .filter_map(|(visit, kept)| kept.then_some(visit))
@@ -400,7 +431,7 @@ impl Detector {
             DetectorCurve {
                 c: f.x[C],
                 exponent: 1.0,
-                std: f.covariance[(C, C)].sqrt(),
+                std: f.covariance[(C, C)].sqrt().hypot(by_level),
                 pairs: f.pairs,
                 full_scale_dn: known.full_dn,
                 explains: (1.0 - f.chi2 / chi2_without).clamp(0.0, 1.0),
@@ -452,6 +483,7 @@ impl Detector {
                 }
             }
         }
+        covariance[(C, C)] += by_level * by_level;
         if curve.is_none() {
             for k in 0..size {
                 covariance[(C, k)] = 0.0;

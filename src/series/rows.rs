@@ -30,7 +30,7 @@ pub struct FrameRow {
     pub exposure_s: f64,
     /// Number of the repeat, from 0.
     pub repeat: u32,
-    /// UTC at the start of the exposure, RFC 3339; may be empty.
+    /// UTC at the start of the exposure, RFC 3339 (or as spreadsheets and loggers write it); may be empty.
     pub timestamp: String,
 }
 
@@ -46,10 +46,17 @@ impl FrameRow {
         Pose::from_deg(self.theta_c_deg, self.phi_s_deg)
     }
 
-    /// Returns the time of the frame, s since 1970; `None` if the timestamp is not valid RFC 3339.
+    /// Returns the time of the frame, s since 1970; `None` if the timestamp is no ISO date with a time. A blank may stand for
+    /// the T, a comma for the point, and without an offset the time is UTC.
     #[must_use]
     pub fn taken_s(&self) -> Option<f64> {
-        let time = OffsetDateTime::parse(&self.timestamp, &Rfc3339).ok()?;
+        let (date, clock) = self.timestamp.trim().split_once(['T', 't', ' '])?;
+        let clock = clock.trim_start().replace(',', ".");
+        let offset = match clock.contains(['Z', 'z', '+', '-']) {
+            true => "",
+            false => "Z",
+        };
+        let time = OffsetDateTime::parse(&format!("{date}T{clock}{offset}"), &Rfc3339).ok()?;
         Some(time.unix_timestamp_nanos() as f64 * 1e-9)
     }
 
@@ -325,6 +332,28 @@ mod tests {
             FrameRow::read_all(&FrameRow::write_all(&rows), "").unwrap(),
             rows
         );
+    }
+
+    #[test]
+    fn a_time_is_read_as_loggers_and_spreadsheets_write_it() {
+        let taken = |timestamp: &str| {
+            let text = format!("{HEADER}a.png,sample,0,0,1,0,\"{timestamp}\"\n");
+            FrameRow::read_all(&text, "frames.csv").unwrap()[0].taken_s()
+        };
+        let plain = taken("2026-03-02T09:00:07.25Z");
+        assert!(plain.is_some());
+        for other in [
+            "2026-03-02 09:00:07.25",
+            "2026-03-02T09:00:07.25",
+            "2026-03-02 09:00:07,25",
+            "2026-03-02 10:00:07.25+01:00",
+            " 2026-03-02 09:00:07.25Z ",
+        ] {
+            assert_eq!(taken(other), plain, "{other}");
+        }
+        for none in ["", "09:00:07", "2026-03-02", "2026-03-02 noon", "yesterday"] {
+            assert_eq!(taken(none), None, "{none}");
+        }
     }
 
     #[test]

@@ -82,6 +82,16 @@ impl<'a> Problem<'a> {
         problem
     }
 
+    /// Returns the same problem for other signals of the same poses and flats.
+    pub(in crate::fit) fn with_signals_of<'s>(&self, set: &'s ObservationSet) -> Problem<'s>
+    where
+        'a: 's,
+    {
+        let mut problem: Problem<'s> = self.clone();
+        problem.set = set;
+        problem
+    }
+
     /// Returns the same problem for a rig with the lamp at another place; `set` must differ in nothing else.
     pub(in crate::fit) fn seen_by<'s>(&self, set: &'s ObservationSet) -> Problem<'s>
     where

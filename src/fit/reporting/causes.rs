@@ -51,10 +51,12 @@ pub(super) fn all(
             advice: drift.advice().to_owned(),
         });
     }
-    if let Some(poses) = bad_poses(e).filter(|poses| poses.explains > EXPLAINS) {
+    // An investigation has tried them beside the properties of the surface.
+    let open = !e.poses_tried;
+    if let Some(poses) = bad_poses(e).filter(|poses| open && poses.explains > EXPLAINS) {
         found.push(of_poses(e, &poses));
     }
-    if let Some(block) = bad_block(e) {
+    if let Some(block) = bad_block(e).filter(|_| open) {
         found.push(of_block(e, &block));
     }
     found.extend(index(e));

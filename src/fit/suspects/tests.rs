@@ -1,5 +1,6 @@
 //! A tilt of the sample across the ridges, a lamp beside its stated place, a white reference that is not Lambertian, tails
-//! of the slopes at few poses, flat lands, two causes at once and another index, painted by the closed form.
+//! of the slopes at few poses, flat lands, two causes at once, a wrong one of few poses and another index, painted by the closed
+//! form.
 
 use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
@@ -204,6 +205,18 @@ fn two_causes_that_explain_little_alone_are_found_together() {
     codes.sort_by_key(|code| code.word());
     assert_eq!(codes, [Code::RoundedCrests, Code::Tails]);
     assert!(away.abs() < 2.5 && u < 0.5, "{away} {u}");
+}
+
+#[test]
+fn a_wrong_pose_is_found_among_few() {
+    let truth = surface(14.0, 0.12, 0.35, 0.0, 0.0);
+    for pose in [4, 7, 10] {
+        let mut set = painted(poses(5, 10.0, 3), &truth, 2e-4, 5);
+        set.observations[pose].signal *= 0.92;
+        let (away, _, codes) = found(&set, &truth);
+        assert_eq!(codes, [Code::BadPose], "{pose}");
+        assert!(away.abs() < 2.5, "{pose} {away}");
+    }
 }
 
 #[test]

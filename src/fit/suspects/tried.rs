@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::list::{SUSPECTS, Suspect};
 use super::{ALIKE, BESIDE, BRIEF, EXPLAINED, Inquiry, OTHERS, TURNED, Trial, has_body};
-use crate::fit::findings::Code;
+use crate::fit::findings::{Blame, Code};
 use crate::fit::lighter::without_shape;
 use crate::fit::problem::{Quantity, Values};
 use crate::fit::start::{ONE_SURFACE, distance};
@@ -17,36 +17,61 @@ pub(super) struct Step<'a> {
     pub(super) alike: Vec<Code>,
 }
 
+/// What explains the residual of a fit.
+pub(super) enum Next<'a> {
+    /// Terms; empty if nothing explains it.
+    Terms(Vec<Step<'a>>),
+    /// A cause in the observations.
+    Blame(Box<Blame>),
+}
+
 impl<'a> Inquiry<'_, 'a> {
-    /// Returns the suspects that explain the residual of a fit: one, or two that do so only together. If no other does,
-    /// the index may.
-    pub(super) fn next(
-        &self,
-        on: &Trial<'a>,
-        joined: &[Quantity],
-        is_first: bool,
-    ) -> Vec<Step<'a>> {
+    /// Returns what explains the residual of a fit best, by χ² per degree of freedom: a suspect of the surface or a cause in
+    /// the observations, or two that do so only together. If nothing does, the index may.
+    pub(super) fn next(&self, on: &Trial<'a>, joined: &[Quantity], is_first: bool) -> Next<'a> {
         let most = EXPLAINED * on.minimum.cost;
         let (index, real): (Vec<_>, Vec<_>) = self
             .tried(on, joined)
             .into_iter()
             .partition(|step| step.suspect.code == Code::Index);
         let explains = |step: &Step<'a>| step.trial.minimum.cost < most;
-        let alone = best(real.iter().filter(|s| explains(s)).cloned().collect());
-        if !alone.is_empty() {
-            return alone;
+        // Beside a term of the surface, as two suspects together, a cause in the observations must quarter χ²: what the terms
+        // themselves miss is large at few poses, too.
+        let share = if is_first {
+            EXPLAINED
+        } else {
+            EXPLAINED * EXPLAINED
+        };
+        let limit = share * self.left(on.minimum.cost, joined.len());
+        let blame = self.blame(on, joined.len());
+        let mut blame = blame.filter(|blame| blame.left < limit);
+        let mut steps = best(real.iter().filter(|s| explains(s)).cloned().collect());
+        if steps.is_empty() && is_first {
+            steps = best(self.elsewhere(on, joined, most));
         }
-        if is_first {
-            let elsewhere = best(self.elsewhere(on, joined, most));
-            if !elsewhere.is_empty() {
-                return elsewhere;
+        if steps.is_empty() {
+            if blame.is_none() && is_first {
+                let after = real.iter().take(OTHERS);
+                let after = after.filter_map(|step| self.blame(&step.trial, joined.len() + 1));
+                let after = after.filter(|blame| blame.left < EXPLAINED * limit);
+                blame = after.min_by(|a, b| a.left.total_cmp(&b.left));
             }
-            let pair = self.pair(&real, joined, EXPLAINED * most);
-            if !pair.is_empty() {
-                return pair;
+            if is_first {
+                steps = self.pair(&real, joined, EXPLAINED * most);
             }
         }
-        best(index.into_iter().filter(explains).collect())
+        let by_terms = steps.last().map_or(f64::INFINITY, |last| {
+            self.left(last.trial.minimum.cost, joined.len() + steps.len())
+        });
+        match blame {
+            Some(blame) if blame.left < by_terms && (!blame.is_open || steps.is_empty()) => {
+                Next::Blame(Box::new(blame))
+            }
+            _ if steps.is_empty() => {
+                Next::Terms(best(index.into_iter().filter(explains).collect()))
+            }
+            _ => Next::Terms(steps),
+        }
     }
 
     /// Frees each suspect in addition to a fit and lists those that are there, best first.

@@ -37,8 +37,19 @@ fn the_curve_and_its_inverse_are_each_others() {
 
 /// Visits by exposures of 0.05 and 0.2 s, signals between `levels`, with flicker.
 fn visits(levels: &[f64], c: f64, kappa: f64, flicker: f64, seed: u64) -> (Vec<Visit>, CurvePrior) {
-    let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
     let curve = Curve { c, full_dn: FULL };
+    visits_by(levels, |linear| curve.counted(linear), kappa, flicker, seed)
+}
+
+/// The same of a camera with any curve.
+fn visits_by(
+    levels: &[f64],
+    counted: impl Fn(f64) -> f64,
+    kappa: f64,
+    flicker: f64,
+    seed: u64,
+) -> (Vec<Visit>, CurvePrior) {
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
     let known = CurvePrior {
         full_dn: FULL,
         times_s: vec![0.05, 0.2],
@@ -48,7 +59,7 @@ fn visits(levels: &[f64], c: f64, kappa: f64, flicker: f64, seed: u64) -> (Vec<V
     let visit = |level: &f64| {
         let mut one = |time: usize, linear: f64| {
             let linear = linear * (1.0 + flicker * rng.sample::<f64, _>(StandardNormal));
-            let counts = curve.counted(linear);
+            let counts = counted(linear);
             let n = 4096.0;
             FrameLevels {
                 time,
@@ -98,6 +109,35 @@ fn a_curve_is_reported_within_its_uncertainty_and_a_straight_one_is_not() {
         );
         assert!(found.shares(&[vec![]], &[])[0] == 0.0);
     }
+}
+
+#[test]
+fn a_curve_of_another_form_is_less_certain() {
+    let found = |counted: &dyn Fn(f64) -> f64| {
+        let (visits, known) = visits_by(&spread(40, 4e3, 6e4), counted, 0.0, 3e-4, 3);
+        detector(&visits, &known, None).bent.expect("a curve")
+    };
+    let of_this = found(&|e| e * (1.0 - 0.05 * e / FULL));
+    let saturating = |e: f64| 2.0 * FULL * (0.5 * e / FULL).tanh();
+    let of_another = found(&saturating);
+    assert!(
+        of_this.std < 1e-3 && of_another.std > 5.0 * of_this.std,
+        "{of_this:?} {of_another:?}"
+    );
+    // The uncertainty covers what is left after the correction, up to a factor that all signals share.
+    let off = |counts: f64| {
+        let curve = Curve {
+            c: of_another.c,
+            full_dn: FULL,
+        };
+        let linear = curve.linear(saturating(counts));
+        ((linear / counts).ln(), curve.per_c(linear) * of_another.std)
+    };
+    let (low, high) = (off(0.1 * FULL), off(0.8 * FULL));
+    assert!(
+        (high.0 - low.0).abs() < 2.0 * (high.1 - low.1),
+        "{low:?} {high:?}"
+    );
 }
 
 #[test]
