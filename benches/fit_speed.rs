@@ -11,11 +11,11 @@ use std::hint::black_box;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use ridged::fit::covariance::covariance;
 use ridged::fit::estimate::StartReport;
+use ridged::fit::least_squares::levenberg_marquardt::Minimum;
+use ridged::fit::multistart::from_starts;
 use ridged::fit::problem::{Problem, Quantity, Values};
-use ridged::fit::search::from_starts;
-use ridged::fit::solver::Minimum;
+use ridged::fit::uncertainty::covariance::covariance;
 use ridged::geometry::{Cones, Pose, RigGeometry};
 use ridged::material::Material;
 use ridged::model::Variant;

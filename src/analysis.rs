@@ -7,10 +7,10 @@ use std::ops::RangeInclusive;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use crate::fit::convergence_trace::Time;
 use crate::fit::joint::{JointError, JointReport, Scan};
 use crate::fit::report::LeftOut;
 use crate::fit::traced::TracingProgress;
-use crate::fit::trail::Time;
 use crate::fit::{self, FitOptions, FitReport};
 use crate::geometry::Pose;
 use crate::model::Surface;
@@ -181,12 +181,14 @@ fn fitted(
         report
             .warnings
             .extend(notes.map(|note| format!("the file of the measured shape: {note}")));
-        report.warnings.extend(fit::shape::contradictions(
-            profile,
-            options.height_map.as_ref(),
-            &report.parameters.theta_r_deg,
-            manifest.and_then(|m| m.sample.pitch_length_um),
-        ));
+        report
+            .warnings
+            .extend(fit::causes::measured_shape::contradictions(
+                profile,
+                options.height_map.as_ref(),
+                &report.parameters.theta_r_deg,
+                manifest.and_then(|m| m.sample.pitch_length_um),
+            ));
     }
     if cancel.load(Ordering::Relaxed) {
         return Err(AnalysisError::Cancelled);
@@ -308,13 +310,11 @@ pub fn analyse_together(
         .collect();
     let limit = options.max_seconds;
     let late = || limit.is_some_and(|limit| fitting.elapsed().as_secs_f64() >= limit);
-    let tier = &fit::tier::two_bounces;
-    let mut report =
-        fit::joint::fit_joint(&scans, &options.fit, tier, &late, cancel).map_err(|error| {
-            match error {
-                JointError::Cancelled => AnalysisError::Cancelled.into(),
-                other => JointAnalysisError::from(other),
-            }
+    let higher_order = &fit::higher_order::two_bounces;
+    let mut report = fit::joint::fit_joint(&scans, &options.fit, higher_order, &late, cancel)
+        .map_err(|error| match error {
+            JointError::Cancelled => AnalysisError::Cancelled.into(),
+            other => JointAnalysisError::from(other),
         })?;
     for ((scan, (_, source)), set) in report.scans.iter_mut().zip(sources).zip(&observations) {
         let tolerance = options.fit.tolerance;

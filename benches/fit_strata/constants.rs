@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 use ridged::fit::FitOptions;
+use ridged::fit::multistart::tuning::Tuning;
 use ridged::fit::one_variant::estimate;
-use ridged::fit::tuning::Tuning;
 
 use crate::Args;
 use crate::draw::{self, Stratum};

@@ -5,9 +5,9 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::DMatrix;
 use ridged::fit::least_squares::LeastSquares;
-use ridged::fit::opening::free_quantities;
+use ridged::fit::least_squares::levenberg_marquardt::{Minimum, Settings};
 use ridged::fit::problem::{Problem, Quantity, Values};
-use ridged::fit::solver::{Minimum, Settings};
+use ridged::fit::search_setup::free_quantities;
 use ridged::model::Variant;
 
 use crate::draw::{Case, Draw, Stratum, Truth, painted};

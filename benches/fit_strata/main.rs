@@ -29,13 +29,13 @@ use std::time::{Duration, Instant};
 
 use clap::Parser;
 use rayon::prelude::*;
-use ridged::fit::budget::uncertainty;
-use ridged::fit::intervals;
 use ridged::fit::one_variant::estimate;
-use ridged::fit::opening::free_quantities;
 use ridged::fit::problem::Quantity;
+use ridged::fit::report::build::report_of;
 use ridged::fit::report::{Parameter, Status, VariantName};
-use ridged::fit::reporting::report_of;
+use ridged::fit::search_setup::free_quantities;
+use ridged::fit::uncertainty::budget::uncertainty;
+use ridged::fit::uncertainty::intervals;
 use ridged::fit::{FitOptions, VariantChoice};
 use ridged::model::Variant;
 

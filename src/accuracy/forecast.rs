@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use crate::analysis::AnalysisOptions;
 use crate::fit::VariantChoice;
-use crate::fit::outlook::{Outlook, outlook};
+use crate::fit::cost_estimate::{Outlook, outlook};
 use crate::fit::problem::Values;
 use crate::fit::traced::ridged_surface;
 use crate::forecast::Forecast;

@@ -9,14 +9,14 @@ use super::{CheckEffort, CheckRow};
 use crate::cases::{
     MIRROR, POLYMER, PaintedError, PaintedScan, PaintedSigma, SampleCase, pose_grid,
 };
+use crate::fit::least_squares::levenberg_marquardt::Settings;
 use crate::fit::loss::Loss;
+use crate::fit::model_selection::fit_without_higher_order;
 use crate::fit::one_variant::estimate;
-use crate::fit::opening::free_quantities;
 use crate::fit::problem::{Problem, Quantity, Values};
+use crate::fit::report::build::report_of;
 use crate::fit::report::{FitReport, Status, VariantName};
-use crate::fit::reporting::report_of;
-use crate::fit::solver::Settings;
-use crate::fit::variants::fit_without_tier;
+use crate::fit::search_setup::free_quantities;
 use crate::fit::{FitOptions, VariantChoice};
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::{Surface, Variant};
@@ -51,7 +51,7 @@ fn fitted(set: &ObservationSet, cancel: &AtomicBool) -> FitReport {
         variant: VariantChoice::Sawtooth,
         ..FitOptions::default()
     };
-    fit_without_tier(set, &options, cancel)
+    fit_without_higher_order(set, &options, cancel)
 }
 
 /// Fits in the same way, but skips the printed variant where possible; it takes half of the time and is not checked here.
@@ -63,7 +63,7 @@ pub(super) fn fitted_in_full(set: &ObservationSet, loss: Loss, cancel: &AtomicBo
     };
     match estimate(set, Variant::Sawtooth, &options, None, cancel) {
         Some(found) => report_of(&found, VariantName::Sawtooth),
-        None => fit_without_tier(set, &options, cancel),
+        None => fit_without_higher_order(set, &options, cancel),
     }
 }
 

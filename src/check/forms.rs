@@ -310,8 +310,8 @@ fn limits(rows: &mut Vec<CheckRow>) {
             source,
             limit(flat, distance, found),
         ));
-        let tier = |s: &Surface| Quadrature::new(s, &table).radiance(&d, theta_r).value;
-        let judged = limit(tier(&surface), distance, tier(&ridged));
+        let higher_order = |s: &Surface| Quadrature::new(s, &table).radiance(&d, theta_r).value;
+        let judged = limit(higher_order(&surface), distance, higher_order(&ridged));
         rows.push(CheckRow::new(
             "two-bounce quadrature",
             name,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::{CliError, output, runtime};
 use crate::comparison::shared::SharedChoice;
 use crate::comparison::{ComparedParameter, ComparedValue, Comparison};
-use crate::fit::coverage::other_factor;
+use crate::fit::uncertainty::coverage::other_factor;
 use crate::lab;
 use crate::store::Store;
 use crate::store::disk::RealDisk;
@@ -159,7 +159,7 @@ mod tests {
     use super::*;
     use crate::comparison::compare;
     use crate::comparison::tests::result;
-    use crate::fit::budget::Budget;
+    use crate::fit::uncertainty::budget::Budget;
 
     #[test]
     fn the_text_states_difference_uncertainty_and_agreement() {

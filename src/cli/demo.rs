@@ -16,7 +16,7 @@ use super::simulated::ConstructionArgs;
 use crate::api::Access;
 use crate::api::server::{self, ListenError, ListenSettings, Sockets};
 use crate::daemon::{self, Daemon};
-use crate::fit::coverage::other_factor;
+use crate::fit::uncertainty::coverage::other_factor;
 use crate::job::{JobId, JobKind, JobState};
 use crate::lab::{FIT_NOT_STARTED, Lab, ScanRequest};
 use crate::scan::plan::Preset;

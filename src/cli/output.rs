@@ -5,7 +5,7 @@ use std::io::{IsTerminal as _, Write as _};
 use serde::Serialize;
 
 use super::{CliError, terminal};
-use crate::fit::text::Form;
+use crate::fit::report::text::Form;
 use crate::wording::layout::{tables, wrapped};
 
 /// How the result of a fit is printed.

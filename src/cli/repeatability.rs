@@ -246,7 +246,7 @@ fn answer(found: &Repeatability, title: &str, unit: &str) -> String {
 mod tests {
     use super::*;
     use crate::comparison::tests::result;
-    use crate::fit::budget::Budget;
+    use crate::fit::uncertainty::budget::Budget;
     use crate::repeatability::study;
 
     #[test]

@@ -19,8 +19,8 @@ use super::progress::Bar;
 use super::{CliError, fit, interrupt, output};
 use crate::accuracy::stated_errors::with_stated_errors;
 use crate::analysis::{Analysis, AnalysisOptions, analyse_observations};
-use crate::fit::coverage::other_factor;
 use crate::fit::report::{FitReport, Parameter};
+use crate::fit::uncertainty::coverage::other_factor;
 use crate::series::Series;
 use crate::wording::decimals;
 

@@ -10,8 +10,8 @@ pub mod shared;
 
 use serde::Serialize;
 
-use crate::fit::coverage::coverage_factor;
 use crate::fit::report::{Freedom, Parameter, Parameters, VariantName};
+use crate::fit::uncertainty::coverage::coverage_factor;
 use shared::{Circumstances, SharedChoice, SharedLine, decided};
 
 /// The result of a scan: what is compared.
@@ -274,7 +274,7 @@ pub fn scattering_std(name: &str, parameter: &Parameter, shared: &[SharedLine]) 
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::fit::budget::Budget;
+    use crate::fit::uncertainty::budget::Budget;
 
     pub(crate) fn result(scan_id: i64, theta_r_deg: f64, budget: Budget) -> MeasuredResult {
         let unknown = || Parameter::unknown("not in this test");

@@ -5,8 +5,8 @@
 
 use serde::Serialize;
 
-use crate::fit::budget::Budget;
 use crate::fit::report::VariantName;
+use crate::fit::uncertainty::budget::Budget;
 use crate::wording::meant;
 
 /// How a scan was measured, as far as it decides which errors it has in common with others.

@@ -4,10 +4,10 @@
 use std::sync::atomic::AtomicBool;
 
 use super::FitOptions;
-use super::budget::uncertainty;
 use super::one_variant::estimate;
 use super::painted::{TRUTH, painted};
 use super::problem::{Quantity, Values};
+use super::uncertainty::budget::uncertainty;
 use crate::geometry::Pose;
 use crate::material::Material;
 use crate::model::Variant;
@@ -131,7 +131,7 @@ fn where_the_data_contradict_the_certificate_the_expanded_uncertainty_reaches_th
     };
     let never = AtomicBool::new(false);
     let e = estimate(&set, Variant::Sawtooth, &options, None, &never).unwrap();
-    let denied = crate::fit::denials::denials(&e);
+    let denied = super::causes::contradicted_values::denials(&e);
     assert!(
         denied.iter().any(|d| d.quantity == Quantity::Eta),
         "{denied:?}"

@@ -1,8 +1,8 @@
 //! A fitted variant: what the search, the settling and the corrections leave to the budget and the report.
 
-use super::findings::{Blame, Finding};
-use super::minimum::Minimum;
-use super::misfit::{freedom, misfit_scale, peak};
+use super::causes::findings::{Blame, Finding};
+use super::least_squares::minimum::Minimum;
+use super::model_discrepancy::{freedom, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
 use super::traced::Tracing;
 use crate::observation::ObservationSet;
@@ -16,7 +16,7 @@ pub struct Estimate<'a> {
     pub minimum: Minimum,
     /// All values, with the sign of θr as the solver left it (see [`Values::folded`]).
     pub values: Values,
-    /// Model discrepancy d, as a share of s (see `misfit`).
+    /// Model discrepancy d, as a share of s (see `model_discrepancy`).
     pub discrepancy: f64,
     /// Standard uncertainty of each observation by the model error, d·s.
     pub misfit: Vec<f64>,
@@ -28,10 +28,10 @@ pub struct Estimate<'a> {
     pub rms_residual: f64,
     /// Number of free parameters without those that only move within a stated uncertainty.
     pub fitted: usize,
-    /// Change of each free parameter by the costlier tier (units of the solver); zero without it.
-    pub tier_shift: Vec<f64>,
-    /// Whether the data cannot distinguish the tier from the closed form without it.
-    pub tier_undecided: bool,
+    /// Change of each free parameter by the higher order (units of the solver); zero without it.
+    pub higher_order_shift: Vec<f64>,
+    /// Whether the data cannot distinguish the higher order from the closed form without it.
+    pub higher_order_undecided: bool,
     /// Weight of each observation by the loss, 1 if it counts in full.
     pub loss_weights: Vec<f64>,
     /// Whether noise, or a small model error, accounts for the scatter. Otherwise possibly no start found the lobe.
@@ -46,12 +46,12 @@ pub struct Estimate<'a> {
     pub no_lobe: Option<Minimum>,
     /// What the ray tracer did, if the estimate depends on it.
     pub traced: Option<Tracing>,
-    /// If the tolerance allowed leaving out the costlier tier: its effect, as a share of the peak.
-    pub tier_left_out: Option<f64>,
+    /// If the tolerance allowed leaving out the higher order: its effect, as a share of the peak.
+    pub higher_order_left_out: Option<f64>,
     /// Whether the time limit ended the search for other explanations of the data.
     pub cut_short: bool,
     /// What was left out because there are very many observations.
-    pub thinned: Option<Thinned>,
+    pub thinned: Option<Subsample>,
     /// What explains the residual that an ideal sawtooth leaves, largest share first.
     pub findings: Vec<Finding>,
     /// Whether wrong poses were tried beside those terms.
@@ -63,9 +63,9 @@ pub struct Estimate<'a> {
 }
 
 impl Estimate<'_> {
-    /// Whether the corrections of the costlier tier are in use.
-    pub(super) fn takes_tier(&self) -> bool {
-        self.tier_shift.iter().any(|s| *s != 0.0)
+    /// Whether the corrections of the higher order are in use.
+    pub(super) fn takes_higher_order(&self) -> bool {
+        self.higher_order_shift.iter().any(|s| *s != 0.0)
     }
 
     /// Changes of the weighted residuals of the observations by the stated standard uncertainties of both stages.
@@ -122,10 +122,10 @@ pub struct StartReport {
 
 /// What a fit of very many observations left out.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Thinned {
+pub struct Subsample {
     /// Indices of the observations that the search used.
     pub kept: Vec<usize>,
-    /// Number of poses at which the costlier tier was integrated, and the error of the interpolation (root mean square
-    /// over poses in between, as a share of the peak). `None` if no tier is in use or it was integrated at every pose.
+    /// Number of poses at which the higher order was integrated, and the error of the interpolation (root mean square
+    /// over poses in between, as a share of the peak). `None` if no higher order is in use or it was integrated at every pose.
     pub interpolated: Option<(usize, f64)>,
 }

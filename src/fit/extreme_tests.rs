@@ -5,9 +5,9 @@ use std::sync::atomic::AtomicBool;
 use proptest::prelude::*;
 
 use super::least_squares::LeastSquares;
+use super::least_squares::levenberg_marquardt::{Bounds, Ending, Settings, minimise};
 use super::loss::Loss;
-use super::solver::{Bounds, Ending, Settings, minimise};
-use super::thin::triangle;
+use super::subsample::triangle;
 use crate::extremes::{any_double, cases};
 
 const ROWS: usize = 5;

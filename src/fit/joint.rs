@@ -18,18 +18,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::causes::suspects::agreed;
 use super::estimate::Estimate;
-use super::misfit::{
+use super::higher_order::HigherOrder;
+use super::least_squares::levenberg_marquardt::{Minimum, Settings, minimise};
+use super::model_discrepancy::{
     ROUNDS, discrepancy_of, explained, freedom, lightened, loss_weights, misfit_scale,
 };
+use super::multistart::Late;
 use super::one_variant::estimate_until;
 use super::problem::{Problem, Quantity, Values};
 use super::report::FitReport;
-use super::search::Late;
-use super::settle::sigma_at;
-use super::solver::{Minimum, Settings, minimise};
-use super::suspects::agreed;
-use super::tier::Tier;
+use super::reweighting::sigma_at;
 use super::{FitOptions, Loss, VariantChoice};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
@@ -50,7 +50,7 @@ const SHARED: [Quantity; 10] = [
 ];
 /// The reason why the common report has no gain, stray light or offsets.
 pub(crate) const EACH_ITS_OWN: &str = "each scan has its own value; see scans";
-/// Passes of tier and refit.
+/// Passes of higher order and refit.
 const JOINT_PASSES: usize = 4;
 
 /// One scan with a name for the report.
@@ -120,7 +120,7 @@ pub struct ScanReport {
 pub fn fit_joint(
     scans: &[Scan<'_>],
     options: &FitOptions,
-    tier: Tier<'_>,
+    higher_order: HigherOrder<'_>,
     late: Late<'_>,
     cancel: &AtomicBool,
 ) -> Result<JointReport, JointError> {
@@ -129,11 +129,11 @@ pub fn fit_joint(
         VariantChoice::Paper => Variant::Paper,
         _ => Variant::Sawtooth,
     };
-    let integrated = Some(tier).filter(|_| variant == Variant::Sawtooth);
+    let integrated = Some(higher_order).filter(|_| variant == Variant::Sawtooth);
     let alone: Vec<Estimate<'_>> = scans
         .par_iter()
         .map(|scan| {
-            let refusal = super::refusals::refused(scan.set, options);
+            let refusal = super::report::refusals::refused(scan.set, options);
             let fitted = match &refusal {
                 Some(_) => None,
                 None => estimate_until(scan.set, variant, options, integrated, late, cancel),
@@ -152,13 +152,13 @@ pub fn fit_joint(
                 set: finer.as_ref().unwrap_or(scan.set),
             })
             .collect();
-        return fit_joint(&scans, options, tier, late, cancel);
+        return fit_joint(&scans, options, higher_order, late, cancel);
     }
     let alone = agreed(alone, options, integrated, cancel);
     let mut joint = Joint::new(&alone, options, cancel);
     joint.settle_near();
-    if let Some(tier) = integrated {
-        joint.correct(tier);
+    if let Some(higher_order) = integrated {
+        joint.correct(higher_order);
     }
     joint.refit(&Settings::default());
     if cancel.load(Ordering::Relaxed) {
@@ -347,15 +347,15 @@ impl<'e, 'a> Joint<'e, 'a> {
         self.problems[scan].signal_residuals(&self.values(scan))
     }
 
-    /// Applies the corrections of the tier at the common surface. One surface has one model, so all scans use them if
+    /// Applies the corrections of the higher order at the common surface. One surface has one model, so all scans use them if
     /// one does.
-    fn correct(&mut self, tier: Tier<'_>) {
-        if !self.alone.iter().any(Estimate::takes_tier) {
+    fn correct(&mut self, higher_order: HigherOrder<'_>) {
+        if !self.alone.iter().any(Estimate::takes_higher_order) {
             return;
         }
         for _ in 0..JOINT_PASSES {
             for scan in 0..self.alone.len() {
-                if let Some(correction) = tier(&self.problems[scan], &self.values(scan)) {
+                if let Some(correction) = higher_order(&self.problems[scan], &self.values(scan)) {
                     let problem = self.problems[scan].clone();
                     self.problems[scan] = problem.with_correction(correction);
                 }

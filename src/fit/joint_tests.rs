@@ -4,13 +4,13 @@ use std::sync::atomic::AtomicBool;
 
 use super::*;
 use crate::fit::Constraint;
-use crate::fit::budget::uncertainty;
+use crate::fit::higher_order::two_bounces;
 use crate::fit::one_variant::estimate;
 use crate::fit::painted::{TRUTH, painted};
 use crate::fit::problem::Problem;
 use crate::fit::report::Parameter;
 use crate::fit::report::Status;
-use crate::fit::tier::two_bounces;
+use crate::fit::uncertainty::budget::uncertainty;
 use crate::geometry::Pose;
 use crate::material::Material;
 
@@ -91,7 +91,7 @@ fn three_mountings_give_one_surface_and_separate_zeros() {
     // 4, 3 and 3 azimuths of five tilts.
     assert_eq!(joint.report.n_observations, 50);
     assert_eq!(joint.report.parameters.tilt_offset_deg.value, None);
-    let text = crate::fit::text::joint(&joint, &crate::fit::text::Form::PLAIN);
+    let text = crate::fit::report::text::joint(&joint, &crate::fit::report::text::Form::PLAIN);
     // The values that each scan has for itself are reported with their uncertainty, not as undetermined.
     assert!(!text.contains("not determined"), "{text}");
     let row = text

@@ -7,6 +7,12 @@
 //! by a power of two, because their squares would leave the range of doubles and invalidate the reflection. A pivot
 //! that is 0 or not finite makes the solution fail. The caller, who knows the scales, has to judge small pivots.
 
+pub(super) mod descent;
+pub(crate) mod lane_steps;
+pub mod levenberg_marquardt;
+pub mod minimum;
+pub(super) mod trust_region;
+
 /// A nonlinear least-squares problem: minimise the sum of squared residuals.
 pub trait LeastSquares {
     /// Number of parameters n.

@@ -8,25 +8,27 @@
 //! - The model error of the closed forms exceeds the counting noise. The scatter that it leaves is a separate term of
 //!   the uncertainty.
 //!
-//! Modules:
+//! A fit of one variant runs through these modules in this order; [`one_variant`] is the call, `pipeline` the steps:
 //!
-//! - The problem: [`least_squares`] (definition), [`solver`] (bounded Levenberg–Marquardt to a [`minimum`]), [`quantity`] (what can be
-//!   fitted), [`problem`] (observation model, with `known` inputs), [`loss`] (how residuals count).
-//! - The search: [`search`] (multistart with a stopping rule), [`start`] (starts that the bright spot suggests), `drawn`
-//!   (starts from the whole box), `crew` (descends from all starts at once, by `lane_form` and `lane_steps`), [`tuning`]
-//!   (its constants), `projection` (best amplitudes of a start).
-//! - One variant: [`one_variant`] (the call), `pipeline` (its steps), with [`opening`] (initial state), [`thin`] (very many
-//!   observations), `misfit` (model error), `settle` (its weights), [`tier`] (the costlier model as an offset), `unseen` (whether
-//!   there is a lobe at all), [`traced`]
-//!   (the ray tracer in its place). The result is an [`estimate`].
-//! - The uncertainty: [`covariance`], [`budget`], `drift` (of the lamp), `blunders` (single poses and runs of them),
-//!   `leftover` (the residual that they use), [`profile`] and [`intervals`] (intervals without the linear
-//!   approximation).
-//! - The answer: [`variants`] (selection), [`reporting`] (estimate to report), `denials` (contradicted statements),
-//!   `parameter_covariance`, [`report`] (its form), [`fitted_surface`] (report to BRDF), [`joint`] (several scans),
-//!   [`trail`] (progress against time), [`outlook`] (forecast of the duration).
+//! 1. [`problem`]: residuals of samples, flats and priors by the free quantities ([`quantity`]), with [`constraints`], `known`
+//!    errors and [`loss`].
+//! 2. [`search_setup`]: free quantities, weights and first starts, on a [`subsample`] of very many observations.
+//! 3. [`multistart`]: descents from all starts at once until the stopping rule ends them.
+//! 4. `model_discrepancy`, `reweighting`, [`higher_order`]: the model error, weights that allow for it, and the integrated second
+//!    bounce as a fixed offset; `discontinuities` for minima at edges of the closed form. [`traced`] puts the ray tracer in place
+//!    of the second bounce.
+//! 5. [`estimate`]: the fitted variant.
 //!
-//! This module uses no frames, no files and no clock: limits of time are read from the caller's ([`trail::Time`]).
+//! Around it:
+//!
+//! - [`least_squares`]: the solver, which knows no reflectance.
+//! - [`causes`]: why data and model disagree: sample, detector, lamp, rig, single poses.
+//! - [`uncertainty`]: covariance, budget, intervals.
+//! - [`model_selection`]: all variants, with what must be fitted again, and the choice between them. [`joint`]: several scans.
+//! - [`report`]: the answer, as JSON and text. [`fitted_surface`]: the BRDF of it.
+//! - [`convergence_trace`] and [`cost_estimate`]: progress against time, and the forecast of the duration.
+//!
+//! This module uses no frames, no files and no clock: limits of time are read from the caller's ([`convergence_trace::Time`]).
 
 use std::sync::atomic::AtomicBool;
 
@@ -35,60 +37,31 @@ use serde::{Deserialize, Serialize};
 use crate::observation::ObservationSet;
 use crate::trace::surface_profile::SurfaceProfile;
 
-pub mod blunders;
-pub mod budget;
+pub mod causes;
 pub mod constraints;
-pub mod covariance;
-pub mod coverage;
-mod crew;
-mod denials;
-mod descent;
-mod drawn;
-pub mod drift;
-mod edges;
+pub mod convergence_trace;
+pub mod cost_estimate;
+mod discontinuities;
 pub mod estimate;
-pub mod findings;
 pub mod fitted_surface;
-pub mod intervals;
+pub mod higher_order;
 pub mod joint;
 pub(crate) mod known;
-mod lane_form;
-pub(crate) mod lane_steps;
 pub mod least_squares;
-mod leftover;
-mod lighter;
 pub mod loss;
-pub mod minimum;
-mod misfit;
+mod model_discrepancy;
+pub mod model_selection;
+pub mod multistart;
 pub mod one_variant;
-pub mod opening;
-pub mod outlook;
-mod parameter_covariance;
 mod pipeline;
 pub mod problem;
-pub mod profile;
-mod projection;
 pub mod quantity;
-mod refusals;
 pub mod report;
-pub mod reporting;
-mod response;
-pub mod search;
-mod settle;
-pub mod shape;
-pub mod solver;
-pub mod start;
-mod suspects;
-pub mod text;
-pub mod thin;
-pub mod tier;
+mod reweighting;
+pub mod search_setup;
+pub mod subsample;
 pub mod traced;
-pub mod trail;
-mod trust_region;
-pub mod tuning;
-mod unseen;
-pub mod variants;
-pub mod wedge;
+pub mod uncertainty;
 
 #[cfg(test)]
 mod elsewhere_tests;
@@ -101,12 +74,12 @@ mod options_tests;
 #[cfg(test)]
 pub(crate) mod painted;
 
+use convergence_trace::Time;
 pub use loss::Loss;
+use multistart::tuning::Tuning;
 pub use quantity::Quantity;
 pub use report::FitReport;
 use traced::{TracingOptions, Watch};
-use trail::Time;
-use tuning::Tuning;
 
 /// Variant that the report is based on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
@@ -140,7 +113,7 @@ pub struct FitOptions {
     /// every uncertainty. Without it the uncertainties of the observations are taken as complete, which is true of data
     /// computed from the model itself.
     pub misfit: bool,
-    /// Upper limit of the model error as a share of s (see `misfit`). Without a limit the scatter decides.
+    /// Upper limit of the model error as a share of s (see `model_discrepancy`). Without a limit the scatter decides.
     pub misfit_most: Option<f64>,
     /// How residuals count.
     pub loss: Loss,
@@ -220,10 +193,16 @@ pub fn fit_watched(
     time: Option<Time<'_>>,
     cancel: &AtomicBool,
 ) -> FitReport {
-    let tracer = variants::Tracer {
+    let tracer = model_selection::Tracer {
         profile,
         watch,
         time,
     };
-    variants::fit_with_tracer(set, options, Some(&tier::two_bounces), &tracer, cancel)
+    model_selection::fit_with_tracer(
+        set,
+        options,
+        Some(&higher_order::two_bounces),
+        &tracer,
+        cancel,
+    )
 }

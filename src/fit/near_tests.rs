@@ -5,9 +5,9 @@ use std::sync::atomic::AtomicBool;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 
+use super::model_selection::fit_without_higher_order;
 use super::problem::{Problem, Quantity, Values};
 use super::report::FitReport;
-use super::variants::fit_without_tier;
 use super::{FitOptions, VariantChoice};
 use crate::geometry::{Cones, Field, Imaging, Pose, RigGeometry};
 use crate::material::Material;
@@ -98,7 +98,7 @@ fn fitted(set: &ObservationSet) -> FitReport {
         variant: VariantChoice::Sawtooth,
         ..FitOptions::default()
     };
-    fit_without_tier(set, &options, &AtomicBool::new(false))
+    fit_without_higher_order(set, &options, &AtomicBool::new(false))
 }
 
 /// The largest error of θr, αu and αv as a share of its expanded uncertainty, and the residual as a share of the peak.

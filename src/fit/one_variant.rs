@@ -1,26 +1,26 @@
 //! Fits one variant to one set of observations.
 //!
 //! Call [`estimate`]. `pipeline` has the steps. A set of very many observations goes through them in part (see
-//! [`super::thin`]), and a stated value is kept from posing as a model error.
+//! [`super::subsample`]), and a stated value is kept from posing as a model error.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::FitOptions;
 use super::constraints::priors;
-use super::covariance::covariance;
-use super::estimate::{Estimate, Thinned};
-use super::minimum::Minimum;
-use super::misfit::misfit_scale;
+use super::estimate::{Estimate, Subsample};
+use super::higher_order::HigherOrder;
+use super::least_squares::minimum::Minimum;
+use super::model_discrepancy::misfit_scale;
+use super::multistart::{AMBIGUOUS_RISE, Late};
 use super::pipeline::{FAR_LESS, Reached, conclude, whole};
 use super::problem::Problem;
-use super::search::{AMBIGUOUS_RISE, Late};
-use super::settle::{Settled, Weighing};
-use super::thin::{everywhere, representative, subset};
-use super::tier::Tier;
+use super::reweighting::{Weighing, WeightedFit};
+use super::subsample::{everywhere, representative, subset};
+use super::uncertainty::covariance::covariance;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
 
-/// Rounds of tier and descent over all observations.
+/// Rounds of higher order and descent over all observations.
 const PASSES_OVER_ALL: usize = 2;
 
 /// Fits one variant. Returns `None` if no point could be evaluated.
@@ -29,10 +29,10 @@ pub fn estimate<'a>(
     set: &'a ObservationSet,
     variant: Variant,
     options: &FitOptions,
-    tier: Option<Tier<'_>>,
+    higher_order: Option<HigherOrder<'_>>,
     cancel: &AtomicBool,
 ) -> Option<Estimate<'a>> {
-    estimate_until(set, variant, options, tier, &|| false, cancel)
+    estimate_until(set, variant, options, higher_order, &|| false, cancel)
 }
 
 /// Like [`estimate`]. Once `late` returns true, the search for other explanations of the data ends and the best result
@@ -42,13 +42,13 @@ pub fn estimate_until<'a>(
     set: &'a ObservationSet,
     variant: Variant,
     options: &FitOptions,
-    tier: Option<Tier<'_>>,
+    higher_order: Option<HigherOrder<'_>>,
     late: Late<'_>,
     cancel: &AtomicBool,
 ) -> Option<Estimate<'a>> {
     let fitted = |options: &FitOptions| match representative(set) {
-        Some(kept) => estimate_thinned(set, kept, variant, options, tier, late, cancel),
-        None => whole(set, variant, options, tier, late, cancel),
+        Some(kept) => estimate_thinned(set, kept, variant, options, higher_order, late, cancel),
+        None => whole(set, variant, options, higher_order, late, cancel),
     };
     let found = fitted(options)?;
     let stated = options.constraints.iter().any(|one| one.std > 0.0);
@@ -90,12 +90,12 @@ fn estimate_thinned<'a>(
     kept: Vec<usize>,
     variant: Variant,
     options: &FitOptions,
-    tier: Option<Tier<'_>>,
+    higher_order: Option<HigherOrder<'_>>,
     late: Late<'_>,
     cancel: &AtomicBool,
 ) -> Option<Estimate<'a>> {
     let few = subset(set, &kept);
-    let found = whole(&few, variant, options, tier, late, cancel)?;
+    let found = whole(&few, variant, options, higher_order, late, cancel)?;
     let own = set.sigma();
     let scale = misfit_scale(set);
     let weighing = Weighing {
@@ -112,22 +112,22 @@ fn estimate_thinned<'a>(
         .with_priors(&priors(&options.constraints))
         .with_loss(options.loss)
         .with_polarisation(found.problem.is_polarised());
-    let tier = tier.filter(|_| found.takes_tier());
-    let mut settled = Settled {
+    let higher_order = higher_order.filter(|_| found.takes_higher_order());
+    let mut settled = WeightedFit {
         minimum: found.minimum.clone(),
         discrepancy: found.discrepancy,
         problem,
     };
     let mut interpolated = None;
     for _ in 0..PASSES_OVER_ALL {
-        if let Some(tier) = tier {
+        if let Some(higher_order) = higher_order {
             let values = settled.values();
-            let everywhere = everywhere(&settled.problem, &values, tier, &kept, cancel)?;
+            let everywhere = everywhere(&settled.problem, &values, higher_order, &kept, cancel)?;
             interpolated = everywhere.nodes.map(|n| (n, everywhere.error));
             settled.problem = settled.problem.with_correction(everywhere.offsets);
         }
         settled.settle(&weighing);
-        if tier.is_none() || cancel.load(Ordering::Relaxed) {
+        if higher_order.is_none() || cancel.load(Ordering::Relaxed) {
             break;
         }
     }
@@ -146,15 +146,15 @@ fn estimate_thinned<'a>(
     let reached = Reached {
         cut_short: found.cut_short,
         settled,
-        shift: found.tier_shift,
-        undecided: found.tier_undecided,
+        shift: found.higher_order_shift,
+        undecided: found.higher_order_undecided,
         starts: found.starts,
         rivals,
         // The terms that may join need all observations at once.
         elsewhere: Vec::new(),
-        tier_left_out: found.tier_left_out,
+        higher_order_left_out: found.higher_order_left_out,
     };
     let mut all = conclude(reached, variant, &weighing);
-    all.thinned = Some(Thinned { kept, interpolated });
+    all.thinned = Some(Subsample { kept, interpolated });
     Some(all)
 }

@@ -10,17 +10,17 @@ use std::sync::atomic::AtomicBool;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 
-use super::budget::uncertainty;
-use super::coverage::coverage_factor;
+use super::convergence_trace::Time;
 use super::estimate::Estimate;
+use super::least_squares::levenberg_marquardt::Settings;
+use super::model_selection::{Tracer, fit_with_tracer, fit_without_higher_order};
 use super::one_variant::estimate;
 use super::painted::{painted, painted_by};
 use super::problem::{Problem, Quantity, Values};
+use super::report::build::report_of;
 use super::report::{ReferencePlane, VariantName};
-use super::reporting::report_of;
-use super::solver::Settings;
-use super::trail::Time;
-use super::variants::{Tracer, fit_with_tracer, fit_without_tier};
+use super::uncertainty::budget::uncertainty;
+use super::uncertainty::coverage::coverage_factor;
 use super::{Constraint, FitOptions, Loss, VariantChoice};
 use crate::geometry::Pose;
 use crate::model::Variant;
@@ -180,7 +180,7 @@ fn a_held_value_stays_and_has_no_uncertainty() {
         }],
         ..options()
     };
-    let report = fit_without_tier(&set, &held, &AtomicBool::new(false));
+    let report = fit_without_higher_order(&set, &held, &AtomicBool::new(false));
     let p = &report.parameters;
     assert_eq!((p.alpha_u.value, p.alpha_u.std), (Some(0.12), None));
     let theta = p.theta_r_deg.value.expect("it is free");
@@ -188,7 +188,7 @@ fn a_held_value_stays_and_has_no_uncertainty() {
 }
 
 #[test]
-fn a_tier_is_taken_at_the_reported_surface_where_the_model_error_is_left_out() {
+fn a_higher_order_is_taken_at_the_reported_surface_where_the_model_error_is_left_out() {
     let mut set = series(3);
     let signals = set.observations.iter().map(|o| o.signal);
     let peak = signals.fold(0.0, f64::max);
@@ -198,16 +198,22 @@ fn a_tier_is_taken_at_the_reported_surface_where_the_model_error_is_left_out() {
         o.signal += light(TRUTH.theta_r, o);
     }
     let asked = Mutex::new(Vec::new());
-    let tier = |problem: &Problem<'_>, values: &Values| {
+    let higher_order = |problem: &Problem<'_>, values: &Values| {
         let theta_r = values.theta_r.abs();
         asked.lock().expect("nothing panics").push(theta_r);
         let observations = problem.set().observations.iter();
         Some(observations.map(|o| light(theta_r, o)).collect())
     };
     let never = AtomicBool::new(false);
-    let found = estimate(&set, Variant::Sawtooth, &options(), Some(&tier), &never);
+    let found = estimate(
+        &set,
+        Variant::Sawtooth,
+        &options(),
+        Some(&higher_order),
+        &never,
+    );
     let found = found.expect("there is a minimum");
-    let steps = &found.tier_shift;
+    let steps = &found.higher_order_shift;
     assert!(steps.iter().any(|step| step.abs() > 1e-3), "{steps:?}");
     let asked = asked.into_inner().expect("nothing panics");
     let off = |theta_r: &f64| (theta_r - found.values.theta_r.abs()).abs();
@@ -230,7 +236,7 @@ fn a_held_gain_is_reported_as_it_was_used() {
         }],
         ..options()
     };
-    let report = fit_without_tier(&set, &held, &AtomicBool::new(false));
+    let report = fit_without_higher_order(&set, &held, &AtomicBool::new(false));
     let scale = &report.parameters.scale;
     assert_eq!((scale.value, scale.std), (Some(1.1), None));
 }
@@ -309,7 +315,7 @@ fn only_a_prior_that_the_data_contradict_is_reported() {
             constraints: vec![super::constraints::known("theta_r_deg", mean, std).unwrap()],
             ..options()
         };
-        let report = fit_without_tier(&set, &options, &AtomicBool::new(false));
+        let report = fit_without_higher_order(&set, &options, &AtomicBool::new(false));
         let mut warnings = report.warnings.iter();
         warnings.any(|w| w.contains("contradict the stated θr"))
     };
@@ -333,7 +339,7 @@ fn a_contradicted_prior_does_not_count_as_model_error() {
             misfit,
             ..options()
         };
-        let report = fit_without_tier(&set, &options, &AtomicBool::new(false));
+        let report = fit_without_higher_order(&set, &options, &AtomicBool::new(false));
         report.parameters.theta_r_deg.value.unwrap()
     };
     // The data come from the model, so allowing for a model error makes no difference.
@@ -348,7 +354,7 @@ fn few_poses_that_the_printed_form_explains_select_paper() {
         .flat_map(|tilt| [0.0, 90.0, 180.0].map(|azimuth| Pose::from_deg(tilt, azimuth)));
     let set = painted_by(Variant::Paper, poses, &TRUTH, 1e-4, 3);
     let cancel = AtomicBool::new(false);
-    let report = fit_without_tier(&set, &FitOptions::default(), &cancel);
+    let report = fit_without_higher_order(&set, &FitOptions::default(), &cancel);
     assert_eq!(report.variant, VariantName::Paper);
     assert_eq!(report.status, super::report::Status::Converged);
     let theta_r = &report.parameters.theta_r_deg;

@@ -1,22 +1,22 @@
-//! The steps of the fit of one variant on all observations of a set: search, weights, edges, costlier tier, estimate.
+//! The steps of the fit of one variant on all observations of a set: search, weights, edges, higher order, estimate.
 //!
-//! `misfit` determines the model error and with it the weights; `settle` makes the weights consistent with the fit that
+//! `model_discrepancy` determines the model error and with it the weights; `reweighting` makes the weights consistent with the fit that
 //! they are computed from.
 
 use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
-use super::edges;
+use super::causes::missing_lobe::no_lobe;
+use super::discontinuities;
 use super::estimate::{Estimate, StartReport};
-use super::minimum::{Ending, Minimum, Settings};
-use super::misfit::{explained, freedom, lightened, loss_weights};
-use super::opening::Opening;
-use super::search::{AMBIGUOUS_RISE, Late, Search, same, usable};
-use super::settle::{Settled, Weighing, with_tier};
-use super::start::{ONE_SURFACE, distance};
-use super::tier::{Tier, dispensable};
-use super::unseen::no_lobe;
+use super::higher_order::{HigherOrder, dispensable};
+use super::least_squares::minimum::{Ending, Minimum, Settings};
+use super::model_discrepancy::{explained, freedom, lightened, loss_weights};
+use super::multistart::starts::{ONE_SURFACE, distance};
+use super::multistart::{AMBIGUOUS_RISE, Late, Search, same, usable};
+use super::reweighting::{Weighing, WeightedFit, with_higher_order};
+use super::search_setup::Opening;
 use super::{FitOptions, Loss};
 use crate::model::Variant;
 use crate::observation::ObservationSet;
@@ -36,7 +36,7 @@ pub(super) fn whole<'a>(
     set: &'a ObservationSet,
     variant: Variant,
     options: &FitOptions,
-    tier: Option<Tier<'_>>,
+    higher_order: Option<HigherOrder<'_>>,
     late: Late<'_>,
     cancel: &AtomicBool,
 ) -> Option<Estimate<'a>> {
@@ -55,7 +55,7 @@ pub(super) fn whole<'a>(
     let candidates = search.rivals(&settled.problem, &settled.minimum, RIVAL_RISE);
     let elsewhere = search.rivals(&settled.problem, &settled.minimum, f64::INFINITY);
     let mut others: Vec<Minimum> = Vec::new();
-    if options.misfit && tier.is_some() && settled.has_rivals() && !search.over() {
+    if options.misfit && higher_order.is_some() && settled.has_rivals() && !search.over() {
         others = search.look_again(&settled.problem, &settled.minimum);
     }
     let (mut rivals, better) = compared_again(&mut settled, &candidates, &search, &weighing);
@@ -75,12 +75,12 @@ pub(super) fn whole<'a>(
     });
     let mut shift = vec![0.0; settled.minimum.parameters.len()];
     let mut undecided = false;
-    let tier_left_out = tier.and_then(|tier| {
+    let higher_order_left_out = higher_order.and_then(|higher_order| {
         let values = settled.values();
-        dispensable(&settled.problem, &values, tier, options)
+        dispensable(&settled.problem, &values, higher_order, options)
     });
-    if let Some(tier) = tier.filter(|_| tier_left_out.is_none()) {
-        let found = with_tier(settled, tier, &search, &others, &weighing);
+    if let Some(higher_order) = higher_order.filter(|_| higher_order_left_out.is_none()) {
+        let found = with_higher_order(settled, higher_order, &search, &others, &weighing);
         settled = found.settled;
         (shift, undecided) = (found.shift, found.undecided);
         if found.elsewhere {
@@ -96,7 +96,7 @@ pub(super) fn whole<'a>(
         starts,
         rivals,
         elsewhere,
-        tier_left_out,
+        higher_order_left_out,
     };
     Some(conclude(reached, variant, &weighing))
 }
@@ -104,7 +104,7 @@ pub(super) fn whole<'a>(
 /// Compares near minima of a search once more: the weights of the starts may rank them wrongly, the final weights decide.
 /// Returns the minima that are not the settled one, and whether one of them took its place and the weights moved.
 fn compared_again(
-    settled: &mut Settled<'_>,
+    settled: &mut WeightedFit<'_>,
     candidates: &[Minimum],
     search: &Search<'_>,
     weighing: &Weighing<'_>,
@@ -128,7 +128,7 @@ fn compared_again(
 
 /// Crosses edges of the closed form while a deeper minimum is behind them. Returns the minima that were left.
 fn beyond_edges(
-    settled: &mut Settled<'_>,
+    settled: &mut WeightedFit<'_>,
     search: &Search<'_>,
     weighing: &Weighing<'_>,
 ) -> Vec<Minimum> {
@@ -137,7 +137,7 @@ fn beyond_edges(
         if search.over() {
             break;
         }
-        let behind = edges::beyond(&settled.problem, &settled.minimum);
+        let behind = discontinuities::beyond(&settled.problem, &settled.minimum);
         let ends = behind.par_iter().map(|x| settled.again(x, weighing.cancel));
         let deepest = ends.filter(usable).min_by(|a, b| a.cost.total_cmp(&b.cost));
         let Some(deeper) = deepest.filter(|m| !same(settled.minimum.cost, m.cost)) else {
@@ -159,7 +159,7 @@ fn looked_for<'s>(
     let mut search = opening.search(options, late, cancel);
     opening.extend(&mut search, options);
     search.images(&opening.problem);
-    search.creep(&opening.problem);
+    search.follow_valley(&opening.problem);
     search
 }
 
@@ -167,11 +167,11 @@ fn looked_for<'s>(
 /// describes most observations better. A robust loss can ignore whole groups of observations, so a surface that fits
 /// half of them and misses the others by far is also a minimum.
 fn of_most_observations<'a>(
-    settled: Settled<'a>,
+    settled: WeightedFit<'a>,
     variant: Variant,
     weighing: &Weighing<'_>,
     late: Late<'_>,
-) -> Settled<'a> {
+) -> WeightedFit<'a> {
     let set = settled.problem.set();
     let plain = FitOptions {
         loss: Loss::Linear,
@@ -203,10 +203,10 @@ fn of_most_observations<'a>(
 /// surfaces far from the true one pass, and the first starts may all end at one whose model error ridges never have. So this
 /// looks for ends that need less. Once noise alone explains the data, the search continues with its weights.
 fn with_less_misfit<'a>(
-    mut settled: Settled<'a>,
+    mut settled: WeightedFit<'a>,
     search: &mut Search<'_>,
     weighing: &Weighing<'_>,
-) -> Settled<'a> {
+) -> WeightedFit<'a> {
     let cancel = weighing.cancel;
     for _ in 0..LESS_MISFIT {
         if !settled.doubted() || search.over() {
@@ -246,13 +246,13 @@ fn with_less_misfit<'a>(
 pub(super) struct Reached<'a> {
     /// Whether the time limit ended the search.
     pub cut_short: bool,
-    pub settled: Settled<'a>,
+    pub settled: WeightedFit<'a>,
     pub shift: Vec<f64>,
     pub undecided: bool,
     pub starts: StartReport,
     pub rivals: Vec<Minimum>,
     pub elsewhere: Vec<Minimum>,
-    pub tier_left_out: Option<f64>,
+    pub higher_order_left_out: Option<f64>,
 }
 
 /// Builds the estimate at a settled minimum.
@@ -269,7 +269,7 @@ pub(super) fn conclude<'a>(
         starts,
         rivals,
         elsewhere,
-        tier_left_out,
+        higher_order_left_out,
     } = reached;
     let no_lobe = no_lobe(&settled.problem, &settled.minimum, weighing.cancel);
     let Weighing {
@@ -279,12 +279,12 @@ pub(super) fn conclude<'a>(
         cancel,
         ..
     } = *weighing;
-    let Settled {
+    let WeightedFit {
         mut problem,
         mut minimum,
         discrepancy,
     } = settled;
-    minimum = edges::cleared(&problem, minimum);
+    minimum = discontinuities::cleared(&problem, minimum);
     let values = problem.unpack(&minimum.parameters);
     let loss_weights = loss_weights(&problem, &values, options.loss);
     if options.loss != Loss::Linear {
@@ -305,8 +305,8 @@ pub(super) fn conclude<'a>(
         values,
         minimum,
         problem,
-        tier_shift: shift,
-        tier_undecided: undecided,
+        higher_order_shift: shift,
+        higher_order_undecided: undecided,
         loss_weights,
         explained,
         held: options.held().map(|stated| stated.quantity).collect(),
@@ -314,7 +314,7 @@ pub(super) fn conclude<'a>(
         elsewhere,
         no_lobe,
         traced: None,
-        tier_left_out,
+        higher_order_left_out,
         cut_short,
         thinned: None,
         findings: Vec::new(),

@@ -10,12 +10,12 @@
 //! determine it). B is the stray light in samples and flats; Δθc and Δφs are the zeros of the stages. B always has a
 //! prior, because the sample alone leaves it nearly collinear with the diffuse term. The index is fitted within its
 //! uncertainty, so that data which cannot separate it from the diffuse term do not move it. The certificate of the
-//! white reference is not fitted. The corrections are fixed numbers per observation: the effect of a costlier tier on
+//! white reference is not fitted. The corrections are fixed numbers per observation: the effect of a higher order on
 //! the closed form, as a factor and as an added radiance.
 //!
 //! A wedge (the sample is tilted across v) rotates both directions about v; a turned lamp moves about the camera's axis
 //! ([`alignment`]). Only problems with walls have them free: elsewhere the azimuth stands for a wedge, to first order
-//! ([`super::wedge`]).
+//! ([`super::causes::wedge`]).
 //!
 //! Inside, θr is signed and the roughnesses are logarithms. The fit may pass through θr = 0 and continues as (−θr, φs +
 //! 180°), which is the same surface.
@@ -375,7 +375,7 @@ impl<'a> Problem<'a> {
         )
     }
 
-    /// [`Problem::gradient`] with factor and correction of the costlier tier.
+    /// [`Problem::gradient`] with factor and correction of the higher order.
     #[must_use]
     pub fn corrected(&self, index: usize, ready: &Ready) -> Gradient {
         let mut g = Gradient::ZERO;

@@ -3,14 +3,18 @@
 //! A parameter that the data do not determine has null instead of numbers and a `note` with the reason. The parts of a
 //! budget combine in quadrature to `std`; `expanded` = `coverage_factor` · `std`.
 
+pub mod build;
+pub(super) mod refusals;
+pub mod text;
+
 use serde::{Deserialize, Serialize};
 
-use super::budget::Budget;
-use super::coverage::coverage_factor;
-use super::findings::Finding;
+use super::causes::findings::Finding;
+pub use super::causes::wedge::{Across, ReferencePlane};
+use super::convergence_trace::Iteration;
 use super::traced::TracingEnd;
-use super::trail::Iteration;
-pub use super::wedge::{Across, ReferencePlane};
+use super::uncertainty::budget::Budget;
+use super::uncertainty::coverage::coverage_factor;
 pub use crate::model::LeftOut;
 use crate::observation::RejectedFrame;
 use crate::trace::ridge_map::RidgeFacts;

@@ -18,12 +18,12 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::FitOptions;
-use super::budget::uncertainty;
 use super::estimate::Estimate;
-use super::misfit::misfit_scale;
+use super::least_squares::levenberg_marquardt::Settings;
+use super::model_discrepancy::misfit_scale;
 use super::problem::{Quantity, Values};
-use super::settle::{Settled, Weighing};
-use super::solver::Settings;
+use super::reweighting::{Weighing, WeightedFit};
+use super::uncertainty::budget::uncertainty;
 use crate::material::Material;
 use crate::observation::ObservationSet;
 use crate::trace::facet_scattering::{DiffuseBody, Roughness};
@@ -68,7 +68,7 @@ pub fn estimate_traced<'a>(
         planned: if metal { 3 } else { 5 } * options.paths.max(1) * poses,
     };
     let first = Run {
-        settled: Settled {
+        settled: WeightedFit {
             problem: sawtooth.problem.clone(),
             minimum: sawtooth.minimum.clone(),
             discrepancy: sawtooth.discrepancy,
@@ -98,7 +98,7 @@ pub fn estimate_traced<'a>(
             (main, run) = scalar;
         }
     }
-    if !matches!(run.end, TracingEnd::Stopped | TracingEnd::Settled) {
+    if !matches!(run.end, TracingEnd::Stopped | TracingEnd::WeightedFit) {
         run.go_on(&mut main, options, PASSES_MAX)?;
     }
     let rivals = match (&run.reached, run.end) {
@@ -153,12 +153,12 @@ impl Scatter {
     }
 
     /// Builds the estimate from a settled minimum and from that of the closed form.
-    fn estimate<'a>(&self, settled: &Settled<'a>, sawtooth: &Estimate<'a>) -> Estimate<'a> {
+    fn estimate<'a>(&self, settled: &WeightedFit<'a>, sawtooth: &Estimate<'a>) -> Estimate<'a> {
         let estimate = Estimate {
             discrepancy: settled.discrepancy,
             values: settled.values(),
-            tier_shift: vec![0.0; settled.minimum.parameters.len()],
-            tier_undecided: false,
+            higher_order_shift: vec![0.0; settled.minimum.parameters.len()],
+            higher_order_undecided: false,
             minimum: settled.minimum.clone(),
             problem: settled.problem.clone(),
             ..sawtooth.clone()
@@ -170,7 +170,7 @@ impl Scatter {
 /// State of the passes.
 #[derive(Clone)]
 struct Run<'a> {
-    settled: Settled<'a>,
+    settled: WeightedFit<'a>,
     reached: Option<Estimate<'a>>,
     /// Factor by which the error of the tracer was too large in the last pass.
     excess: f64,
@@ -256,7 +256,7 @@ impl<'a> Run<'a> {
             self.reached = Some(estimate);
             if still && (self.excess <= 1.0 || task.paths >= options.paths_max) {
                 self.end = if self.excess <= 1.0 {
-                    TracingEnd::Settled
+                    TracingEnd::WeightedFit
                 } else {
                     TracingEnd::MostPaths
                 };
@@ -288,7 +288,7 @@ impl<'a> Run<'a> {
     /// pass with it; `None` if it was stopped.
     fn moved_on<'t>(&self, task: &mut Task<'t, 'a>, other: &'t SurfaceProfile) -> Option<Vec<f64>> {
         task.profile = Some(other);
-        let Settled {
+        let WeightedFit {
             problem, minimum, ..
         } = &self.settled;
         let at = &minimum.parameters;

@@ -11,9 +11,9 @@ use crate::contrast::{
     ContrastKind, ContrastScan, ContrastValue, RadianceSlope, RadianceSlopes, angles_left_out,
     missing_poses,
 };
-use crate::fit::coverage::coverage_factor;
 use crate::fit::problem::{Problem, Values};
 use crate::fit::report::{FitReport, LeftOut, Status, VariantName};
+use crate::fit::uncertainty::coverage::coverage_factor;
 use crate::geometry::Pose;
 use crate::model::Variant;
 use crate::observation::ObservationSet;

@@ -1,7 +1,7 @@
 //! What can be judged: named quantities with their uncertainties.
 
-use crate::fit::coverage::COVERAGE_FACTOR;
 use crate::fit::report::{FitReport, Parameters, Status};
+use crate::fit::uncertainty::coverage::COVERAGE_FACTOR;
 
 /// Mean absolute contrast, in radiance for a lamp irradiance of 1.
 pub const CONTRAST_MEAN: &str = "contrast_mean";

@@ -3,7 +3,7 @@
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use super::quantity::MeasuredValue;
-use crate::fit::coverage::student;
+use crate::fit::uncertainty::coverage::student;
 
 /// Halvings after which an interval of doubles cannot shrink any more.
 const BISECTIONS: usize = 60;

@@ -18,8 +18,8 @@ use serde::{Deserialize, Serialize};
 use super::decision::{JudgedItem, Verdict, decide_by_uncertainty};
 use super::quantity::MeasuredValue;
 use super::specification::{DecisionRule, ToleranceLimits};
-use crate::fit::coverage::COVERAGE_FACTOR;
 use crate::fit::report::Parameter;
+use crate::fit::uncertainty::coverage::COVERAGE_FACTOR;
 use crate::observation::WhiteReference;
 use crate::wording::names::budget_line;
 use crate::wording::percent;
@@ -260,7 +260,7 @@ impl std::fmt::Display for Way {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::budget::Budget;
+    use crate::fit::uncertainty::budget::Budget;
 
     const UPPER: ToleranceLimits = ToleranceLimits {
         lower: None,

@@ -11,7 +11,7 @@ use super::verdicts::VerdictRequest;
 use super::{LabError, definitions};
 use crate::chart::{self, ChartValue, ChartedResult, ControlChart};
 use crate::config::DueSection;
-use crate::fit::coverage::COVERAGE_FACTOR;
+use crate::fit::uncertainty::coverage::COVERAGE_FACTOR;
 use crate::job::{JobId, JobKind};
 use crate::judge::{
     JudgedItem, JudgedQuantity, MeasuredValue, Specification, ToleranceLimits, judge,

@@ -3,13 +3,13 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::globals::Globals;
-use super::kernel::{FREE, Parameters};
+use super::calibration::GlobalCalibration;
+use super::calibration::globals::Globals;
+use super::calibration::mean_fit::Mean;
 use super::layers::Layers;
-use super::settle::Settled;
-use super::shared::Mean;
+use super::signals::view::View;
+use super::solve::kernel::{FREE, Parameters};
 use super::tiles::Tiles;
-use super::view::View;
 use super::{Map, MapError, defects};
 use crate::model::{LeftOut, left_out};
 use crate::observation::RejectedFrame;
@@ -64,7 +64,7 @@ impl Basis {
         warnings: &[String],
         rejected_frames: Vec<RejectedFrame>,
         has_white: bool,
-        settled: &Settled,
+        settled: &GlobalCalibration,
     ) -> Self {
         let mut warnings = warnings.to_owned();
         warnings.extend(doubts(settled));
@@ -209,7 +209,7 @@ pub(super) fn finished(basis: Basis, tiles: Tiles) -> Result<Map, MapError> {
 }
 
 /// Lists what the map omits.
-fn what_is_left_out(settled: &Settled, wedge: Option<Angle>) -> Vec<LeftOut> {
+fn what_is_left_out(settled: &GlobalCalibration, wedge: Option<Angle>) -> Vec<LeftOut> {
     let view = &settled.view;
     let mut list = settled.plan.omissions();
     list.extend(left_out::lens(&view.imaging.rig.cones));
@@ -268,7 +268,7 @@ fn average(layers: &Layers, k: usize) -> f64 {
     middle.iter().sum::<f64>() / middle.len().max(1) as f64
 }
 
-fn doubts(settled: &Settled) -> Vec<String> {
+fn doubts(settled: &GlobalCalibration) -> Vec<String> {
     let mut doubts = Vec::new();
     let zero = settled.globals.tilt_offset_std.deg();
     if zero > 1.0 {

@@ -9,8 +9,8 @@ use std::collections::VecDeque;
 
 use serde::Serialize;
 
-use super::kernel::FREE;
 use super::layers::{BORDER, DEFECT, Layers, MISFIT};
+use super::solve::kernel::FREE;
 use crate::robust::{self, STD_PER_DEVIATION};
 
 /// Deviation, in robust standard deviations, from which a pixel differs.

@@ -3,9 +3,9 @@
 use proptest::prelude::*;
 use pulp::Scalar;
 
-use super::inverse::invert;
-use super::kernel::{FREE, Geometry, PACKED, single};
 use super::pixels::{Instructions, PixelFitter};
+use super::solve::inverse::invert;
+use super::solve::kernel::{FREE, Geometry, PACKED, single};
 use super::solve::{LOWER, UPPER};
 use crate::extremes::{any_double, cases};
 use crate::geometry::{Pose, RigGeometry};

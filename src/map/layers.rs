@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::kernel::{FREE, packed};
+use super::solve::kernel::{FREE, packed};
 use super::solve::{End, PixelFit};
 use crate::units::Angle;
 

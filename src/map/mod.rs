@@ -2,11 +2,11 @@
 //!
 //! Call [`map`]. It works in these steps:
 //!
-//! 1. It reads darks and flats, and resamples every sample frame into the sample's frame (`observe`, `view`).
-//! 2. It fits the mean of the pixels, which gives what all of them share (`shared`, `globals`), and the means of clusters of
-//!    like pixels (`clusters`, `settle`).
+//! 1. It reads darks and flats, and resamples every sample frame into the sample's frame (`signals`, `signals::view`).
+//! 2. It fits the mean of the pixels, which gives what all of them share (`calibration::mean_fit`, `calibration::globals`), and the means of clusters of
+//!    like pixels (`calibration::clusters`, `calibration`).
 //! 3. It fits every pixel with the `sawtooth` closed form, from the surface of the cluster that it resembles, several pixels
-//!    per vector register and tiles in parallel (`kernel`, `solve`, `costly`, `integrated`).
+//!    per vector register and tiles in parallel (`solve::kernel`, `solve`, `higher_order_terms`, `double_reflection`).
 //! 4. It marks borders and defects (`defects`), and lists what is doubtful or omitted (`basis`).
 //!
 //! [`shards`](mod@shards) fits a part of the tiles and merges the parts: each repeats steps 1 and 2, and the merge does step 4.
@@ -21,45 +21,37 @@
 //! on the command line.
 
 mod basis;
-mod beside;
-mod clusters;
-mod costly;
+mod calibration;
 pub mod defects;
+mod double_reflection;
+mod field_variation;
 pub mod folder;
-mod globals;
-mod integrated;
-mod inverse;
-mod kernel;
+mod higher_order_terms;
 pub mod layers;
-mod observe;
 mod picture;
 pub mod pixels;
 pub mod plan;
-mod planes;
 mod run;
-mod settle;
 pub mod shards;
-mod shared;
+mod signals;
 mod solve;
-mod start;
 pub mod summary;
 mod tiles;
-mod view;
 pub mod write;
 
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use self::basis::{Basis, finished};
-use self::globals::Given;
-pub use self::globals::Globals;
-use self::kernel::FREE;
+use self::calibration::GlobalCalibration;
+use self::calibration::globals::Given;
+pub use self::calibration::globals::Globals;
 use self::layers::Layers;
-use self::observe::Light;
-use self::planes::Planes;
-use self::settle::Settled;
+use self::signals::Light;
+use self::signals::planes::Planes;
+use self::signals::view::View;
+use self::solve::kernel::FREE;
 use self::tiles::{fit_tiles, sampled};
-use self::view::View;
 use crate::frame::FrameKind;
 use crate::geometry::Pose;
 use crate::model::LeftOut;
@@ -279,11 +271,11 @@ fn prepared(
     late: &(dyn Fn() -> bool + Sync),
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &AtomicBool,
-) -> Result<(Planes, Settled, Basis), MapError> {
+) -> Result<(Planes, GlobalCalibration, Basis), MapError> {
     let manifest = source.manifest();
     let view = View::new(manifest);
     let material = manifest.material();
-    let groups = observe::poses(source);
+    let groups = signals::poses(source);
     if groups.len() <= FREE {
         return Err(MapError::TooFewPoses {
             poses: groups.len(),
@@ -305,7 +297,7 @@ fn prepared(
     )
     .map_err(MapError::Scratch)?;
     let mut rejected = calibration.rejected_frames.clone();
-    let left_out = observe::observe(source, &light, &view, &groups, &planes, progress, cancel)?;
+    let left_out = signals::observe(source, &light, &view, &groups, &planes, progress, cancel)?;
     let frames = source.rows().iter();
     let frames = frames.filter(|row| row.kind == FrameKind::Sample).count();
     if let (true, Some(first)) = (left_out.len() >= frames, left_out.first()) {
@@ -333,7 +325,7 @@ fn prepared(
     let region = manifest.sample.layout.is_some().then_some(REGION);
     let mean = crate::reduction::reduce(&CountedReads::new(source, &averaging), region, cancel);
     let white = calibration.white_reference();
-    let settled = settle::settle(
+    let settled = calibration::settle(
         &batch,
         &view,
         &Given {

@@ -3,13 +3,13 @@
 //! Call [`PixelFitter::new`] for a rig, a material and poses, then [`PixelFitter::fit`] for any number of pixels.
 //! Camera and lamp are far, the gain is 1 and there is no stray light.
 
-use super::costly::Costly;
-use super::globals::Globals;
-use super::integrated::Integrated;
-use super::kernel::{FREE, packed};
+use super::calibration::globals::Globals;
+use super::double_reflection::Integrated;
+use super::higher_order_terms::Costly;
 use super::run::{Batch, Run};
+use super::signals::view::View;
 use super::solve::End;
-use super::view::View;
+use super::solve::kernel::{FREE, packed};
 use crate::geometry::{Pose, RigGeometry};
 use crate::material::Material;
 

@@ -5,12 +5,12 @@
 //! reflections by integration, which take most of the time before the fit, come first; each pixel's own directions
 //! get the remainder. Approximations that every map makes are listed with their error, whatever the tolerance.
 
-use super::beside::Anywhere;
-use super::costly::Costly;
-use super::integrated::Integrated;
-use super::kernel::{Geometry, Parameters};
-use super::observe;
-use super::view::View;
+use super::double_reflection::Integrated;
+use super::field_variation::Anywhere;
+use super::higher_order_terms::Costly;
+use super::signals;
+use super::signals::view::View;
+use super::solve::kernel::{Geometry, Parameters};
 use crate::geometry::Pose;
 use crate::model::{Optics, Surface, left_out};
 use crate::plan::series::{SURFACES, layers, polarisation};
@@ -27,7 +27,7 @@ pub fn plan(source: &dyn FrameSource, target_error: Option<f64>) -> ComputationP
     let manifest = source.manifest();
     let view = View::new(manifest);
     let material = manifest.material();
-    let all = observe::poses(source);
+    let all = signals::poses(source);
     let every = all.len().div_ceil(POSES_MAX).max(1);
     let poses: Vec<Pose> = all.iter().step_by(every).map(|group| group.pose).collect();
     let centre = |pose: &Pose| view.central(*pose);
@@ -266,7 +266,7 @@ fn off_centre(costly: &Costly, view: &View, p: &Parameters) -> OffCentre {
     }
 }
 
-/// Returns the error of using the centre's directions for light reflected between the facets; see [`super::costly`].
+/// Returns the error of using the centre's directions for light reflected between the facets; see [`super::higher_order_terms`].
 pub(super) fn centre_for_all(costly: &Costly, view: &View, surfaces: &[Parameters]) -> f64 {
     largest(surfaces.iter().map(|p| off_centre(costly, view, p).rest))
 }
@@ -284,7 +284,7 @@ fn costly_terms(costly: &Costly, surfaces: &[Parameters]) -> PlanChoice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::costly::near;
+    use crate::map::higher_order_terms::near;
     use crate::series::Series;
 
     fn checker() -> Series {

@@ -2,14 +2,14 @@
 
 use std::borrow::Cow;
 
-use super::beside::Beside;
-use super::costly::{Costly, Met, Way};
-use super::globals::Globals;
-use super::kernel::{FREE, Geometry, Parameters};
-use super::planes::Planes;
+use super::calibration::globals::Globals;
+use super::field_variation::Beside;
+use super::higher_order_terms::{Costly, Met, Way};
+use super::signals::planes::Planes;
+use super::signals::view::View;
+use super::solve::kernel::{FREE, Geometry, Parameters};
+use super::solve::starts::Starts;
 use super::solve::{End, Job, PixelFit, Pixels, solve_on};
-use super::start::Starts;
-use super::view::View;
 use crate::robust::reduced_chi2_at;
 
 /// Signals of some pixels, pixel by pixel.

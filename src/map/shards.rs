@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::basis::{Basis, finished};
 use super::folder::StageTimes;
 use super::layers::Answer;
-use super::planes::TILE;
+use super::signals::planes::TILE;
 use super::summary::Timing;
 use super::tiles::{Tiles, fit_tiles, tiles_of};
 use super::{Map, MapError, MapOptions, Progress, prepared};

@@ -6,18 +6,21 @@
 //! pixel whose factors are not.
 //!
 //! *Conditioning.* A step from the damped normal equations has relative errors of 1e-16 times their condition, below
-//! 1e-7 for all pixels that pass the rank test of [`super::inverse`]. A descent ends if the step after its last would
+//! 1e-7 for all pixels that pass the rank test of [`self::inverse`]. A descent ends if the step after its last would
 //! gain 1e-6 of its cost. QR in lanes would cost twice as much for digits that are not used.
 
+pub(super) mod inverse;
+pub(super) mod kernel;
 mod pixel_fit;
+pub(super) mod starts;
 mod step;
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::costly::{Met, Way};
-use super::inverse::invert;
-use super::kernel::{FREE, GEOMETRY, Geometry, PACKED, Parameters, packed};
+use super::higher_order_terms::{Met, Way};
 use crate::model::lanes::{Lane, Numbers};
+use inverse::invert;
+use kernel::{FREE, GEOMETRY, Geometry, PACKED, Parameters, packed};
 #[cfg(test)]
 pub(super) use pixel_fit::UPPER;
 use pixel_fit::upper;

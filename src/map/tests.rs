@@ -4,8 +4,8 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock};
 
-use super::kernel::Parameters;
 use super::layers::{BORDER, DEFECT, FEW_OBSERVATIONS, MISFIT};
+use super::solve::kernel::Parameters;
 use super::tiles::spread_out;
 use super::*;
 use crate::frame::{Frame, FrameKind};
@@ -526,7 +526,7 @@ fn a_map_that_ran_out_of_time_counts_its_missing_pixels_and_a_target_error_lists
     let part = map_until(&source, &options, &late, &|_| {}, &never).unwrap();
     let all = part.layers.flags.len();
     // Two tiles, of which the last may be shorter.
-    assert!(part.pixels_left_out >= all - 2 * planes::TILE && part.pixels_left_out < all);
+    assert!(part.pixels_left_out >= all - 2 * signals::planes::TILE && part.pixels_left_out < all);
     let untouched = (0..all).filter(|p| part.layers.n_observations[*p] == 0);
     let untouched: Vec<usize> = untouched.collect();
     assert!(untouched.len() >= part.pixels_left_out);

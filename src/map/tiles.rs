@@ -6,13 +6,13 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
-use super::kernel::FREE;
+use super::calibration::{GlobalCalibration, LOBE_SIGNIFICANCE};
 use super::layers::{Answer, FEW_OBSERVATIONS, Layers, NOT_IDENTIFIABLE};
-use super::planes::Planes;
 use super::run::{Batch, Run, better, freedom, usual_chi2_max};
-use super::settle::{LOBE_SIGNIFICANCE, Settled};
+use super::signals::planes::Planes;
+use super::solve::kernel::FREE;
+use super::solve::starts::QUARTERS;
 use super::solve::{End, PixelFit};
-use super::start::QUARTERS;
 use super::{MapError, Progress, Stage};
 use crate::shard::Shard;
 
@@ -56,7 +56,7 @@ pub(super) fn tiles_of(planes: &Planes, shard: Shard) -> Vec<usize> {
 /// Fits the pixels of a shard, tile by tile on all cores, until `late` returns true.
 pub(super) fn fit_tiles(
     planes: &Planes,
-    settled: &Settled,
+    settled: &GlobalCalibration,
     shard: Shard,
     late: &(dyn Fn() -> bool + Sync),
     progress: &(dyn Fn(Progress) + Sync),
@@ -120,7 +120,7 @@ pub(super) fn spread_out(count: usize) -> Vec<usize> {
 
 /// Fits the pixels of a batch that show a lobe; those that no leader fits start again from every quarter turn. Returns the
 /// results and the evaluations spent.
-fn fit_batch(run: &Run<'_>, settled: &Settled) -> (Vec<Answer>, f64) {
+fn fit_batch(run: &Run<'_>, settled: &GlobalCalibration) -> (Vec<Answer>, f64) {
     let amplitude = settled.costly.is_amplitude();
     let birge = settled.birge;
     let n = run.batch.observations;

@@ -109,7 +109,7 @@ impl ReductionCache {
 
     /// Takes back what a store has of a frame. A text of another form is passed over.
     pub fn restore_frame(&self, text: &FrameText) {
-        if let Some((frames, row)) = Row::read(&text.part, text.frame_id, &text.body) {
+        if let Some((frames, row)) = CachedRow::read(&text.part, text.frame_id, &text.body) {
             let mut kept = self.lock();
             let is_stored = kept.store.is_some();
             let shelf = kept.shelf(&text.calibration, &text.part);
@@ -153,22 +153,22 @@ struct Visited {
 
 /// What a cache keeps of a frame, or of the frames of a visit.
 #[derive(Debug, Clone)]
-enum Row {
+enum CachedRow {
     Outcome(Arc<FrameOutcome>),
     Visit(Arc<Exposures>),
     Picture(Arc<Option<Picture>>),
 }
 
-impl Row {
+impl CachedRow {
     /// Reads a stored row, with the frames that it is of.
-    fn read(part: &str, frame_id: i64, body: &str) -> Option<(Vec<i64>, Row)> {
+    fn read(part: &str, frame_id: i64, body: &str) -> Option<(Vec<i64>, CachedRow)> {
         match part {
             EXPOSURES => {
                 let Visited { frames, exposures } = read(body)?;
-                Some((frames, Row::Visit(Arc::new(exposures))))
+                Some((frames, CachedRow::Visit(Arc::new(exposures))))
             }
-            PICTURE => Some((vec![frame_id], Row::Picture(Arc::new(read(body)?)))),
-            _ => Some((vec![frame_id], Row::Outcome(Arc::new(read(body)?)))),
+            PICTURE => Some((vec![frame_id], CachedRow::Picture(Arc::new(read(body)?)))),
+            _ => Some((vec![frame_id], CachedRow::Outcome(Arc::new(read(body)?)))),
         }
     }
 }
@@ -176,7 +176,7 @@ impl Row {
 /// The rows of one part under one calibration, by the frames that they are of.
 #[derive(Debug, Default)]
 struct Shelf {
-    here: HashMap<Vec<i64>, Row>,
+    here: HashMap<Vec<i64>, CachedRow>,
     /// Rows that only the store has.
     stored: HashSet<Vec<i64>>,
 }
@@ -184,7 +184,7 @@ struct Shelf {
 impl Shelf {
     /// Drops a stored row from memory where there are many. Pictures stay: the placement of a board needs all at once.
     fn leave_to_store(&mut self, frames: Vec<i64>) {
-        let is_picture = matches!(self.here.get(&frames), Some(Row::Picture(_)));
+        let is_picture = matches!(self.here.get(&frames), Some(CachedRow::Picture(_)));
         if self.here.len() > IN_MEMORY && !is_picture {
             self.here.remove(&frames);
             self.stored.insert(frames);
@@ -239,7 +239,7 @@ impl Kept {
             return false;
         };
         match shelf.here.get(frames.as_slice()) {
-            Some(Row::Outcome(outcome)) => outcome.is_of(segments),
+            Some(CachedRow::Outcome(outcome)) => outcome.is_of(segments),
             _ => shelf.stored.contains(frames.as_slice()),
         }
     }
@@ -255,7 +255,7 @@ impl Kept {
         mut each: impl FnMut(i64, &FrameOutcome),
     ) -> Result<(), ReductionError> {
         let here = |id: i64| match self.on_shelf(key, part)?.here.get([id].as_slice()) {
-            Some(Row::Outcome(outcome)) => Some(Arc::clone(outcome)),
+            Some(CachedRow::Outcome(outcome)) => Some(Arc::clone(outcome)),
             _ => None,
         };
         for ids in frame_ids.chunks(READ_AT_ONCE) {
@@ -267,7 +267,7 @@ impl Kept {
             let mut read = self.read_back(key, part, &only_stored)?;
             for id in ids {
                 let outcome = match (here(*id), read.remove([*id].as_slice())) {
-                    (Some(outcome), _) | (None, Some(Row::Outcome(outcome))) => outcome,
+                    (Some(outcome), _) | (None, Some(CachedRow::Outcome(outcome))) => outcome,
                     _ => return Err(vanished("one is no longer there")),
                 };
                 if !outcome.is_of(segments) {
@@ -301,14 +301,14 @@ impl Kept {
             None => self.read_back(key, EXPOSURES, &frames[..1])?.remove(frames),
         };
         match row {
-            Some(Row::Visit(exposures)) => Ok(Some(exposures)),
+            Some(CachedRow::Visit(exposures)) => Ok(Some(exposures)),
             _ => Err(vanished("those of a visit are no longer there")),
         }
     }
 
     pub(super) fn picture(&self, key: &str, frame_id: i64) -> Option<Arc<Option<Picture>>> {
         match self.on_shelf(key, PICTURE)?.here.get([frame_id].as_slice()) {
-            Some(Row::Picture(picture)) => Some(Arc::clone(picture)),
+            Some(CachedRow::Picture(picture)) => Some(Arc::clone(picture)),
             _ => None,
         }
     }
@@ -343,7 +343,7 @@ impl Kept {
         outcome: FrameOutcome,
     ) {
         self.add_text(key, part, &[frame_id], &outcome);
-        let row = Row::Outcome(Arc::new(outcome));
+        let row = CachedRow::Outcome(Arc::new(outcome));
         self.shelf(key, part).here.insert(vec![frame_id], row);
     }
 
@@ -358,13 +358,13 @@ impl Kept {
             exposures: (**exposures).clone(),
         };
         self.add_text(key, EXPOSURES, &frames, &visited);
-        let row = Row::Visit(Arc::clone(exposures));
+        let row = CachedRow::Visit(Arc::clone(exposures));
         self.shelf(key, EXPOSURES).here.insert(frames, row);
     }
 
     pub(super) fn keep_picture(&mut self, key: &str, frame_id: i64, picture: Option<Picture>) {
         self.add_text(key, PICTURE, &[frame_id], &picture);
-        let row = Row::Picture(Arc::new(picture));
+        let row = CachedRow::Picture(Arc::new(picture));
         self.shelf(key, PICTURE).here.insert(vec![frame_id], row);
     }
 
@@ -410,14 +410,14 @@ impl Kept {
         key: &str,
         part: &str,
         frame_ids: &[i64],
-    ) -> Result<HashMap<Vec<i64>, Row>, ReductionError> {
+    ) -> Result<HashMap<Vec<i64>, CachedRow>, ReductionError> {
         let Some(store) = self.store.as_ref().filter(|_| !frame_ids.is_empty()) else {
             return Ok(HashMap::new());
         };
         let bodies = store.bodies(key, part, frame_ids).map_err(vanished)?;
         let rows = bodies
             .iter()
-            .filter_map(|(id, body)| Row::read(part, *id, body));
+            .filter_map(|(id, body)| CachedRow::read(part, *id, body));
         Ok(rows.collect())
     }
 

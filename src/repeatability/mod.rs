@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use crate::comparison::shared::{Circumstances, SharedChoice, SharedLine, decided};
 use crate::comparison::{MeasuredResult, ResultOf, scattering_std};
-use crate::fit::coverage::COVERAGE_FACTOR;
 use crate::fit::report::Parameter;
+use crate::fit::uncertainty::coverage::COVERAGE_FACTOR;
 use gauge::{Gauge, GroupedBy, gauge};
 use scatter::{Repeated, Scatter, scatter};
 
@@ -212,7 +212,7 @@ mod tests {
     use super::gauge::GaugeDesign;
     use super::*;
     use crate::comparison::tests::result;
-    use crate::fit::budget::Budget;
+    use crate::fit::uncertainty::budget::Budget;
 
     /// Scans of two parts by two operators, twice each, with errors of the counting by these numbers.
     fn scans() -> Vec<MeasuredResult> {

@@ -4,8 +4,8 @@ use serde_json::Value;
 
 use super::markup::{Markup, in_digits_of};
 use super::{MeasurementReport, plots, repeats, sections};
-use crate::fit::coverage::COVERAGE;
 use crate::fit::report::{FitReport, Parameter, ReferencePlane, Status};
+use crate::fit::uncertainty::coverage::COVERAGE;
 use crate::judge::{JudgedItem, Verdict};
 use crate::wording::names;
 use crate::wording::{counted, percent, significant, utc_words};

@@ -5,8 +5,8 @@ use super::{MeasurementReport, ReportedCurve};
 use crate::figures::{
     DataSeries, Figure, Mark, Panel, PlotAxis, SERIES_COLOURS, Stroke, Symbol, with_true_minus,
 };
-use crate::fit::coverage::COVERAGE_FACTOR;
 use crate::fit::report::FittedObservation;
+use crate::fit::uncertainty::coverage::COVERAGE_FACTOR;
 
 /// Tilts in one row.
 const COLUMNS: usize = 3;

@@ -44,7 +44,7 @@ pub struct Calibration {
 }
 
 #[derive(FromRow)]
-struct Row {
+struct CalibrationRow {
     id: i64,
     #[sqlx(try_from = "String")]
     kind: FrameKind,
@@ -56,10 +56,10 @@ struct Row {
     created_at: String,
 }
 
-impl TryFrom<Row> for Calibration {
+impl TryFrom<CalibrationRow> for Calibration {
     type Error = StoreError;
 
-    fn try_from(row: Row) -> Result<Self, StoreError> {
+    fn try_from(row: CalibrationRow) -> Result<Self, StoreError> {
         let list = |text: &str| {
             serde_json::from_str(text).map_err(|e| StoreError::bad_row("calibrations", e))
         };
@@ -148,7 +148,7 @@ impl Store {
         filter: &CalibrationFilter,
         page: PageRequest,
     ) -> Result<Page<Calibration>, StoreError> {
-        let rows = sqlx::query_as::<_, Row>(
+        let rows = sqlx::query_as::<_, CalibrationRow>(
             "SELECT * FROM calibrations WHERE (?1 IS NULL OR id < ?1) AND (?2 IS NULL OR kind = ?2)
                AND (?3 IS NULL OR id IN (SELECT calibration_id FROM scan_calibrations WHERE scan_id = ?3))
                AND (?4 IS NULL OR created_at >= ?4)
@@ -161,7 +161,7 @@ impl Store {
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
-        Ok(Page::read(rows, page.limit, |row: &Row| row.id))
+        Ok(Page::read(rows, page.limit, |row: &CalibrationRow| row.id))
     }
 
     /// Returns one calibration.
@@ -169,7 +169,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::NotFound`], or a database error.
     pub async fn calibration(&self, id: i64) -> Result<Calibration, StoreError> {
-        sqlx::query_as::<_, Row>("SELECT * FROM calibrations WHERE id = ?")
+        sqlx::query_as::<_, CalibrationRow>("SELECT * FROM calibrations WHERE id = ?")
             .bind(id)
             .fetch_optional(self.readers())
             .await?
@@ -194,7 +194,7 @@ impl Store {
         since: &str,
         until: &str,
     ) -> Result<Vec<Calibration>, StoreError> {
-        let rows = sqlx::query_as::<_, Row>(
+        let rows = sqlx::query_as::<_, CalibrationRow>(
             "SELECT * FROM calibrations WHERE kind = ? AND rig_id = ? AND created_at BETWEEN ? AND ? ORDER BY id DESC",
         )
         .bind(kind.as_str())

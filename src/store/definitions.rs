@@ -78,7 +78,7 @@ pub(super) fn referenced(
 }
 
 #[derive(FromRow)]
-struct Row {
+struct DefinitionRow {
     id: i64,
     name: String,
     version: i64,
@@ -90,10 +90,10 @@ struct Row {
     at: String,
 }
 
-impl TryFrom<Row> for Definition {
+impl TryFrom<DefinitionRow> for Definition {
     type Error = StoreError;
 
-    fn try_from(row: Row) -> Result<Definition, StoreError> {
+    fn try_from(row: DefinitionRow) -> Result<Definition, StoreError> {
         let content = serde_json::from_str(&row.content);
         Ok(Definition {
             id: row.id,
@@ -187,7 +187,7 @@ impl Store {
     ) -> Result<Definition, StoreError> {
         let mut transaction = self.writing().await?;
         let sql = format!("{SELECT} WHERE d.kind = ? AND d.number = ? AND v.version = n.newest");
-        let newest: Definition = sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(sql))
+        let newest: Definition = sqlx::query_as::<_, DefinitionRow>(sqlx::AssertSqlSafe(sql))
             .bind(kind.as_str())
             .bind(id)
             .fetch_optional(&mut *transaction)
@@ -291,7 +291,7 @@ impl Store {
         let sql = format!(
             "{SELECT} WHERE d.kind = ?1 AND d.number = ?2 AND v.version = COALESCE(?3, n.newest)"
         );
-        let found = sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(sql))
+        let found = sqlx::query_as::<_, DefinitionRow>(sqlx::AssertSqlSafe(sql))
             .bind(kind.as_str())
             .bind(id)
             .bind(version)
@@ -348,7 +348,7 @@ impl Store {
             "SELECT * FROM ({SELECT} WHERE d.kind = ?1 AND v.version = n.newest)
              WHERE archived = ?2 AND (?3 IS NULL OR id < ?3) AND (?4 IS NULL OR name = ?4) ORDER BY id DESC LIMIT ?5"
         );
-        let rows = sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(sql))
+        let rows = sqlx::query_as::<_, DefinitionRow>(sqlx::AssertSqlSafe(sql))
             .bind(kind.as_str())
             .bind(archived)
             .bind(page.cursor)
@@ -356,7 +356,7 @@ impl Store {
             .bind(page.limit + 1)
             .fetch_all(self.readers())
             .await?;
-        Ok(Page::read(rows, page.limit, |row: &Row| row.id))
+        Ok(Page::read(rows, page.limit, |row: &DefinitionRow| row.id))
     }
 
     /// Returns the versions of a definition, newest first.
@@ -373,14 +373,16 @@ impl Store {
         let sql = format!(
             "{SELECT} WHERE d.kind = ?1 AND d.number = ?2 AND (?3 IS NULL OR v.version < ?3) ORDER BY v.version DESC LIMIT ?4"
         );
-        let rows = sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(sql))
+        let rows = sqlx::query_as::<_, DefinitionRow>(sqlx::AssertSqlSafe(sql))
             .bind(kind.as_str())
             .bind(id)
             .bind(page.cursor)
             .bind(page.limit + 1)
             .fetch_all(self.readers())
             .await?;
-        Ok(Page::read(rows, page.limit, |row: &Row| row.version))
+        Ok(Page::read(rows, page.limit, |row: &DefinitionRow| {
+            row.version
+        }))
     }
 }
 

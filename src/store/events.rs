@@ -8,17 +8,17 @@ use crate::access::DAEMON;
 use crate::scan::{Event, Progress, RecordedEvent};
 
 #[derive(FromRow)]
-struct Row {
+struct EventRow {
     id: i64,
     at: String,
     body: String,
     who: Option<String>,
 }
 
-impl TryFrom<Row> for RecordedEvent {
+impl TryFrom<EventRow> for RecordedEvent {
     type Error = StoreError;
 
-    fn try_from(row: Row) -> Result<Self, StoreError> {
+    fn try_from(row: EventRow) -> Result<Self, StoreError> {
         Ok(RecordedEvent {
             id: row.id,
             at: utc_of(&row.at).ok_or_else(|| StoreError::bad_row("events", &row.at))?,
@@ -110,7 +110,7 @@ impl Store {
         after: i64,
         limit: u32,
     ) -> Result<Vec<RecordedEvent>, StoreError> {
-        sqlx::query_as::<_, Row>(
+        sqlx::query_as::<_, EventRow>(
             "SELECT id, at, body, who FROM events WHERE id > ? ORDER BY id LIMIT ?",
         )
         .bind(after)
@@ -159,7 +159,7 @@ impl Store {
         kinds: &[&str],
         page: PageRequest,
     ) -> Result<Page<RecordedEvent>, StoreError> {
-        let rows = sqlx::query_as::<_, Row>(
+        let rows = sqlx::query_as::<_, EventRow>(
             "SELECT id, at, body, who FROM events
              WHERE scan_id = ? AND kind IN (SELECT value FROM json_each(?)) AND id > ? ORDER BY id LIMIT ?",
         )
@@ -169,7 +169,7 @@ impl Store {
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
-        Ok(Page::read(rows, page.limit, |row: &Row| row.id))
+        Ok(Page::read(rows, page.limit, |row: &EventRow| row.id))
     }
 
     /// Returns the number of the newest event; 0 if there is none.

@@ -116,7 +116,7 @@ impl FieldColumns {
 }
 
 #[derive(FromRow)]
-struct Row {
+struct ObservationRow {
     theta_c_deg: f64,
     phi_s_deg: f64,
     signal: f64,
@@ -255,7 +255,7 @@ impl Store {
                 })?;
         let context: Context = serde_json::from_str(&context)
             .map_err(|e| StoreError::bad_row("observation_sets", e))?;
-        let rows: Vec<Row> = sqlx::query_as(
+        let rows: Vec<ObservationRow> = sqlx::query_as(
             "SELECT theta_c_deg, phi_s_deg, signal, sigma, white_reference, led_drift, theta_c_zero_deg,
                phi_s_zero_deg, n_frames FROM observations WHERE set_id = ? ORDER BY position",
         )
@@ -351,7 +351,7 @@ fn view(seven: &[f64; 7]) -> View {
     }
 }
 
-fn observation(row: &Row, taken_s: Option<f64>) -> Observation {
+fn observation(row: &ObservationRow, taken_s: Option<f64>) -> Observation {
     Observation {
         pose: Pose::from_deg(row.theta_c_deg, row.phi_s_deg),
         signal: row.signal,

@@ -140,7 +140,7 @@ impl OrderChange {
 }
 
 #[derive(FromRow)]
-struct Row {
+struct OrderRow {
     id: i64,
     position: i64,
     sample_id: i64,
@@ -161,10 +161,10 @@ struct Row {
     created_at: String,
 }
 
-impl TryFrom<Row> for QueueOrder {
+impl TryFrom<OrderRow> for QueueOrder {
     type Error = StoreError;
 
-    fn try_from(row: Row) -> Result<QueueOrder, StoreError> {
+    fn try_from(row: OrderRow) -> Result<QueueOrder, StoreError> {
         let state = OrderState::from_word(&row.state);
         Ok(QueueOrder {
             id: row.id,
@@ -350,7 +350,7 @@ impl Store {
         external_id: &str,
         place: usize,
     ) -> Result<(), StoreError> {
-        let taken: Option<Row> = sqlx::query_as(sqlx::AssertSqlSafe(format!(
+        let taken: Option<OrderRow> = sqlx::query_as(sqlx::AssertSqlSafe(format!(
             "{SELECT} WHERE external_id = ? AND state <> 'removed' LIMIT 1"
         )))
         .bind(external_id)
@@ -374,7 +374,7 @@ impl Store {
     /// [`StoreError::NotFound`], or a database error.
     pub async fn queue_order(&self, id: i64) -> Result<QueueOrder, StoreError> {
         let sql = format!("{SELECT} WHERE id = ?");
-        sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(sql))
+        sqlx::query_as::<_, OrderRow>(sqlx::AssertSqlSafe(sql))
             .bind(id)
             .fetch_optional(self.readers())
             .await?
@@ -400,13 +400,13 @@ impl Store {
             true => String::new(),
             false => format!(",{},", words.join(",")),
         };
-        let rows = sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(sql))
+        let rows = sqlx::query_as::<_, OrderRow>(sqlx::AssertSqlSafe(sql))
             .bind(of_states)
             .bind(page.cursor)
             .bind(page.limit + 1)
             .fetch_all(self.readers())
             .await?;
-        Ok(Page::read(rows, page.limit, |row: &Row| row.position))
+        Ok(Page::read(rows, page.limit, |row: &OrderRow| row.position))
     }
 
     /// Changes an order beside its scans.
@@ -450,7 +450,7 @@ impl Store {
         id: i64,
     ) -> Result<QueueOrder, StoreError> {
         let sql = format!("{SELECT} WHERE id = ?");
-        sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(sql))
+        sqlx::query_as::<_, OrderRow>(sqlx::AssertSqlSafe(sql))
             .bind(id)
             .fetch_optional(transaction)
             .await?

@@ -115,7 +115,7 @@ pub(super) fn tag_in_list(tag: &str) -> String {
 }
 
 #[derive(FromRow)]
-struct Row {
+struct RecordRow {
     id: i64,
     tags: String,
     note: Option<String>,
@@ -124,10 +124,10 @@ struct Row {
     at: String,
 }
 
-impl TryFrom<Row> for RecordChange {
+impl TryFrom<RecordRow> for RecordChange {
     type Error = StoreError;
 
-    fn try_from(row: Row) -> Result<RecordChange, StoreError> {
+    fn try_from(row: RecordRow) -> Result<RecordChange, StoreError> {
         Ok(RecordChange {
             id: row.id,
             who: row.who,
@@ -205,7 +205,7 @@ impl Store {
         page: PageRequest,
     ) -> Result<Page<RecordChange>, StoreError> {
         self.scan(scan_id).await?;
-        let rows: Vec<Row> = sqlx::query_as(
+        let rows: Vec<RecordRow> = sqlx::query_as(
             "SELECT id, tags, note, archived, who, at FROM scan_records WHERE scan_id = ? AND id > ? ORDER BY id LIMIT ?",
         )
         .bind(scan_id)
@@ -213,7 +213,7 @@ impl Store {
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
-        Ok(Page::read(rows, page.limit, |row: &Row| row.id))
+        Ok(Page::read(rows, page.limit, |row: &RecordRow| row.id))
     }
 }
 

@@ -144,7 +144,7 @@ fn in_words(ids: &[i64]) -> String {
 }
 
 #[derive(FromRow)]
-struct Row {
+struct SampleRow {
     id: i64,
     name: String,
     material: String,
@@ -154,10 +154,10 @@ struct Row {
     earlier_names: String,
 }
 
-impl TryFrom<Row> for Sample {
+impl TryFrom<SampleRow> for Sample {
     type Error = StoreError;
 
-    fn try_from(row: Row) -> Result<Sample, StoreError> {
+    fn try_from(row: SampleRow) -> Result<Sample, StoreError> {
         let bad = |e| StoreError::bad_row("samples", e);
         Ok(Sample {
             id: row.id,
@@ -217,7 +217,7 @@ impl Store {
     /// [`StoreError::NotFound`], or a database error.
     pub async fn sample(&self, id: i64) -> Result<Sample, StoreError> {
         let select = select();
-        sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!("{select} WHERE p.id = ?")))
+        sqlx::query_as::<_, SampleRow>(sqlx::AssertSqlSafe(format!("{select} WHERE p.id = ?")))
             .bind(id)
             .fetch_optional(self.readers())
             .await?
@@ -235,7 +235,7 @@ impl Store {
         page: PageRequest,
     ) -> Result<Page<Sample>, StoreError> {
         let select = select();
-        let rows = sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!(
+        let rows = sqlx::query_as::<_, SampleRow>(sqlx::AssertSqlSafe(format!(
             "{select} WHERE (?1 IS NULL OR p.id < ?1) AND (?2 IS NULL OR n.name = ?2) ORDER BY p.id DESC LIMIT ?3"
         )))
         .bind(page.cursor)
@@ -243,7 +243,7 @@ impl Store {
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
-        Ok(Page::read(rows, page.limit, |row: &Row| row.id))
+        Ok(Page::read(rows, page.limit, |row: &SampleRow| row.id))
     }
 
     /// Returns the sample of a name; none if no sample has it. Old stores, parts of other material and clients may have

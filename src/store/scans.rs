@@ -143,7 +143,7 @@ pub struct ScanFilter {
 }
 
 #[derive(FromRow)]
-struct Row {
+struct ScanRow {
     id: i64,
     sample_id: i64,
     sample_name: String,
@@ -170,10 +170,10 @@ struct Row {
     archived: bool,
 }
 
-impl TryFrom<Row> for Scan {
+impl TryFrom<ScanRow> for Scan {
     type Error = StoreError;
 
-    fn try_from(row: Row) -> Result<Scan, StoreError> {
+    fn try_from(row: ScanRow) -> Result<Scan, StoreError> {
         Ok(Scan {
             id: row.id,
             sample_id: row.sample_id,
@@ -429,7 +429,7 @@ impl Store {
     /// [`StoreError::NotFound`], or a database error.
     pub async fn scan(&self, id: i64) -> Result<Scan, StoreError> {
         let select = select();
-        sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!("{select} WHERE s.id = ?")))
+        sqlx::query_as::<_, ScanRow>(sqlx::AssertSqlSafe(format!("{select} WHERE s.id = ?")))
             .bind(id)
             .fetch_optional(self.readers())
             .await?
@@ -447,7 +447,7 @@ impl Store {
         page: PageRequest,
     ) -> Result<Page<Scan>, StoreError> {
         let select = select();
-        let rows = sqlx::query_as::<_, Row>(sqlx::AssertSqlSafe(format!(
+        let rows = sqlx::query_as::<_, ScanRow>(sqlx::AssertSqlSafe(format!(
             "{select} WHERE (?1 IS NULL OR s.id < ?1) AND (?2 IS NULL OR w.sample_id = ?2)
                AND (?3 IS NULL OR t.state = ?3) AND (?4 IS NULL OR instr(k.tags, ?4))
                AND (?5 IS NULL OR COALESCE(k.archived, 0) = ?5) ORDER BY s.id DESC LIMIT ?6"
@@ -460,7 +460,7 @@ impl Store {
         .bind(page.limit + 1)
         .fetch_all(self.readers())
         .await?;
-        Ok(Page::read(rows, page.limit, |row: &Row| row.id))
+        Ok(Page::read(rows, page.limit, |row: &ScanRow| row.id))
     }
 
     /// Returns the sample of the newest scan that a rig made of one; none before the first.

@@ -73,7 +73,7 @@ def test_every_parameter_and_every_line_of_a_budget_is_in_the_glossary() -> None
     named = set(schemas["FitParameters"]["properties"])
     for name in named:
         assert f"| `{name}` |" in glossary, name
-    budget = re.findall(r'\("([a-z]+)", ', (ROOT / "src/fit/budget.rs").read_text())
+    budget = re.findall(r'\("([a-z]+)", ', (ROOT / "src/fit/uncertainty/budget.rs").read_text())
     for line in budget:
         assert f"| `{line}` |" in glossary, f"the line {line} of the budget"
 

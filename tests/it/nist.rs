@@ -9,9 +9,9 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Dyn, U1};
 use num_dual::{Derivative, DualDVec64, DualNum};
-use ridged::fit::covariance::covariance;
 use ridged::fit::least_squares::LeastSquares;
-use ridged::fit::solver::{Bounds, Settings, minimise};
+use ridged::fit::least_squares::levenberg_marquardt::{Bounds, Settings, minimise};
+use ridged::fit::uncertainty::covariance::covariance;
 
 /// An expression of the problem files: `+ - * / **`, parentheses, exp, cos, sin, atan, pi, names.
 enum Expression {

@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use ridged::fit::findings::Code;
+use ridged::fit::causes::findings::Code;
 use ridged::fit::report::{FitReport, Parameter};
 use ridged::fit::{FitOptions, VariantChoice, fit, fit_watched};
 use ridged::observation::{ObservationSet, Prior};

@@ -11,7 +11,7 @@ use serde_json::{Value as Json, json};
 use tempfile::TempDir;
 
 use ridged::analysis::{AnalysisOptions, analyse_observations};
-use ridged::fit::findings::Code;
+use ridged::fit::causes::findings::Code;
 use ridged::fit::{Constraint, FitOptions, FitReport, Quantity, VariantChoice};
 use ridged::geometry::{Cones, Directions};
 use ridged::model::prepared::OpticsTable;

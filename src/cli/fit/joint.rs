@@ -10,7 +10,7 @@ use crate::analysis::{AnalysisOptions, JointAnalysisError, analyse_together};
 use crate::cli::output::ResultArgs;
 use crate::cli::{CliError, output};
 use crate::fit::joint::JointError;
-use crate::fit::text;
+use crate::fit::report::text;
 use crate::reduction::FrameSource;
 use crate::series::Series;
 

@@ -14,7 +14,7 @@ use crate::cli::operator_prompt::OperatorPrompt;
 use crate::cli::progress::Bar;
 use crate::cli::{CliError, interrupt, say};
 use crate::fit::FitReport;
-use crate::fit::text::in_one_line;
+use crate::fit::report::text::in_one_line;
 use crate::lab::{FIT_NOT_STARTED, NOT_JUDGED};
 use crate::material::Material;
 use crate::scan::{OperatorAction, PlanRequest, ScanState};

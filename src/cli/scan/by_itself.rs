@@ -13,7 +13,7 @@ use crate::cli::progress::Bar;
 use crate::cli::{CliError, runtime, say};
 use crate::daemon;
 use crate::fit::FitReport;
-use crate::fit::text::in_one_line;
+use crate::fit::report::text::in_one_line;
 use crate::lab::assembly::real_rig;
 use crate::lab::{Hooks, Lab, LabError};
 use crate::scan::runner::ScanCommand;

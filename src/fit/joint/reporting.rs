@@ -3,12 +3,12 @@
 use nalgebra::DMatrix;
 
 use super::{EACH_ITS_OWN, Joint, JointReport, Scan, ScanReport};
-use crate::fit::budget::{Budget, Part, Uncertainty, of_parts, uncertainty};
-use crate::fit::covariance::Covariance;
 use crate::fit::estimate::Estimate;
 use crate::fit::problem::Quantity;
+use crate::fit::report::build::{report_with, summary};
 use crate::fit::report::{FitReport, Parameter, Parameters, Status, VariantName, VariantSummary};
-use crate::fit::reporting::{report_with, summary};
+use crate::fit::uncertainty::budget::{Budget, Part, Uncertainty, of_parts, uncertainty};
+use crate::fit::uncertainty::covariance::Covariance;
 use crate::model::Variant;
 use crate::robust::reduced_chi2_at;
 

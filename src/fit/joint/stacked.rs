@@ -1,8 +1,8 @@
 //! All scans as one least-squares problem.
 
 use crate::fit::least_squares::LeastSquares;
+use crate::fit::least_squares::levenberg_marquardt::Bounds;
 use crate::fit::problem::Problem;
-use crate::fit::solver::Bounds;
 
 /// All scans as one problem, with their rows stacked.
 pub(super) struct Stacked<'j, 'a> {

@@ -10,7 +10,7 @@ fn where_the_model_is_linear_profile_and_bootstrap_agree_with_the_budget() {
         bootstrap: 200,
         ..options()
     };
-    let report = fit_without_tier(&set, &asked, &AtomicBool::new(false));
+    let report = fit_without_higher_order(&set, &asked, &AtomicBool::new(false));
     let p = &report.parameters.theta_r_deg;
     let (value, budget) = (p.value.expect("known"), p.budget.expect("known"));
     let half = 2.0 * budget.counting.hypot(budget.background);
@@ -165,8 +165,8 @@ fn a_stated_wedge_is_in_the_budget_and_an_unstated_one_is_listed_as_left_out() {
         wedge_std: Some(Angle::from_deg(0.1)),
         ..bare.clone()
     };
-    let [without, with] =
-        [&bare, &stated].map(|set| fit_without_tier(set, &options(), &AtomicBool::new(false)));
+    let [without, with] = [&bare, &stated]
+        .map(|set| fit_without_higher_order(set, &options(), &AtomicBool::new(false)));
     let listed = |r: &crate::fit::FitReport| r.left_out.iter().any(|l| l.what.contains("wedge"));
     assert!(listed(&without) && !listed(&with));
     assert_eq!(without.reference_plane, ReferencePlane::Turntable);
@@ -174,8 +174,9 @@ fn a_stated_wedge_is_in_the_budget_and_an_unstated_one_is_listed_as_left_out() {
     // The uncertainty of the azimuth itself excludes the wedge.
     let of = |r: &crate::fit::FitReport| r.wedge_across.unwrap().azimuth_std_deg;
     assert!((of(&with) / of(&without) - 1.0).abs() < 1e-9);
-    let text =
-        |r: &crate::fit::FitReport| crate::fit::text::table(r, &crate::fit::text::Form::PLAIN);
+    let text = |r: &crate::fit::FitReport| {
+        crate::fit::report::text::table(r, &crate::fit::report::text::Form::PLAIN)
+    };
     assert!(text(&without).contains("refer to the turntable"));
     assert!(text(&with).contains("refer to the plane of the sample"));
     let line = |p: &crate::fit::report::Parameter| p.budget.unwrap().wedge;
@@ -193,7 +194,8 @@ fn a_stated_wedge_is_in_the_budget_and_an_unstated_one_is_listed_as_left_out() {
 
 #[test]
 fn a_stated_lamp_angle_error_is_in_the_budget_and_an_unstated_one_is_listed_as_left_out() {
-    let fitted = |set: &ObservationSet| fit_without_tier(set, &options(), &AtomicBool::new(false));
+    let fitted =
+        |set: &ObservationSet| fit_without_higher_order(set, &options(), &AtomicBool::new(false));
     let bare = series(5);
     let std = 0.2;
     let stated = ObservationSet {

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::{Problem, Quantity};
-use crate::fit::solver::Bounds;
+use crate::fit::least_squares::levenberg_marquardt::Bounds;
 use crate::model::Variant;
 use crate::model::extended::slopes::TAIL_MAX;
 use crate::model::extended::{CREST_MAX, LAND_MAX};

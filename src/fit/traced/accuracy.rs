@@ -1,8 +1,8 @@
 //! When a tracing is accurate enough.
 
-use crate::fit::budget::Uncertainty;
 use crate::fit::estimate::Estimate;
 use crate::fit::problem::{Quantity, Values};
+use crate::fit::uncertainty::budget::Uncertainty;
 
 /// Largest share of the combined uncertainty for which the tracer's line of the budget is small: it adds 3 % to it.
 const SMALL_SHARE: f64 = 0.25;

@@ -6,14 +6,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use super::{
-    FIRST_PASSES, Scatter, Settled, TracingOptions, TracingProgress, Watch, ridged_surface,
+    FIRST_PASSES, Scatter, TracingOptions, TracingProgress, Watch, WeightedFit, ridged_surface,
 };
 use crate::fit::FitOptions;
 use crate::fit::estimate::Estimate;
-use crate::fit::misfit::freedom;
+use crate::fit::least_squares::levenberg_marquardt::{Minimum, Settings};
+use crate::fit::model_discrepancy::freedom;
+use crate::fit::multistart::AMBIGUOUS_RISE;
 use crate::fit::problem::{Problem, Values};
-use crate::fit::search::AMBIGUOUS_RISE;
-use crate::fit::solver::{Minimum, Settings};
 use crate::trace::pose_radiance::RadianceOptions;
 use crate::trace::rng::{Purpose, RandomStream};
 use crate::trace::surface_profile::SurfaceProfile;
@@ -67,7 +67,7 @@ impl Task<'_, '_> {
             };
             let scatter = Scatter::new(sawtooth, &traced.sigma);
             let problem = sawtooth.problem.clone().with_factor(traced.factor);
-            let mut there = Settled {
+            let mut there = WeightedFit {
                 problem: problem.with_correction(traced.added),
                 minimum: rival.clone(),
                 discrepancy: best.discrepancy,

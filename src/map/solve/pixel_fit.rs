@@ -1,6 +1,6 @@
 //! One pixel's fit, and the bounds of its parameters.
 
-use crate::map::kernel::{FREE, PACKED, Parameters, packed};
+use super::kernel::{FREE, PACKED, Parameters, packed};
 
 /// Lower bounds; ψ has none.
 pub(in crate::map) const LOWER: [f64; FREE] = [0.0, f64::NEG_INFINITY, -6.9, -6.9, 0.0];

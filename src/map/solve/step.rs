@@ -7,12 +7,12 @@
 
 use pulp::Simd;
 
-use super::super::kernel::{GEOMETRY, Shape, row};
+use super::kernel::{GEOMETRY, Shape, row};
 use super::{
     COST, DECREMENT, FREE, GRADIENT, LAMBDA, LOWER, NORMAL, P, PACKED, ROW, SHAPE, TRIAL,
     TRIAL_SHAPE, Table, packed, upper,
 };
-use crate::fit::lane_steps::{BLOCK, Block, damped};
+use crate::fit::least_squares::lane_steps::{BLOCK, Block, damped};
 use crate::model::lanes::Lane;
 
 /// Columns of a row: the slopes and the residual.

@@ -1,9 +1,9 @@
 //! The solver applied to synthetic pixels with known parameters.
 
-use super::super::kernel::single;
+use super::kernel::single;
 use super::*;
 use crate::geometry::{Pose, RigGeometry};
-use crate::map::view::telecentric;
+use crate::map::signals::view::telecentric;
 use crate::model::fresnel;
 
 fn solve(job: &Job<'_>) -> Vec<PixelFit> {

@@ -210,7 +210,7 @@ pub(super) fn place(wanted: &Column) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::findings::Code;
+    use crate::fit::causes::findings::Code;
     use crate::fit::report::{Status, VariantName};
     use crate::judge::Verdict;
     use crate::scan::state::TRANSITIONS;
