@@ -11,7 +11,7 @@ use crate::accuracy::plan_check::{self, PlanCheck};
 use crate::accuracy::{
     self, AccuracyEffort, AccuracyPoint, AccuracyReport, LEVEL, page, plot, slope,
 };
-use crate::lab::accuracy_results::{ACCURACY_FILE, ACCURACY_FOLDER};
+use crate::lab::reports::accuracy_results::{ACCURACY_FILE, ACCURACY_FOLDER};
 
 /// Measures error against run time on a fixed list of scenes, by every method that applies.
 #[derive(Debug, clap::Args)]

@@ -4,6 +4,20 @@
 //! slot of its kind, publishes a forecast, runs the [`Work`] on a thread of its own and writes how it ended. A kind adds a
 //! request, a [`Work`] and a variant of [`JobRequest`].
 
+pub(super) mod chosen_fit;
+pub(super) mod contrasts;
+pub(super) mod curves;
+pub(super) mod fits;
+pub(super) mod maps;
+pub(super) mod progress;
+pub(super) mod running;
+pub(super) mod single_flight;
+pub(super) mod slots;
+pub(super) mod trace_result;
+pub(super) mod traces;
+pub(super) mod verdicts;
+pub(super) mod work;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -11,21 +25,21 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
 
-use super::contrasts::ContrastRequest;
-use super::cost_estimate::{ForecastSubject, with_cost};
 use super::failure::Failure;
-use super::fits::FitRequest;
-use super::job_progress::{JobProgress, ProgressMeter};
-use super::job_work::{Finished, FinishedFit, Work, word};
-use super::maps::MapRequest;
+use super::scans::cost_estimate::{ForecastSubject, with_cost};
 use super::tasks::{blocking, to_the_end};
-use super::traces::TraceRequest;
-use super::verdicts::VerdictRequest;
 use super::{Lab, LabError};
 use crate::forecast::Forecast;
 use crate::job::{JobId, JobKind, JobState};
 use crate::store::jobs::{FitSummary, JobEnd, NewJob};
 use crate::store::{Store, StoreError};
+use contrasts::ContrastRequest;
+use fits::FitRequest;
+use maps::MapRequest;
+use progress::{JobProgress, ProgressMeter};
+use traces::TraceRequest;
+use verdicts::VerdictRequest;
+use work::{Finished, FinishedFit, Work, word};
 
 /// Most bytes of a request without the contents of its files.
 const REQUEST_BYTES_MAX: usize = 256 << 10;

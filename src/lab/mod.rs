@@ -1,73 +1,33 @@
 //! The operations of the daemon. The lab owns the rig, writes the store and broadcasts events.
 //!
-//! [`Lab::open`] starts it; [`Lab::shut_down`] stops the rig and ends it. One task (`bench`) owns stages and camera; other
-//! tasks send it requests, which it accepts or refuses at once. A stop bypasses this task, so it is never refused. Page,
-//! command line and log read the store and [`Lab::events`], never the runner. The lab does not know HTTP or the
-//! simulator.
+//! [`Lab::open`] starts it; [`Lab::shut_down`] stops the rig and ends it. Page, command line and log read the store and
+//! [`Lab::events`], never the runner. The lab does not know HTTP or the simulator.
+//!
+//! - `rig`: one task (`rig::owner`) owns stages and camera. Other tasks send it requests, which it accepts or refuses at once. A
+//!   stop bypasses this task, so it is never refused.
+//! - `scans`: how a scan is planned, ordered, run and recorded.
+//! - `jobs`: fits, maps, contrasts, verdicts and traces, which share the processors.
+//! - `exchange`: imports and exports. [`reports`]: reports, charts and comparisons.
+//! - `event_sink`, `hooks`, `telemetry`: who learns of an event.
 
-pub mod accuracy_results;
 pub mod assembly;
-mod axis_motion;
-mod bench;
-mod charts;
-mod chosen_fit;
-mod comparisons;
-mod contrasts;
-mod cost_estimate;
-mod curves;
 pub mod definitions;
-mod due;
 mod error;
 mod event_sink;
-mod export;
-mod exports;
+mod exchange;
 mod failure;
-mod fit_at_end;
-mod fits;
-mod hands;
-mod hdf5_group;
 mod hooks;
-mod import;
-mod import_duplicates;
-mod incidents;
-mod job_progress;
-mod job_slots;
-mod job_work;
 mod jobs;
-mod jog;
-mod live_fit;
-mod maps;
-mod motions;
-mod nexus;
-mod nexus_download;
-mod orders;
 mod outcome;
-mod park;
-mod plans;
-mod preview_work;
-mod previews;
-mod queue;
-mod received;
-mod recipes;
-mod recorder;
-mod reports;
+pub mod reports;
 mod request_checks;
 mod rig;
-mod rig_work;
-mod running_jobs;
 mod samples;
-mod scan_commands;
-mod scan_run;
+mod scans;
 mod series;
-mod single_flight;
 mod specifications;
-mod stages;
 mod tasks;
 mod telemetry;
-mod trace_result;
-mod traces;
-mod uploads;
-mod verdicts;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -95,49 +55,49 @@ use crate::store::scans::Scan;
 use crate::store::{Recovery, Store, StoreError};
 
 pub use crate::bench::stage::{AxisName, DeviceIdentity, StageIdentity};
-pub use charts::{ChartChoice, ChartedSpecification, GuardBasis, ResultChart, chart};
-pub use chosen_fit::ReportChoice;
-pub use comparisons::{SCANS_MAX, compare, repeatability};
-pub use contrasts::ContrastRequest;
-pub use curves::{Curve, FitCurves};
 pub use definitions::NameOrId;
-pub use due::{Due, DueKind, due};
 pub use error::{Holder, LabError};
 use event_sink::EventSink;
-pub use export::{Exported, export, export_readable};
-pub use exports::{FrameStack, SurfaceFile, bird_file, surface_file};
-pub use fit_at_end::{FIT_NOT_STARTED, NOT_JUDGED};
-use fits::Reductions;
-pub use fits::{FitRequest, Reduced};
-pub use hands::OperatorCall;
+pub use exchange::export::{Exported, export, export_readable};
+pub use exchange::exports::{FrameStack, SurfaceFile, bird_file, surface_file};
+pub use exchange::import::{ImportOptions, Imported};
+pub use exchange::import_duplicates::ImportDuplicate;
+pub use exchange::nexus::NexusFile;
+pub use exchange::nexus_download::NexusDownload;
+pub use exchange::received::ReceivedFile;
 pub use hooks::Hooks;
-pub use import::{ImportOptions, Imported};
-pub use import_duplicates::ImportDuplicate;
-pub use job_progress::JobProgress;
-use job_slots::JobSlots;
+pub use jobs::chosen_fit::ReportChoice;
+pub use jobs::contrasts::ContrastRequest;
+pub use jobs::curves::{Curve, FitCurves};
+use jobs::fits::Reductions;
+pub use jobs::fits::{FitRequest, Reduced};
+pub use jobs::maps::MapRequest;
+pub use jobs::progress::JobProgress;
+use jobs::running::RunningJobs;
+use jobs::slots::JobSlots;
+pub use jobs::trace_result::TraceResult;
+pub use jobs::traces::TraceRequest;
+pub use jobs::verdicts::VerdictRequest;
 pub use jobs::{JobFile, JobRequest};
-pub use jog::{JogRequest, JogView};
-pub use maps::MapRequest;
-pub use motions::{Motion, MotionState};
-pub use nexus::NexusFile;
-pub use nexus_download::NexusDownload;
-pub use orders::OrderRequest;
 pub use outcome::Outcome;
-pub use plans::{Estimated, ScanRequest};
-pub use preview_work::{
+pub use reports::charts::{ChartChoice, ChartedSpecification, GuardBasis, ResultChart, chart};
+pub use reports::comparisons::{SCANS_MAX, compare, repeatability};
+pub use reports::{report, report_on_series};
+pub use rig::jog::{JogRequest, JogView};
+pub use rig::motions::{Motion, MotionState};
+pub use rig::operator_calls::OperatorCall;
+pub use rig::preview_work::{
     PREVIEW_EXPOSURES_MAX, PREVIEW_TIME_S_MAX, PreviewFrame, PreviewRequest, PreviewView,
     SUGGESTED_MAX,
 };
-pub use queue::{LeaseHolder, QUEUE_WAITS, QueueView};
-pub use received::ReceivedFile;
-pub use recipes::{Recipe, RecipeFit, RecipeLayout, RecipeMaterial};
-pub use reports::{report, report_on_series};
 pub use rig::{AxisView, RigView};
-use running_jobs::RunningJobs;
+pub use scans::due::{Due, DueKind, due};
+pub use scans::fit_at_end::{FIT_NOT_STARTED, NOT_JUDGED};
+pub use scans::orders::OrderRequest;
+pub use scans::plans::{Estimated, ScanRequest};
+pub use scans::queue::{LeaseHolder, QUEUE_WAITS, QueueView};
+pub use scans::recipes::{Recipe, RecipeFit, RecipeLayout, RecipeMaterial};
 pub use series::StoredSeries;
-pub use trace_result::TraceResult;
-pub use traces::TraceRequest;
-pub use verdicts::VerdictRequest;
 
 /// Disk space that imports leave free by default.
 const RESERVE_BYTES: u64 = 200_000_000;
@@ -206,7 +166,7 @@ struct Inner {
     ends: watch::Sender<HashMap<i64, RunEnd>>,
     /// Whether the data folder was found gone and an alarm was raised.
     folder_gone: AtomicBool,
-    queue: Arc<queue::QueueRun>,
+    queue: Arc<scans::queue::QueueRun>,
     /// What the settings ask to measure again at intervals.
     due: OnceLock<DueSection>,
 }
@@ -218,15 +178,15 @@ struct RigSide {
     stage_settings: StageSettings,
     port: String,
     camera: String,
-    requests: mpsc::Sender<rig_work::Request>,
+    requests: mpsc::Sender<rig::work::Request>,
     occupation: watch::Receiver<Occupation>,
     owner: Mutex<Option<tokio::task::JoinHandle<()>>>,
     access: StageAccess,
-    hands: hands::Hands,
-    previews: preview_work::Previews,
-    pinned: stages::PinnedStages,
-    jogs: jog::Jogs,
-    motions: Arc<motions::Motions>,
+    hands: rig::operator_calls::Hands,
+    previews: rig::preview_work::Previews,
+    pinned: rig::pinned_stages::PinnedStages,
+    jogs: rig::jog::Jogs,
+    motions: Arc<rig::motions::Motions>,
     sink: EventSink,
 }
 
@@ -272,7 +232,7 @@ impl Lab {
         parts: Option<RigParts>,
     ) -> Result<(Lab, Recovery), StoreError> {
         let (store, recovery) = Store::open(folder, disk, Arc::clone(&clock)).await?;
-        received::discard_all(&store).await;
+        exchange::received::discard_all(&store).await;
         if !recovery.damaged.is_empty() {
             let message = format!(
                 "{} frames are missing or damaged on disk, first {}; restore them from a copy of the data folder",
@@ -300,7 +260,7 @@ impl Lab {
                 let (clock, events) = (Arc::clone(&clock), events.clone());
                 let sink = EventSink::new(store.clone(), clock, events, ends.clone());
                 let cut_off = recovery.interrupted_scans.last().copied();
-                Some(bench::take(parts, sink, cut_off).await?)
+                Some(rig::owner::take(parts, sink, cut_off).await?)
             }
         };
         let lab = Lab {
@@ -321,8 +281,8 @@ impl Lab {
             }),
             who: LOCAL.into(),
         };
-        fit_at_end::start(&lab);
-        queue::start(&lab).await?;
+        scans::fit_at_end::start(&lab);
+        scans::queue::start(&lab).await?;
         Ok((lab, recovery))
     }
 
@@ -499,9 +459,9 @@ impl Lab {
                 .expect("no holder of this lock panics")
                 .take();
             if parks && stopped.is_ok() && side.settings.park.is_some() {
-                self.request(rig_work::Work::Park).await.ok();
+                self.request(rig::work::Work::Park).await.ok();
             }
-            self.request(rig_work::Work::End).await.ok();
+            self.request(rig::work::Work::End).await.ok();
             if let Some(owner) = owner {
                 owner.await.ok();
             }

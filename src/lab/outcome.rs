@@ -1,7 +1,7 @@
 //! What followed a completed scan: its fits, and the verdicts against its specification.
 
-use super::fit_at_end::{FIT_NOT_STARTED, NOT_JUDGED};
-use super::incidents::incidents;
+use super::scans::fit_at_end::{FIT_NOT_STARTED, NOT_JUDGED};
+use super::scans::incidents::incidents;
 use super::{Lab, LabError, VerdictRequest};
 use crate::job::{JobKind, JobState};
 use crate::scan::IncidentKind;

@@ -1,14 +1,17 @@
 //! Reports: a fit, its scan and everything that it rests on, collected from the store.
 
+pub mod accuracy_results;
+pub(super) mod charts;
+pub(super) mod comparisons;
+
 use serde_json::Value;
 use time::OffsetDateTime;
 
-use super::chosen_fit::{ReportChoice, chosen};
-use super::comparisons::{SCANS_MAX, repeatability};
-use super::curves::{FitCurves, curves_of};
-use super::incidents::incidents;
+use super::jobs::chosen_fit::{ReportChoice, chosen};
+use super::jobs::curves::{FitCurves, curves_of};
+use super::rig::pinned_stages::identity_of;
+use super::scans::incidents::incidents;
 use super::series::plan_of_rows;
-use super::stages::identity_of;
 use super::tasks::blocking;
 use super::{AxisName, Lab, LabError, StoredSeries};
 use crate::analysis::Analysis;
@@ -28,6 +31,7 @@ use crate::store::jobs::JobFilter;
 use crate::store::scans::{Origin, Scan, ScanFilter};
 use crate::store::{PageRequest, Store, StoreError, sha256_hex, utc_of};
 use crate::version::BUILD;
+use comparisons::{SCANS_MAX, repeatability};
 
 /// Distance of the points of a curve, degrees.
 const CURVE_STEP_DEG: f64 = 3.0;

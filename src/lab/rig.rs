@@ -1,15 +1,23 @@
 //! Rig operations: status, motions, homing, and the stop, which is never refused.
 
+pub(super) mod axis_motion;
+pub(super) mod jog;
+pub(super) mod motions;
+pub(super) mod operator_calls;
+pub(super) mod owner;
+pub(super) mod park;
+pub(super) mod pinned_stages;
+pub(super) mod preview_work;
+pub(super) mod previews;
+pub(super) mod work;
+
 use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::oneshot;
 
-use super::axis_motion::AxisMotion;
 use super::error::not_stopped;
-use super::motions::Motion;
 use super::request_checks::invalid;
-use super::rig_work::{Request, Work};
 use super::{AxisName, Holder, Lab, LabError, RigSide};
 use crate::bench::stage::{AxisStatus, Stage, StageIdentity};
 use crate::geometry::Pose;
@@ -19,6 +27,9 @@ use crate::scan::visit::stage_code;
 use crate::scan::{Event, RecordedEvent, ScanState, TravelLimits};
 use crate::series::{CameraFacts, RigFacts};
 use crate::units::Angle;
+use axis_motion::AxisMotion;
+use motions::Motion;
+use work::{Request, Work};
 
 /// State of the rig for clients.
 #[derive(Debug, Clone, PartialEq)]

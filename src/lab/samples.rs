@@ -1,6 +1,6 @@
 //! Samples, corrections and kept answers: the small writes that clients ask the lab for.
 
-use super::plans::sample_facts;
+use super::scans::plans::sample_facts;
 use super::{Lab, LabError};
 use crate::scan::ScanState;
 use crate::series::{Manifest, SampleFacts};
