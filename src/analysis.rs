@@ -19,8 +19,8 @@ use crate::observation::ObservationSet;
 use crate::plan;
 use crate::reduction::{CountedReads, FrameSource, ReductionError, reduce};
 use crate::series::Manifest;
-use crate::trace::ridge_map::RidgeFacts;
-use crate::trace::surface_profile::SurfaceProfile;
+use crate::trace::surfaces::ridge_map::RidgeFacts;
+use crate::trace::surfaces::surface_profile::SurfaceProfile;
 use crate::wording::percent;
 
 /// Range of the number of starts of a search, per variant.

@@ -18,12 +18,12 @@ use crate::model::prepared::{OpticsTable, Prepared};
 use crate::model::quadrature::Quadrature;
 use crate::model::{Optics, Surface, Variant};
 use crate::observation::{FlatObservation, Observation, ObservationSet, Prior, WhiteReference};
-use crate::trace::facet_scattering::{DiffuseBody, Roughness};
+use crate::trace::counting::tally::MonteCarloEstimate;
+use crate::trace::facets::scattering::{DiffuseBody, Roughness};
 use crate::trace::pose_radiance::{RadianceOptions, RidgedSurface};
 use crate::trace::rng::{Purpose, RandomStream};
-use crate::trace::surface_profile::{ProfileError, SurfaceProfile};
-use crate::trace::tally::MonteCarloEstimate;
-use crate::trace::worn_ridges::WornRidges;
+use crate::trace::surfaces::surface_profile::{ProfileError, SurfaceProfile};
+use crate::trace::surfaces::worn_ridges::WornRidges;
 
 /// The samples' materials: name, n, k.
 pub const MATERIALS: [(&str, f64, f64); 2] = [("plastic", 1.54, 0.0), ("steel", 2.9, 3.1)];

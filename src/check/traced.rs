@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::criterion::{digits, limit, refused, sampled};
 use super::{CheckEffort, CheckRow};
 use crate::model::fresnel;
-use crate::trace::height_field::Side;
+use crate::trace::counting::tally::{Energies, MonteCarloEstimate, Totals};
 use crate::trace::run::{self, Shard};
 use crate::trace::scene::{HeightMap, Scene, SceneError};
-use crate::trace::tally::{Energies, MonteCarloEstimate, Totals};
+use crate::trace::surfaces::height_field::Side;
 
 const AREA: &str = "tracer";
 const ENERGY: &str = "conservation of energy";

@@ -24,7 +24,7 @@ use super::{CliError, interrupt, output, output_path};
 use crate::model::LeftOut;
 use crate::model::contrast::PAPER_RIDGES_DEG;
 use crate::shard::Shard;
-use crate::trace::tally::MonteCarloEstimate;
+use crate::trace::counting::tally::MonteCarloEstimate;
 use crate::wording::{counted, significant};
 
 /// Traces the contrast of rounded and burred ridges over the ridge angle: CSV and figure.

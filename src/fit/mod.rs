@@ -35,7 +35,7 @@ use std::sync::atomic::AtomicBool;
 use serde::{Deserialize, Serialize};
 
 use crate::observation::ObservationSet;
-use crate::trace::surface_profile::SurfaceProfile;
+use crate::trace::surfaces::surface_profile::SurfaceProfile;
 
 pub mod causes;
 pub mod constraints;

@@ -28,7 +28,7 @@ use super::{FitOptions, VariantChoice};
 use crate::deadline;
 use crate::model::Variant;
 use crate::observation::ObservationSet;
-use crate::trace::surface_profile::SurfaceProfile;
+use crate::trace::surfaces::surface_profile::SurfaceProfile;
 use crate::wording::significant;
 
 /// Gain in QAIC that counts as clear.

@@ -17,7 +17,7 @@ use super::uncertainty::budget::Budget;
 use super::uncertainty::coverage::coverage_factor;
 pub use crate::model::LeftOut;
 use crate::observation::RejectedFrame;
-use crate::trace::ridge_map::RidgeFacts;
+use crate::trace::surfaces::ridge_map::RidgeFacts;
 
 /// How a fit ended. Scripts compare the word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]

@@ -6,8 +6,8 @@ use crate::fit::{VariantChoice, fit};
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::{self, Surface, Variant};
 use crate::observation::{Observation, Prior};
-use crate::trace::ridge_map::{RidgeMap, height_map_of};
 use crate::trace::scene::MapUnits;
+use crate::trace::surfaces::ridge_map::{RidgeMap, height_map_of};
 
 /// Steel at 24 poses, computed from the closed form.
 fn set() -> ObservationSet {

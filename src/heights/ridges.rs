@@ -1,8 +1,8 @@
 //! The measured shape of a sample: a profile across the ridges, or a height map of them.
 
-use crate::trace::ridge_map::{RidgeFacts, RidgeMap, RidgeMapError};
 use crate::trace::scene::{HeightMap, MapUnits};
-use crate::trace::surface_profile::{ProfileError, SurfaceProfile};
+use crate::trace::surfaces::ridge_map::{RidgeFacts, RidgeMap, RidgeMapError};
+use crate::trace::surfaces::surface_profile::{ProfileError, SurfaceProfile};
 use crate::wording::significant;
 
 /// Units of a map stated by the user, µm; they override those of the file.

@@ -5,10 +5,10 @@ use nalgebra::Complex;
 use super::{Basis, ComputationPlan, Decision, PlanChoice};
 use crate::material::tables::index_of;
 use crate::model::flat_stack::{FlatStack, StackReflectance};
+use crate::trace::counting::tally::ORDERS;
+use crate::trace::photons::walk::Method;
 use crate::trace::pilot::{Pilot, effort, pilot};
 use crate::trace::scene::{LeftOut, PreparedScene, Scene};
-use crate::trace::tally::ORDERS;
-use crate::trace::walk::Method;
 
 /// What a plan of a trace must achieve.
 #[derive(Debug, Clone, Copy, PartialEq)]

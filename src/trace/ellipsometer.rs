@@ -15,8 +15,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI};
 use nalgebra::{RowVector4, Vector4};
 use serde::Serialize;
 
-use super::plane::{PlaneDirection, plane};
-use super::tally::{ElementCovariance, MonteCarloEstimate, NUMBERS, Totals};
+use super::counting::plane::{PlaneDirection, plane};
+use super::counting::tally::{ElementCovariance, MonteCarloEstimate, NUMBERS, Totals};
 use crate::model::polarisation::{Channel, Mueller, Stokes};
 
 /// A setting of filter and compensator.

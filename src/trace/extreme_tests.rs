@@ -6,12 +6,12 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
-use super::facet_scattering::{DiffuseBody, Roughness};
-use super::grid::DirectionGrid;
-use super::height_field::{Flight, HeightField, Side};
+use super::counting::grid::DirectionGrid;
+use super::facets::scattering::{DiffuseBody, Roughness};
 use super::pose_radiance::{RadianceOptions, RidgedSurface};
 use super::rng::{Purpose, RandomStream};
-use super::surface_profile::{ProfileFlight, SurfaceProfile};
+use super::surfaces::height_field::{Flight, HeightField, Side};
+use super::surfaces::surface_profile::{ProfileFlight, SurfaceProfile};
 use super::vec3::{V3, dot};
 use crate::extremes::{any_double, cases, wide};
 use crate::geometry::{Cones, Directions};

@@ -8,10 +8,10 @@ mod references;
 mod refusals;
 mod stepped;
 
-use super::height_field::Side;
+use super::counting::tally::{MonteCarloEstimate, Totals};
 use super::run::{Shard, trace};
 use super::scene::{PreparedScene, Scene};
-use super::tally::{MonteCarloEstimate, Totals};
+use super::surfaces::height_field::Side;
 use crate::model::polarisation::Mueller;
 
 fn prepared(text: &str) -> PreparedScene {

@@ -8,41 +8,27 @@
 //!
 //! Directions are in the sample frame x = u, y = v, z = n; the sources of the conventions are
 //! listed in [`crate::model::polarisation`].
+//!
+//! A [`scene`] has interfaces of [`surfaces`]. A [`run`] sends [`photons`] through them, which meet [`facets`] and are subject to
+//! [`visibility`]; [`counting`] adds up what leaves, and [`report`] states it. [`pilot`] finds what may be left out;
+//! [`pose_radiance`] and [`ellipsometer`] simulate the rig and an ellipsometer, and [`surface_spread`] compares surfaces of the same
+//! statistics.
 
-pub mod beckmann;
-pub mod bins;
-pub mod crystals;
+pub mod counting;
 pub mod ellipsometer;
 #[cfg(test)]
 mod extreme_tests;
-mod facet_lanes;
-pub mod facet_response;
-pub mod facet_scattering;
-mod fixed_point;
-pub mod grid;
-pub mod height_field;
-pub mod horizon_slopes;
+pub mod facets;
 #[cfg(test)]
 mod laws;
-pub mod light;
-pub mod paired;
+pub mod photons;
 pub mod pilot;
-pub mod plane;
-pub mod polarisation_difference;
 pub mod pose_radiance;
-pub mod primary_hits;
 pub mod report;
-pub mod ridge_map;
 pub mod rng;
 pub mod run;
 pub mod scene;
-pub mod stokes;
-pub mod surface;
-pub mod surface_profile;
 pub mod surface_spread;
-pub mod swept_visibility;
-pub mod tails;
-pub mod tally;
+pub mod surfaces;
 pub mod vec3;
-pub mod walk;
-pub mod worn_ridges;
+pub mod visibility;

@@ -5,13 +5,13 @@
 
 use pulp::Simd;
 
-use super::grid::DirectionGrid;
-use super::height_field::Side;
-use super::light::{ELEMENTS_MAX, Leaving, PhotonState, Polarised, ScalarState, Turn};
+use super::counting::grid::DirectionGrid;
+use super::counting::tally::{MonteCarloEstimate, ORDERS};
+use super::photons::interface::Relief;
+use super::photons::light::{ELEMENTS_MAX, Leaving, PhotonState, Polarised, ScalarState, Turn};
 use super::run::trace_briefly;
 use super::scene::PreparedScene;
-use super::surface::Relief;
-use super::tally::{MonteCarloEstimate, ORDERS};
+use super::surfaces::height_field::Side;
 use super::vec3::V3;
 use crate::model::lanes::Lane;
 use crate::model::polarisation::Channel;
@@ -95,7 +95,7 @@ pub struct Pilot {
     pub by_interactions: [[MonteCarloEstimate; ORDERS]; 2],
 }
 
-/// Largest work of a pilot's batch ([`super::tally::TallyBatch::work`]): 64 of them take one or two
+/// Largest work of a pilot's batch ([`super::counting::tally::TallyBatch::work`]): 64 of them take one or two
 /// seconds.
 const WORK_MAX: u64 = 1 << 22;
 

@@ -19,12 +19,12 @@ mod uniform_points;
 
 use rayon::prelude::*;
 
-use super::facet_scattering::{DiffuseBody, Roughness};
-use super::light::ScalarState;
-use super::stokes::StokesState;
-use super::surface_profile::SurfaceProfile;
-use super::tails::Tailed;
-use super::tally::MonteCarloEstimate;
+use super::counting::tally::MonteCarloEstimate;
+use super::facets::scattering::{DiffuseBody, Roughness};
+use super::facets::tails::Tailed;
+use super::photons::light::ScalarState;
+use super::photons::stokes::StokesState;
+use super::surfaces::surface_profile::SurfaceProfile;
 use super::vec3::V3;
 use crate::geometry::{Cones, Directions};
 use crate::model::polarisation::{Boundary, Channel};

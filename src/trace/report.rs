@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize, Serializer};
 
+use super::counting::tally::{Energies, MonteCarloEstimate, ORDERS, Totals};
+use super::photons::interface::Interface;
 use super::scene::{LeftOut, PreparedScene, RidgeAngle};
-use super::surface::Interface;
 use super::surface_spread::Surfaces;
-use super::tally::{Energies, MonteCarloEstimate, ORDERS, Totals};
 use crate::wording::{percent, significant};
 
 /// Energies, errors and effects left out.

@@ -13,15 +13,15 @@ use std::sync::atomic::{AtomicBool, AtomicU64};
 
 use rayon::prelude::*;
 
-use super::grid::DirectionGrid;
-use super::light::{PhotonState, Polarised, ScalarState};
-use super::paired::Paired;
-use super::plane::directions;
-use super::primary_hits::PrimaryHits;
+use super::counting::grid::DirectionGrid;
+use super::counting::plane::directions;
+use super::counting::tally::{TallyBatch, Totals};
+use super::photons::light::{PhotonState, Polarised, ScalarState};
+use super::photons::paired::Paired;
+use super::photons::walk::{Waiting, Walk, worth_splitting};
 use super::rng::Purpose;
 use super::scene::PreparedScene;
-use super::tally::{TallyBatch, Totals};
-use super::walk::{Waiting, Walk, worth_splitting};
+use super::visibility::primary_hits::PrimaryHits;
 pub use division::{Follow, PartialRun, StopPolicy, TimeLimit, TraceProgress, check_shard};
 use division::{batches, batches_of, share};
 use preview::Preview;

@@ -12,11 +12,11 @@ mod shape;
 
 use serde::Deserialize;
 
-use super::facet_scattering::{DiffuseBody, Roughness};
-use super::grid::DirectionGrid;
+use super::counting::grid::DirectionGrid;
+use super::facets::scattering::{DiffuseBody, Roughness};
+use super::photons::interface::{Interface, Relief, Stack, StackLayer};
+use super::photons::walk::Method;
 use super::rng::{Purpose, RandomStream};
-use super::surface::{Interface, Relief, Stack, StackLayer};
-use super::walk::Method;
 use crate::material::tables;
 pub use crate::model::LeftOut;
 use crate::model::polarisation::Boundary;

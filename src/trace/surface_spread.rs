@@ -6,9 +6,9 @@
 
 use serde::Serialize;
 
+use super::counting::tally::{MonteCarloEstimate, Totals};
 use super::run::{self, Follow, Shard, TraceProgress};
 use super::scene::{PreparedScene, Scene};
-use super::tally::{MonteCarloEstimate, Totals};
 
 /// A fraction of the light over several surfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]

@@ -17,9 +17,9 @@ use ridged::model::{Optics, Surface, Variant, radiance};
 use ridged::observation::{
     FlatObservation, Observation, ObservationSet, Prior, SharedErrors, WhiteReference,
 };
-use ridged::trace::facet_scattering::Roughness;
+use ridged::trace::facets::scattering::Roughness;
 use ridged::trace::pose_radiance::{RadianceOptions, RidgedSurface};
-use ridged::trace::worn_ridges::WornRidges;
+use ridged::trace::surfaces::worn_ridges::WornRidges;
 use ridged::units::Angle;
 
 /// What is put on top of the radiances.

@@ -10,7 +10,7 @@ use ridged::fit::{FitOptions, VariantChoice, fit, fit_watched};
 use ridged::observation::{ObservationSet, Prior};
 use ridged::reduction::reduce;
 use ridged::series::Series;
-use ridged::trace::surface_profile::SurfaceProfile;
+use ridged::trace::surfaces::surface_profile::SurfaceProfile;
 
 fn observed(name: &str) -> ObservationSet {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/series2");

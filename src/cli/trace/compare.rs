@@ -14,15 +14,15 @@ use crate::cli::output_path;
 use crate::cli::values::whole;
 use crate::figures::{PlotAxis, with_true_minus};
 use crate::model::LeftOut;
-use crate::trace::grid::DirectionGrid;
-use crate::trace::height_field::Side;
-use crate::trace::paired::SCALAR;
-use crate::trace::polarisation_difference::{
+use crate::trace::counting::grid::DirectionGrid;
+use crate::trace::counting::polarisation_difference::{
     DifferenceSummary, DirectionDifference, DirectionMask, PolarisationDifference, WAVELENGTHS_NM,
     seed_at,
 };
+use crate::trace::counting::tally::Totals;
+use crate::trace::photons::paired::SCALAR;
 use crate::trace::run::Follow;
-use crate::trace::tally::Totals;
+use crate::trace::surfaces::height_field::Side;
 
 /// Compares polarised with scalar tracing: the relative difference d per direction of exit, its mean |d| over the
 /// wavelengths (ADM) and its maximum (MDM).
@@ -347,7 +347,7 @@ fn lobe(lamp: LampMark, runs: &[Totals], waves: &str) -> String {
                 (sum / n, square.sqrt() / n)
             };
             let ((p, p_std), (q, q_std)) = (mean(0), mean(SCALAR));
-            let (d, d_std) = mean(crate::trace::paired::DIFFERENCE);
+            let (d, d_std) = mean(crate::trace::photons::paired::DIFFERENCE);
             brightest = brightest.max(p).max(q);
             polarised.push((theta, p, p_std));
             scalar.push((theta, q, q_std));

@@ -9,8 +9,8 @@ use crate::figures::{
     ColourBar, DataSeries, Figure, GREY, Mark, NO_VALUE, Panel, PlotAxis, Raster, Stroke, Symbol,
     power_of_ten, with_true_minus,
 };
-use crate::trace::grid::{DirectionGrid, Layout};
-use crate::trace::height_field::Side;
+use crate::trace::counting::grid::{DirectionGrid, Layout};
+use crate::trace::surfaces::height_field::Side;
 
 /// Pixels across a disc's picture, and its side in the figure.
 const PIXELS: usize = 300;

@@ -5,10 +5,10 @@ use std::path::Path;
 
 use super::hemisphere::{Disc, DiscScale, LampMark, figure};
 use super::{CliError, ellipsometer, write_picture};
+use crate::trace::counting::tally::Totals;
 use crate::trace::ellipsometer::{aop_deg, curve, dolp};
-use crate::trace::height_field::Side;
 use crate::trace::scene::Scene;
-use crate::trace::tally::Totals;
+use crate::trace::surfaces::height_field::Side;
 
 /// Relative error of a bin's brightness above which ratios are shown grey.
 const SETTLED: f64 = 0.3;

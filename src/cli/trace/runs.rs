@@ -14,9 +14,9 @@ use crate::accuracy::trace_forecast::{Patience, TraceExtent, of_runs};
 use crate::cli::limits::{RunLimits, Stopwatch};
 use crate::cli::progress::Bar;
 use crate::clock::elapsed_s;
+use crate::trace::counting::tally::Totals;
 use crate::trace::run::{self, Follow, StopPolicy, TraceProgress};
 use crate::trace::scene::PreparedScene;
-use crate::trace::tally::Totals;
 
 /// Number of photons from which a forecast is worth its time.
 pub(super) const LONG: u64 = 2_000_000;

@@ -13,12 +13,13 @@ use sha2::{Digest, Sha256};
 
 use crate::cli::shards::{Fact, ShardSet};
 use crate::cli::{CliError, output_path};
-use crate::trace::bins::{self, BinPlaces};
-use crate::trace::grid::DirectionGrid;
-use crate::trace::height_field::Side;
+use crate::trace::counting::bins;
+use crate::trace::counting::bins::BinPlaces;
+use crate::trace::counting::grid::DirectionGrid;
+use crate::trace::counting::tally::Totals;
 use crate::trace::report::About;
 use crate::trace::run::{PartialRun, Shard};
-use crate::trace::tally::Totals;
+use crate::trace::surfaces::height_field::Side;
 use crate::version::BUILD;
 use crate::wording::hex;
 

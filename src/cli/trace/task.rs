@@ -19,11 +19,11 @@ use crate::cli::{CliError, interrupt, output_collision, output_path, shards};
 use crate::clock::elapsed_s;
 use crate::plan::scene::TracePlanRequest;
 use crate::plan::{self, ComputationPlan};
+use crate::trace::counting::tally::Totals;
 use crate::trace::report::{About, TraceReport};
 use crate::trace::run::{self, PartialRun, Shard, StopPolicy, TraceProgress, check_shard};
 use crate::trace::scene::{PreparedScene, Scene};
 use crate::trace::surface_spread::over_surfaces;
-use crate::trace::tally::Totals;
 use crate::wording::hex;
 
 /// A prepared scene with the options of the run.

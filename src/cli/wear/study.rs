@@ -12,11 +12,11 @@ use crate::cli::limits::{Stopwatch, check_paths};
 use crate::cli::progress::Bar;
 use crate::geometry::{Pose, RigGeometry};
 use crate::model::contrast::{PAPER_AZIMUTHS_DEG, PAPER_RIDGES_DEG};
-use crate::trace::facet_scattering::{DiffuseBody, Roughness};
+use crate::trace::counting::tally::MonteCarloEstimate;
+use crate::trace::facets::scattering::{DiffuseBody, Roughness};
 use crate::trace::pose_radiance::{RadianceOptions, RidgedSurface};
 use crate::trace::rng::{Purpose, RandomStream};
-use crate::trace::tally::MonteCarloEstimate;
-use crate::trace::worn_ridges::WornRidges;
+use crate::trace::surfaces::worn_ridges::WornRidges;
 
 /// The surfaces of a sweep: every wear at every ridge angle, numbered by wear, then by angle.
 #[derive(Debug, Clone, Serialize, Deserialize)]

@@ -2,8 +2,8 @@
 //! length of its facets against the manifest.
 
 use crate::fit::report::Parameter;
-use crate::trace::ridge_map::RidgeFacts;
-use crate::trace::surface_profile::SurfaceProfile;
+use crate::trace::surfaces::ridge_map::RidgeFacts;
+use crate::trace::surfaces::surface_profile::SurfaceProfile;
 use crate::wording::{decimals, significant};
 
 /// Standard uncertainty of the vertical scale of adjusted instruments, relative.

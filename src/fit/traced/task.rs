@@ -14,10 +14,10 @@ use crate::fit::least_squares::levenberg_marquardt::{Minimum, Settings};
 use crate::fit::model_discrepancy::freedom;
 use crate::fit::multistart::AMBIGUOUS_RISE;
 use crate::fit::problem::{Problem, Values};
+use crate::trace::counting::tally;
 use crate::trace::pose_radiance::RadianceOptions;
 use crate::trace::rng::{Purpose, RandomStream};
-use crate::trace::surface_profile::SurfaceProfile;
-use crate::trace::tally;
+use crate::trace::surfaces::surface_profile::SurfaceProfile;
 
 /// Share of the peak below which the difference to the closed form is added instead of the ratio.
 const VANISHING: f64 = 0.02;

@@ -3,15 +3,15 @@
 use serde::Serialize;
 
 use crate::model::polarisation::Stokes;
-use crate::trace::bins;
-use crate::trace::ellipsometer::{EllipsometerPoint, PolariserSetting, SETTINGS, curve_of};
-use crate::trace::height_field::Side;
-use crate::trace::polarisation_difference::{
+use crate::trace::counting::bins;
+use crate::trace::counting::polarisation_difference::{
     DifferenceSummary, DirectionDifference, DirectionMask, LobePoint, PolarisationDifference, lobe,
 };
+use crate::trace::counting::tally::Totals;
+use crate::trace::ellipsometer::{EllipsometerPoint, PolariserSetting, SETTINGS, curve_of};
 use crate::trace::report::TraceReport;
 use crate::trace::scene::Scene;
-use crate::trace::tally::Totals;
+use crate::trace::surfaces::height_field::Side;
 
 /// The result of a trace. Its description has what the daemon adds to the report.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

@@ -23,14 +23,14 @@ use crate::lab::failure::Failure;
 use crate::lab::request_checks::{invalid, positive};
 use crate::lab::tasks::blocking;
 use crate::store::StoreError;
-use crate::trace::polarisation_difference::{
+use crate::trace::counting::polarisation_difference::{
     DirectionMask, PolarisationDifference, WAVELENGTHS_NM,
 };
+use crate::trace::counting::tally::Totals;
 use crate::trace::report::TraceReport;
 use crate::trace::run::{Follow, StopPolicy, TraceProgress, trace_following};
 use crate::trace::scene::{BuiltShapes, PreparedScene, Scene, SceneError};
 use crate::trace::surface_spread::{Surfaces, over_surfaces};
-use crate::trace::tally::Totals;
 use crate::wording::{json, significant};
 
 /// Largest number of direction bins per side, 0.5° by 0.5°: more make the files too large for the page.

@@ -1,8 +1,8 @@
 //! Tests of the effects that the plan of a scene omits.
 
 use super::*;
+use crate::trace::counting::tally::MonteCarloEstimate;
 use crate::trace::run::{Shard, trace};
-use crate::trace::tally::MonteCarloEstimate;
 
 fn planned(text: &str, request: &TracePlanRequest) -> ComputationPlan {
     let scene = Scene::parse(text).unwrap();

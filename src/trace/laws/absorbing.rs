@@ -6,8 +6,8 @@ use nalgebra::Complex;
 use super::references::{all_reflected, deviation};
 use super::{interface, scene, traced};
 use crate::model::polarisation::Boundary;
+use crate::trace::counting::tally::MonteCarloEstimate;
 use crate::trace::run::{Shard, trace};
-use crate::trace::tally::MonteCarloEstimate;
 
 type C = Complex<f64>;
 

@@ -1,14 +1,14 @@
 //! With one branch per photon, the energies equal those of splitting for any light of the lamp.
 
+use crate::trace::counting::tally::Energies;
 use crate::trace::run::{Shard, trace};
 use crate::trace::scene::Scene;
-use crate::trace::tally::Energies;
 
 fn energies(
     interfaces: &str,
     stokes: &str,
     method: &str,
-) -> Energies<crate::trace::tally::MonteCarloEstimate> {
+) -> Energies<crate::trace::counting::tally::MonteCarloEstimate> {
     let text = format!(
         "[light]\ntheta_i_deg = 70.0\nstokes = {stokes}\n{interfaces}\n[run]\nphotons = 200000\nmethod = \"{method}\"\n"
     );

@@ -1,10 +1,10 @@
 //! The tracer compared with closed forms and with tables of other programs.
 
-use super::super::height_field::Side;
-use super::super::tally::{MonteCarloEstimate, Totals};
 use super::{interface, scene, single, traced};
 use crate::model::flat_stack::FlatStack;
 use crate::model::single_bounce::{Scattering, mueller_brdf};
+use crate::trace::counting::tally::{MonteCarloEstimate, Totals};
+use crate::trace::surfaces::height_field::Side;
 
 /// A Mueller element summed over all directions of reflection (a mirror direction may be on the
 /// edge of bins).

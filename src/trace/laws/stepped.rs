@@ -6,9 +6,9 @@
 use super::references::heitz;
 use super::*;
 use crate::model::polarisation::Boundary;
-use crate::trace::beckmann::beckmann;
-use crate::trace::height_field::HeightField;
 use crate::trace::rng::{Purpose, RandomStream};
+use crate::trace::surfaces::beckmann::beckmann;
+use crate::trace::surfaces::height_field::HeightField;
 use crate::trace::vec3::{V3, combine, dot, unit};
 
 /// Steps per cell.

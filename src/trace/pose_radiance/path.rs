@@ -1,12 +1,12 @@
 //! Paths of light over a ridged surface, traced from the camera or the lamp and connected to the other end.
 
-use super::super::facet_scattering::DiffuseBody;
-use super::super::height_field::Side;
-use super::super::light::PhotonState;
 use super::super::rng::{Purpose, RandomStream};
-use super::super::surface_profile::{ProfileFlight, ProfileSpot};
 use super::super::vec3::{V3, combine, cross, dot, scaled, unit};
 use super::{RadianceOptions, RidgedSurface};
+use crate::trace::facets::scattering::DiffuseBody;
+use crate::trace::photons::light::PhotonState;
+use crate::trace::surfaces::height_field::Side;
+use crate::trace::surfaces::surface_profile::{ProfileFlight, ProfileSpot};
 
 /// Steps of the low-discrepancy points on the lamp: powers of the reciprocal plastic number (M.
 /// Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).

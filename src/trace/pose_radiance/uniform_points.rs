@@ -1,6 +1,6 @@
 //! Points that are uniformly distributed over the surface of a profile.
 
-use super::super::surface_profile::{ProfileSpot, SurfaceProfile};
+use crate::trace::surfaces::surface_profile::{ProfileSpot, SurfaceProfile};
 
 /// Points that are uniformly distributed over the surface of a profile.
 #[derive(Debug, Clone)]

@@ -1,7 +1,7 @@
 //! How a run is divided into shards and batches, when it may stop, and what a stopped run has finished.
 
-use super::super::tally::Totals;
 use crate::shard::Shard;
+use crate::trace::counting::tally::Totals;
 
 /// Checks that every shard of a run with this number of photons has photons.
 ///

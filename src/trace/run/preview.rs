@@ -8,12 +8,12 @@
 
 use rayon::prelude::*;
 
-use super::super::light::PhotonState;
 use super::super::rng::Purpose;
-use super::super::tally::{TallyBatch, Totals};
-use super::super::walk::Waiting;
 use super::division::{BATCH_MAX, PartialRun, StopPolicy, batches, share};
 use super::task::{CHECK_INTERVAL, StopCheck, Task};
+use crate::trace::counting::tally::{TallyBatch, Totals};
+use crate::trace::photons::light::PhotonState;
+use crate::trace::photons::walk::Waiting;
 
 /// Number of replicates of a preview.
 const REPLICATES: u64 = 16;

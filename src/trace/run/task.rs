@@ -2,13 +2,13 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use super::super::grid::DirectionGrid;
-use super::super::light::PhotonState;
-use super::super::primary_hits::PrimaryHits;
 use super::super::rng::{Purpose, RandomStream};
-use super::super::tally::{TallyBatch, Totals};
-use super::super::walk::{Method, Waiting, Walk};
 use super::division::TraceProgress;
+use crate::trace::counting::grid::DirectionGrid;
+use crate::trace::counting::tally::{TallyBatch, Totals};
+use crate::trace::photons::light::PhotonState;
+use crate::trace::photons::walk::{Method, Waiting, Walk};
+use crate::trace::visibility::primary_hits::PrimaryHits;
 
 /// Photons between two checks of the stop conditions, and before the first estimate of the error.
 pub const CHECK_INTERVAL: u64 = 1 << 13;

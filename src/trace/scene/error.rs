@@ -1,7 +1,7 @@
 //! Why a scene cannot be traced; the messages name the key.
 
 use crate::material::tables::MaterialError;
-use crate::trace::surface_profile::ProfileError;
+use crate::trace::surfaces::surface_profile::ProfileError;
 use crate::wording::{significant, stated};
 
 /// Why a scene cannot be traced.

@@ -3,7 +3,7 @@
 //! A missing height is NaN. [`HeightMap::filled`] interpolates missing points,
 //! [`HeightMap::spikes`] finds heights that differ from all their neighbours.
 
-use crate::trace::surface_profile::{ProfileError, SurfaceProfile};
+use crate::trace::surfaces::surface_profile::{ProfileError, SurfaceProfile};
 
 /// Heights read from a file, in the file's unit; index row·columns + column, rows along v.
 #[derive(Debug, Clone, PartialEq, Default)]

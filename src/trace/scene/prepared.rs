@@ -3,10 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::{LeftOut, Scene};
-use crate::trace::grid::DirectionGrid;
-use crate::trace::surface::Stack;
+use crate::trace::counting::grid::DirectionGrid;
+use crate::trace::photons::interface::Stack;
+use crate::trace::photons::walk::Method;
 use crate::trace::vec3::V3;
-use crate::trace::walk::Method;
 
 /// A scene ready to trace.
 #[derive(Debug, Clone)]

@@ -7,15 +7,17 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::super::beckmann::{self, beckmann};
-use super::super::crystals::{self, crystals};
-use super::super::facet_scattering::Roughness;
-use super::super::height_field::HeightField;
 use super::super::rng::{Purpose, RandomStream};
-use super::super::surface::Relief;
-use super::super::surface_profile::lowest_and_highest;
-use super::super::worn_ridges::WornRidges;
 use super::{HeightMap, LeftOut, Scene, SceneError, positive, value};
+use crate::trace::facets::scattering::Roughness;
+use crate::trace::photons::interface::Relief;
+use crate::trace::surfaces::beckmann;
+use crate::trace::surfaces::beckmann::beckmann;
+use crate::trace::surfaces::crystals;
+use crate::trace::surfaces::crystals::crystals;
+use crate::trace::surfaces::height_field::HeightField;
+use crate::trace::surfaces::surface_profile::lowest_and_highest;
+use crate::trace::surfaces::worn_ridges::WornRidges;
 use crate::wording::{percent, significant};
 
 /// One interface as written; the allowed keys depend on `shape`.
