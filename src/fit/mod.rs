@@ -24,7 +24,8 @@
 //! - [`least_squares`]: the solver, which knows no reflectance.
 //! - [`causes`]: why data and model disagree: sample, detector, lamp, rig, single poses.
 //! - [`uncertainty`]: covariance, budget, intervals.
-//! - [`model_selection`]: all variants, with what must be fitted again, and the choice between them. [`joint`]: several scans.
+//! - `fitting`: all variants, again where a cause changes the observations. [`model_selection`]: the choice between them.
+//!   [`joint`]: several scans.
 //! - [`report`]: the answer, as JSON and text. [`fitted_surface`]: the BRDF of it.
 //! - [`convergence_trace`] and [`cost_estimate`]: progress against time, and the forecast of the duration.
 //!
@@ -44,6 +45,7 @@ pub mod cost_estimate;
 mod discontinuities;
 pub mod estimate;
 pub mod fitted_surface;
+mod fitting;
 pub mod higher_order;
 pub mod joint;
 pub(crate) mod known;

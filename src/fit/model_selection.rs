@@ -6,16 +6,12 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::causes::findings::{Code, Finding, sorted};
-use super::causes::lamp_drift::{to_correct, without};
-use super::causes::suspects::{BLAMES, investigated};
-use super::causes::{camera_response, downweighting};
+use super::causes::findings::{Finding, sorted};
 use super::convergence_trace::{Time, retrace};
 use super::estimate::Estimate;
+use super::fitting::{Changed, Fits, Fitting};
 use super::higher_order::HigherOrder;
-use super::least_squares::levenberg_marquardt::Ending;
 use super::model_discrepancy::LOUD;
-use super::one_variant::estimate_until;
 use super::quantity::Quantity;
 use super::report::build::{report_with, spoken, status, summary};
 use super::report::refusals::{empty, refusal};
@@ -25,8 +21,6 @@ use super::traced::{Watch, estimate_traced};
 use super::uncertainty::budget::{Uncertainty, judged, uncertainty};
 use super::uncertainty::intervals;
 use super::{FitOptions, VariantChoice};
-use crate::deadline;
-use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::trace::surfaces::surface_profile::SurfaceProfile;
 use crate::wording::significant;
@@ -37,8 +31,6 @@ const CLEAR_QAIC: f64 = 10.0;
 const INADEQUATE: f64 = 4.0;
 /// Ratio of root mean square residuals from which the printed lobe does not describe a sample that the sawtooth does.
 const MUCH_LARGER: f64 = 1.5;
-/// Largest share of the squared model error that a cause may leave in order to be named.
-const EXPLAINED: f64 = 0.5;
 /// Factor by which `traced` has to be less certain than `sawtooth` for the report to say why.
 const LESS_CERTAIN: f64 = 1.2;
 
@@ -114,7 +106,6 @@ pub fn fit_with_tracer(
         higher_order,
         tracer,
         cancel,
-        &[],
     );
     if let Some(few) = few {
         let (kept, of) = (few.observations.len(), all.observations.len());
@@ -151,185 +142,61 @@ pub fn fit_with_tracer(
     report
 }
 
-/// [`fit_with_tracer`] for a set that can be fitted; `carried` are the causes for which it was changed.
+/// [`fit_with_tracer`] for a set that can be fitted.
 fn fit_each(
     set: &ObservationSet,
     options: &FitOptions,
     higher_order: Option<HigherOrder<'_>>,
     tracer: &Tracer<'_>,
     cancel: &AtomicBool,
-    carried: &[Finding],
 ) -> FitReport {
-    let late = || tracer.time.is_some_and(|time| !time.allows());
-    let known = |code: Code| carried.iter().any(|f| f.code == code);
-    let poses_known = known(Code::BadPose) || known(Code::BadBlock);
-    let blameless: Vec<Code> = BLAMES
-        .into_iter()
-        .filter(|code| match code {
-            Code::LampDrift => set.lamp.is_some(),
-            _ => poses_known,
-        })
-        .collect();
-    let mut finer = None;
-    let mut attempt = |over: &AtomicBool| {
-        let run = |variant: Variant| {
-            let higher_order = higher_order.filter(|_| variant == Variant::Sawtooth);
-            estimate_until(set, variant, options, higher_order, &late, over)
+    let fitting = Fitting {
+        options,
+        higher_order,
+        time: tracer.time,
+        cancel,
+    };
+    let mut changed: Option<Changed> = None;
+    loop {
+        let (set, causes) = match &changed {
+            Some(changed) => (&changed.set, changed.causes.as_slice()),
+            None => (set, &[][..]),
         };
-        let (paper, ideal) = (run(Variant::Paper), run(Variant::Sawtooth));
-        finer = ideal.as_ref().and_then(Estimate::with_finer_views);
-        let sawtooth = match &ideal {
-            Some(ideal) if finer.is_none() && !late() => Some(investigated(
-                ideal.clone(),
-                options,
-                higher_order,
-                &blameless,
-                over,
-            )),
-            _ => ideal.clone(),
+        let next = {
+            let fits = fitting.fits(set, causes);
+            match fitting.changed(set, &fits, causes) {
+                Some(next) => next,
+                None => return selected(set, &fits, options, tracer, cancel, causes),
+            }
         };
-        [paper, ideal, sawtooth]
-    };
-    // A descent of a near rig may take longer than the limit: the flag ends it in the midst of it.
-    let is_limited = tracer.time.is_some_and(|time| time.limit_s.is_some());
-    let mut all = match is_limited {
-        true => deadline::flagging(&late, cancel, attempt),
-        false => attempt(cancel),
-    };
-    let enough = late();
-    for e in all.iter_mut().flatten() {
-        if enough && e.minimum.ending == Ending::Cancelled {
-            e.minimum.ending = Ending::MaxIterations;
-            e.cut_short = true;
-        }
+        changed = Some(next);
     }
-    if let Some(finer) = finer
-        && !(enough || cancel.load(Ordering::Relaxed))
-    {
-        return fit_each(&finer, options, higher_order, tracer, cancel, carried);
-    }
-    let [paper, ideal, sawtooth] = all;
-    let may_go_on = || !(enough || cancel.load(Ordering::Relaxed));
-    let again = |set: &ObservationSet| {
-        let attempt = |over: &AtomicBool| {
-            let e = estimate_until(set, Variant::Sawtooth, options, higher_order, &late, over)?;
-            Some(investigated(e, options, higher_order, &BLAMES, over).discrepancy)
-        };
-        match is_limited {
-            true => deadline::flagging(&late, cancel, attempt),
-            false => attempt(cancel),
-        }
-    };
-    let explained_by = |set: &ObservationSet| {
-        let left = (again(set)? / sawtooth.as_ref()?.discrepancy).powi(2);
-        (left < EXPLAINED).then_some(1.0 - left)
-    };
-    let blame = sawtooth.as_ref().and_then(|e| e.blame.as_deref());
-    let with = |finding: Finding| [carried, &[finding]].concat();
-    if may_go_on()
-        && let Some(e) = &sawtooth
-        && let Some(decided) = camera_response::decided(set, e.discrepancy, again)
-    {
-        return fit_each(&decided, options, higher_order, tracer, cancel, carried);
-    }
-    if may_go_on()
-        && !known(Code::WhiteReference)
-        && let Some((lighter, mut finding)) = sawtooth.as_ref().and_then(downweighting::of_flats)
-        && let Some(explains) = explained_by(&lighter)
-        && blame
-            .is_none_or(|blame| explained_by(&blame.set).is_none_or(|by_blame| by_blame < explains))
-    {
-        finding.explains = explains;
-        return fit_each(
-            &lighter,
-            options,
-            higher_order,
-            tracer,
-            cancel,
-            &with(finding),
-        );
-    }
-    if may_go_on()
-        && let Some(blame) = blame
-    {
-        let carried = [carried, blame.finding.as_slice()].concat();
-        return fit_each(&blame.set, options, higher_order, tracer, cancel, &carried);
-    }
-    if may_go_on()
-        && !poses_known
-        && let Some((lighter, finding)) = sawtooth.as_ref().and_then(downweighting::of)
-        && explained_by(&lighter).is_some()
-    {
-        return fit_each(
-            &lighter,
-            options,
-            higher_order,
-            tracer,
-            cancel,
-            &with(finding),
-        );
-    }
-    if set.lamp.is_none()
-        && let Some(lamp) = sawtooth.as_ref().and_then(to_correct)
-        && may_go_on()
-        && let Some(steady) = without(set, lamp)
-    {
-        // Fits everything again to the observations of a steady lamp.
-        return fit_each(&steady, options, higher_order, tracer, cancel, carried);
-    }
-    let asked = options.variant == VariantChoice::Traced || options.judge;
-    // A measured profile has its own crests.
-    let round = |s: &&Estimate<'_>| tracer.profile.is_some() && s.values.real.crest > 0.0;
-    let traced = sawtooth.as_ref().filter(|_| asked);
-    let traced = match traced {
-        Some(s) if round(&s) => ideal.as_ref(),
-        traced => traced,
-    };
-    let traced =
-        traced.and_then(|s| estimate_traced(s, options, tracer.profile, tracer.watch, cancel));
+}
+
+/// Traces if that is asked for, selects a variant, and reports it; `causes` are those for which the set was changed.
+fn selected(
+    set: &ObservationSet,
+    fits: &Fits<'_>,
+    options: &FitOptions,
+    tracer: &Tracer<'_>,
+    cancel: &AtomicBool,
+    causes: &[Finding],
+) -> FitReport {
+    let traced = fits
+        .to_trace(options, tracer.profile)
+        .and_then(|s| estimate_traced(s, options, tracer.profile, tracer.watch, cancel));
     if cancel.load(Ordering::Relaxed) {
         return empty(set, options, Status::Cancelled);
     }
-    let fitted = [
-        (VariantName::Paper, &paper),
-        (VariantName::Sawtooth, &sawtooth),
-        (VariantName::Traced, &traced),
-    ];
-    // Uses ĉ of the best variant, not of the most complex one: if that one explains nothing, its scatter would make all
-    // equal.
-    let (best, dispersion) = fitted
-        .iter()
-        .filter_map(|(name, e)| Some((*name, e.as_ref()?.chi2_reduced_without_model)))
-        .min_by(|a, b| a.1.total_cmp(&b.1))
-        .map_or((VariantName::Sawtooth, 1.0), |(name, chi2)| {
-            (name, chi2.max(1.0))
-        });
-    let criterion = |e: &Option<Estimate<'_>>| {
-        e.as_ref().map_or(f64::INFINITY, |e| {
-            let n = e.fitted;
-            let freedom = set.observations.len().saturating_sub(n).max(1) as f64;
-            e.chi2_reduced_without_model * freedom / dispersion + 2.0 * n as f64
-        })
+    let variants = Variants {
+        paper: fits.paper.as_ref(),
+        sawtooth: fits.sawtooth.as_ref(),
+        traced: traced.as_ref(),
+        count: set.observations.len(),
     };
-    let chosen = match options.variant {
-        VariantChoice::Paper => VariantName::Paper,
-        VariantChoice::Sawtooth => VariantName::Sawtooth,
-        VariantChoice::Traced => VariantName::Traced,
-        VariantChoice::Auto
-            if criterion(&paper) + CLEAR_QAIC < criterion(&sawtooth)
-                && describes(&paper, &sawtooth) =>
-        {
-            VariantName::Paper
-        }
-        VariantChoice::Auto => VariantName::Sawtooth,
-    };
-    let main = match chosen {
-        VariantName::Paper => &paper,
-        VariantName::Sawtooth => &sawtooth,
-        VariantName::Traced => &traced,
-    };
-    let Some(main) = main else {
-        let untraced = chosen == VariantName::Traced && sawtooth.is_some();
+    let chosen = variants.chosen(options.variant);
+    let Some(main) = variants.get(chosen) else {
+        let untraced = chosen == VariantName::Traced && variants.sawtooth.is_some();
         let status = if untraced {
             Status::Stalled
         } else {
@@ -337,33 +204,21 @@ fn fit_each(
         };
         return empty(set, options, status);
     };
-    let judge = traced
-        .as_ref()
+    let judge = variants
+        .traced
         .filter(|_| chosen != VariantName::Traced && options.judge);
     let u = match judge {
         Some(traced) => judged(main, traced),
         None => uncertainty(main),
     };
     let mut report = report_with(main, &u, chosen);
-    let of_poses = |code: Code| matches!(code, Code::BadPose | Code::BadBlock);
-    let again = |code: Code| known(code) || (poses_known && of_poses(code));
-    report.findings.retain(|f| !again(f.code));
-    report.findings.extend_from_slice(carried);
+    report
+        .findings
+        .retain(|found| !causes.iter().any(|cause| cause.code.is_like(found.code)));
+    report.findings.extend_from_slice(causes);
     report.findings = sorted(report.findings);
-    report.tracer = traced.as_ref().and_then(|e| tracer.report(e));
-    if options.judge && traced.is_none() {
-        report.warnings.push(
-            "The ray tracer did not finish, so the budget line `model` is estimated from the residuals. Allow more time."
-                .to_owned(),
-        );
-    }
-    if report.tracer.is_some_and(|t| !t.polarised) {
-        report.warnings.push(
-            "Light was traced without polarisation, because the unpolarised model fits these data better. Data of an \
-             unpolarised renderer cause this; for a real sample, check the residuals."
-                .to_owned(),
-        );
-    }
+    report.tracer = variants.traced.and_then(|e| tracer.report(e));
+    report.warnings.extend(of_tracer(&report, options));
     if options.profile || options.bootstrap > 0 {
         let enough = || tracer.time.is_some_and(|t| !t.allows());
         intervals::add(&mut report, main, &u, options, &enough, cancel);
@@ -371,42 +226,131 @@ fn fit_each(
     if let Some(time) = tracer.time.filter(|t| t.retrace) {
         report.iterations = retrace(main, &u, options.seed, time, cancel);
     }
-    for (name, each) in fitted {
-        if let Some(e) = each {
+    variants.add_to(&mut report, chosen, &u);
+    report
+}
+
+/// Warnings about the ray tracer.
+fn of_tracer(report: &FitReport, options: &FitOptions) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if options.judge && report.tracer.is_none() {
+        warnings.push(
+            "The ray tracer did not finish, so the budget line `model` is estimated from the residuals. Allow more time."
+                .to_owned(),
+        );
+    }
+    if report.tracer.is_some_and(|t| !t.polarised) {
+        warnings.push(
+            "Light was traced without polarisation, because the unpolarised model fits these data better. Data of an \
+             unpolarised renderer cause this; for a real sample, check the residuals."
+                .to_owned(),
+        );
+    }
+    warnings
+}
+
+/// The fitted variants, to select from.
+struct Variants<'v, 'a> {
+    paper: Option<&'v Estimate<'a>>,
+    sawtooth: Option<&'v Estimate<'a>>,
+    traced: Option<&'v Estimate<'a>>,
+    /// Number of observations.
+    count: usize,
+}
+
+impl<'v, 'a> Variants<'v, 'a> {
+    fn get(&self, name: VariantName) -> Option<&'v Estimate<'a>> {
+        match name {
+            VariantName::Paper => self.paper,
+            VariantName::Sawtooth => self.sawtooth,
+            VariantName::Traced => self.traced,
+        }
+    }
+
+    fn fitted(&self) -> impl Iterator<Item = (VariantName, &'v Estimate<'a>)> {
+        let names = [
+            VariantName::Paper,
+            VariantName::Sawtooth,
+            VariantName::Traced,
+        ];
+        let each = names.map(|name| self.get(name).map(|e| (name, e)));
+        each.into_iter().flatten()
+    }
+
+    /// Returns the variant that fits best, and ĉ. If the most complex variant explained nothing, its scatter would make all equal.
+    fn best(&self) -> (VariantName, f64) {
+        let reduced =
+            |(name, e): (VariantName, &Estimate<'_>)| (name, e.chi2_reduced_without_model);
+        let best = self
+            .fitted()
+            .map(reduced)
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        best.map_or((VariantName::Sawtooth, 1.0), |(name, chi2)| {
+            (name, chi2.max(1.0))
+        })
+    }
+
+    /// QAIC of a variant.
+    fn criterion(&self, e: &Estimate<'_>) -> f64 {
+        let (_, dispersion) = self.best();
+        let freedom = self.count.saturating_sub(e.fitted).max(1) as f64;
+        e.chi2_reduced_without_model * freedom / dispersion + 2.0 * e.fitted as f64
+    }
+
+    fn chosen(&self, choice: VariantChoice) -> VariantName {
+        let of = |e: Option<&Estimate<'_>>| e.map_or(f64::INFINITY, |e| self.criterion(e));
+        match choice {
+            VariantChoice::Paper => VariantName::Paper,
+            VariantChoice::Sawtooth => VariantName::Sawtooth,
+            VariantChoice::Traced => VariantName::Traced,
+            VariantChoice::Auto
+                if of(self.paper) + CLEAR_QAIC < of(self.sawtooth)
+                    && describes(self.paper, self.sawtooth) =>
+            {
+                VariantName::Paper
+            }
+            VariantChoice::Auto => VariantName::Sawtooth,
+        }
+    }
+
+    /// Lists the variants in the report of the chosen one, whose uncertainty is `u`, and compares them.
+    fn add_to(&self, report: &mut FitReport, chosen: VariantName, u: &Uncertainty) {
+        for (name, e) in self.fitted() {
             let status = if name == chosen {
                 report.status
             } else {
                 status(e, &uncertainty(e))
             };
-            report
-                .variants
-                .push(summary(e, name, status, criterion(each)));
+            let row = summary(e, name, status, self.criterion(e));
+            report.variants.push(row);
+        }
+        if let (Some(paper), Some(sawtooth)) = (self.paper, self.sawtooth) {
+            // Only a fit of variant paper leaves something to do.
+            match chosen {
+                VariantName::Paper => report.warnings.extend(comparison(paper, sawtooth)),
+                _ => report.notes.extend(comparison(paper, sawtooth)),
+            }
+        }
+        if let (VariantName::Traced, Some(traced), Some(sawtooth)) =
+            (chosen, self.traced, self.sawtooth)
+        {
+            report.notes.extend(less_certain(traced, u, sawtooth));
+        }
+        let (best, dispersion) = self.best();
+        if dispersion > INADEQUATE {
+            report.notes.push(format!(
+                "No variant explains the data to their counting noise (reduced χ² {} for {best}). The budget line \
+                 `model` contains the model error.",
+                significant(dispersion)
+            ));
         }
     }
-    if let (Some(paper), Some(sawtooth)) = (&paper, &sawtooth) {
-        // Only a fit of variant paper leaves something to do.
-        match chosen {
-            VariantName::Paper => report.warnings.extend(comparison(paper, sawtooth)),
-            _ => report.notes.extend(comparison(paper, sawtooth)),
-        }
-    }
-    if let (VariantName::Traced, Some(sawtooth)) = (chosen, &sawtooth) {
-        report.notes.extend(less_certain(main, &u, sawtooth));
-    }
-    if dispersion > INADEQUATE {
-        report.notes.push(format!(
-            "No variant explains the data to their counting noise (reduced χ² {} for {best}). The budget line \
-             `model` contains the model error.",
-            significant(dispersion)
-        ));
-    }
-    report
 }
 
 /// Whether the printed lobe describes the sample: its model error is small, its residual is not much larger than that of the
 /// sawtooth, and its ρd is that of a surface. QAIC alone may prefer it where the errors are shares of the signals, so that dim
 /// poses count most, or where neither describes the sample.
-fn describes(paper: &Option<Estimate<'_>>, sawtooth: &Option<Estimate<'_>>) -> bool {
+fn describes(paper: Option<&Estimate<'_>>, sawtooth: Option<&Estimate<'_>>) -> bool {
     let (Some(paper), Some(sawtooth)) = (paper, sawtooth) else {
         return true;
     };
@@ -484,6 +428,7 @@ mod tests {
     use crate::fit::one_variant::estimate;
     use crate::fit::painted::{TRUTH, painted};
     use crate::geometry::Pose;
+    use crate::model::Variant;
 
     #[test]
     fn the_printed_lobe_is_not_chosen_against_its_residual_or_its_reflectance() {
@@ -498,7 +443,7 @@ mod tests {
             paper.values.rho_d = rho_d;
             paper.discrepancy = discrepancy;
             paper.rms_residual = ratio * sawtooth.rms_residual;
-            describes(&Some(paper), &Some(sawtooth))
+            describes(Some(&paper), Some(&sawtooth))
         };
         assert!(as_if(0.3, 1.1, 0.01));
         assert!(!as_if(0.3, 12.0, 0.01));

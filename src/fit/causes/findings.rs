@@ -70,6 +70,12 @@ impl Code {
             Code::BadPose => "bad-pose",
         }
     }
+
+    /// Whether both are one kind of cause: single poses and runs of them are.
+    pub(in crate::fit) fn is_like(self, other: Code) -> bool {
+        let of_poses = |code: Code| matches!(code, Code::BadPose | Code::BadBlock);
+        self == other || (of_poses(self) && of_poses(other))
+    }
 }
 
 /// A cause that was found.
