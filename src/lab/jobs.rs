@@ -6,6 +6,7 @@
 
 pub(super) mod chosen_fit;
 pub(super) mod contrasts;
+pub(super) mod cost_estimate;
 pub(super) mod curves;
 pub(super) mod fits;
 pub(super) mod maps;
@@ -26,7 +27,6 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use serde::Serialize;
 
 use super::failure::Failure;
-use super::scans::cost_estimate::{ForecastSubject, with_cost};
 use super::tasks::{blocking, to_the_end};
 use super::{Lab, LabError};
 use crate::forecast::Forecast;
@@ -34,6 +34,7 @@ use crate::job::{JobId, JobKind, JobState};
 use crate::store::jobs::{FitSummary, JobEnd, NewJob};
 use crate::store::{Store, StoreError};
 use contrasts::ContrastRequest;
+use cost_estimate::{ForecastSubject, with_cost};
 use fits::FitRequest;
 use maps::MapRequest;
 use progress::{JobProgress, ProgressMeter};

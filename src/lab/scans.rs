@@ -1,7 +1,6 @@
 //! Scans: from the plan, recipe or queue that orders one to the run on the rig, and the fit at its end.
 
 pub(super) mod commands;
-pub(super) mod cost_estimate;
 pub(super) mod due;
 pub(super) mod fit_at_end;
 pub(super) mod incidents;
