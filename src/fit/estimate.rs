@@ -1,6 +1,6 @@
 //! A fitted variant: what the search, the settling and the corrections leave to the budget and the report.
 
-use super::causes::findings::{Blame, Finding};
+use super::causes::findings::{Finding, ObservationCause};
 use super::least_squares::minimum::Minimum;
 use super::model_discrepancy::{freedom, misfit_scale, peak};
 use super::problem::{Problem, Quantity, Values};
@@ -57,7 +57,7 @@ pub struct Estimate<'a> {
     /// Whether wrong poses were tried beside those terms.
     pub(super) poses_tried: bool,
     /// The cause in the observations that explains the residual better than any property of the surface.
-    pub(super) blame: Option<Box<Blame>>,
+    pub(super) observation_cause: Option<Box<ObservationCause>>,
     /// Whether the residual was large enough to try the terms of real samples.
     pub investigated: bool,
 }

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::causes::findings::{Code, Finding};
 use super::causes::lamp_drift::{to_correct, without};
-use super::causes::suspects::{BLAMES, investigated};
+use super::causes::suspects::{OBSERVATION_CAUSES, investigated};
 use super::causes::{camera_response, downweighting};
 use super::convergence_trace::Time;
 use super::estimate::Estimate;
@@ -93,7 +93,7 @@ impl Fitting<'_> {
     /// Fits every variant; `causes` are those for which the set was changed, so they are not looked for again.
     pub(super) fn fits<'a>(&self, set: &'a ObservationSet, causes: &[Finding]) -> Fits<'a> {
         let (options, higher_order) = (self.options, self.higher_order);
-        let blameless: Vec<Code> = BLAMES
+        let excluded: Vec<Code> = OBSERVATION_CAUSES
             .into_iter()
             .filter(|code| match code {
                 Code::LampDrift => set.lamp.is_some(),
@@ -107,7 +107,7 @@ impl Fitting<'_> {
             let sawtooth = match &ideal {
                 Some(ideal) if finer.is_none() && !self.is_late() => {
                     let ideal = ideal.clone();
-                    Some(investigated(ideal, options, higher_order, &blameless, over))
+                    Some(investigated(ideal, options, higher_order, &excluded, over))
                 }
                 _ => ideal.clone(),
             };
@@ -158,19 +158,19 @@ impl Fitting<'_> {
             (left < EXPLAINED).then_some(1.0 - left)
         };
         let is_known = |code: Code| causes.iter().any(|cause| cause.code.is_like(code));
-        let blame = sawtooth.blame.as_deref();
+        let cause = sawtooth.observation_cause.as_deref();
         if !is_known(Code::WhiteReference)
             && let Some((lighter, mut finding)) = downweighting::of_flats(sawtooth)
             && let Some(explains) = explained_by(&lighter)
-            && blame.is_none_or(|blame| {
-                explained_by(&blame.set).is_none_or(|by_blame| by_blame < explains)
+            && cause.is_none_or(|cause| {
+                explained_by(&cause.set).is_none_or(|by_cause| by_cause < explains)
             })
         {
             finding.explains = explains;
             return with(lighter, &[finding]);
         }
-        if let Some(blame) = blame {
-            return with(blame.set.clone(), blame.finding.as_slice());
+        if let Some(cause) = cause {
+            return with(cause.set.clone(), cause.finding.as_slice());
         }
         if !is_known(Code::BadPose)
             && let Some((lighter, finding)) = downweighting::of(sawtooth)
@@ -190,7 +190,13 @@ impl Fitting<'_> {
     fn discrepancy(&self, set: &ObservationSet) -> Option<f64> {
         self.within_time(|over| {
             let e = self.estimate(set, Variant::Sawtooth, over)?;
-            let e = investigated(e, self.options, self.higher_order, &BLAMES, over);
+            let e = investigated(
+                e,
+                self.options,
+                self.higher_order,
+                &OBSERVATION_CAUSES,
+                over,
+            );
             Some(e.discrepancy)
         })
     }

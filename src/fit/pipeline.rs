@@ -319,7 +319,7 @@ pub(super) fn conclude<'a>(
         thinned: None,
         findings: Vec::new(),
         poses_tried: false,
-        blame: None,
+        observation_cause: None,
         investigated: false,
     };
     estimate.with_statistics(own)

@@ -94,7 +94,7 @@ pub struct Finding {
 
 /// A cause in the observations.
 #[derive(Debug, Clone)]
-pub(in crate::fit) struct Blame {
+pub(in crate::fit) struct ObservationCause {
     /// The observations as they are without it, or with less weight for those that are wrong.
     pub set: ObservationSet,
     /// What names it; none of a drift, which the set itself names.

@@ -9,7 +9,7 @@
 //! stays inside its range. If no suspect explains the residual alone, other ends of the search are tried, and then two
 //! suspects together, which must quarter χ². The index never joins, because it has a certificate.
 
-mod blames;
+mod in_observations;
 mod list;
 mod settled;
 #[cfg(test)]
@@ -32,7 +32,7 @@ use crate::fit::problem::{Problem, Quantity, Values};
 use crate::fit::{FitOptions, Loss};
 use crate::material::Material;
 use crate::model::Variant;
-pub(in crate::fit) use blames::BLAMES;
+pub(in crate::fit) use in_observations::OBSERVATION_CAUSES;
 use tried::{Next, Step};
 
 /// Largest share of χ² that a reported suspect may leave.
@@ -74,13 +74,13 @@ impl Trial<'_> {
 }
 
 /// Returns the estimate with the terms that explain its residual, and with its findings. `higher_order` is the integrated
-/// second bounce. Causes in the observations are tried but for those that are `blameless`; if one explains more, the estimate is
+/// second bounce. Causes in the observations are tried but for those that are `excluded`; if one explains more, the estimate is
 /// returned as it was, with it.
 pub(in crate::fit) fn investigated<'a>(
     e: Estimate<'a>,
     options: &FitOptions,
     higher_order: Option<HigherOrder<'_>>,
-    blameless: &[Code],
+    excluded: &[Code],
     cancel: &AtomicBool,
 ) -> Estimate<'a> {
     let stated = stated(&e, options);
@@ -99,7 +99,7 @@ pub(in crate::fit) fn investigated<'a>(
         higher_order,
         cancel,
         joined: &[],
-        blameless,
+        excluded,
     };
     inquiry.run(&stated, doubted).unwrap_or(e)
 }
@@ -113,7 +113,15 @@ pub(in crate::fit) fn agreed<'a>(
 ) -> Vec<Estimate<'a>> {
     let first: Vec<Estimate<'a>> = alone
         .par_iter()
-        .map(|e| investigated(e.clone(), options, higher_order, &BLAMES, cancel))
+        .map(|e| {
+            investigated(
+                e.clone(),
+                options,
+                higher_order,
+                &OBSERVATION_CAUSES,
+                cancel,
+            )
+        })
         .collect();
     let real = |e: &Estimate<'_>, q: Quantity| {
         let there = e.problem.is_extended() && e.problem.free().contains(&q);
@@ -139,7 +147,7 @@ pub(in crate::fit) fn agreed<'a>(
                 higher_order,
                 cancel,
                 joined: &joined,
-                blameless: &BLAMES,
+                excluded: &OBSERVATION_CAUSES,
             };
             let quantities: Vec<Quantity> = joined.iter().map(|(q, _)| *q).collect();
             let forced = inquiry.run(&quantities, false).unwrap_or(found.clone());
@@ -203,7 +211,7 @@ struct Inquiry<'i, 'a> {
     /// Terms that join the fit in any case, with their starting values.
     joined: &'i [(Quantity, f64)],
     /// Causes in the observations that are not tried.
-    blameless: &'i [Code],
+    excluded: &'i [Code],
 }
 
 impl<'a> Inquiry<'_, 'a> {
@@ -220,9 +228,9 @@ impl<'a> Inquiry<'_, 'a> {
             tried = true;
             let mut steps = match self.next(&trial, &joined, joined.len() == stated.len()) {
                 Next::Terms(steps) => steps,
-                Next::Blame(blame) => {
+                Next::ObservationCause(cause) => {
                     return Some(Estimate {
-                        blame: Some(blame),
+                        observation_cause: Some(cause),
                         ..self.e.clone()
                     });
                 }
@@ -257,7 +265,7 @@ impl<'a> Inquiry<'_, 'a> {
         };
         settled.findings = sorted(findings);
         settled.investigated = tried;
-        settled.poses_tried = tried && !self.blameless.contains(&Code::BadPose);
+        settled.poses_tried = tried && !self.excluded.contains(&Code::BadPose);
         Some(settled)
     }
 

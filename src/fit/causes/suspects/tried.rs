@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::list::{SUSPECTS, Suspect};
 use super::{ALIKE, BESIDE, BRIEF, EXPLAINED, Inquiry, OTHERS, TURNED, Trial, has_body};
 use crate::fit::causes::downweighting::without_shape;
-use crate::fit::causes::findings::{Blame, Code};
+use crate::fit::causes::findings::{Code, ObservationCause};
 use crate::fit::multistart::starts::{ONE_SURFACE, distance};
 use crate::fit::problem::{Quantity, Values};
 
@@ -22,7 +22,7 @@ pub(super) enum Next<'a> {
     /// Terms; empty if nothing explains it.
     Terms(Vec<Step<'a>>),
     /// A cause in the observations.
-    Blame(Box<Blame>),
+    ObservationCause(Box<ObservationCause>),
 }
 
 impl<'a> Inquiry<'_, 'a> {
@@ -43,18 +43,19 @@ impl<'a> Inquiry<'_, 'a> {
             EXPLAINED * EXPLAINED
         };
         let limit = share * self.left(on.minimum.cost, joined.len());
-        let blame = self.blame(on, joined.len());
-        let mut blame = blame.filter(|blame| blame.left < limit);
+        let cause = self.observation_cause(on, joined.len());
+        let mut cause = cause.filter(|cause| cause.left < limit);
         let mut steps = best(real.iter().filter(|s| explains(s)).cloned().collect());
         if steps.is_empty() && is_first {
             steps = best(self.elsewhere(on, joined, most));
         }
         if steps.is_empty() {
-            if blame.is_none() && is_first {
+            if cause.is_none() && is_first {
                 let after = real.iter().take(OTHERS);
-                let after = after.filter_map(|step| self.blame(&step.trial, joined.len() + 1));
-                let after = after.filter(|blame| blame.left < EXPLAINED * limit);
-                blame = after.min_by(|a, b| a.left.total_cmp(&b.left));
+                let after =
+                    after.filter_map(|step| self.observation_cause(&step.trial, joined.len() + 1));
+                let after = after.filter(|cause| cause.left < EXPLAINED * limit);
+                cause = after.min_by(|a, b| a.left.total_cmp(&b.left));
             }
             if is_first {
                 steps = self.pair(&real, joined, EXPLAINED * most);
@@ -63,9 +64,9 @@ impl<'a> Inquiry<'_, 'a> {
         let by_terms = steps.last().map_or(f64::INFINITY, |last| {
             self.left(last.trial.minimum.cost, joined.len() + steps.len())
         });
-        match blame {
-            Some(blame) if blame.left < by_terms && (!blame.is_open || steps.is_empty()) => {
-                Next::Blame(Box::new(blame))
+        match cause {
+            Some(cause) if cause.left < by_terms && (!cause.is_open || steps.is_empty()) => {
+                Next::ObservationCause(Box::new(cause))
             }
             _ if steps.is_empty() => {
                 Next::Terms(best(index.into_iter().filter(explains).collect()))

@@ -13,7 +13,7 @@ use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use super::{Inquiry, Trial};
 use crate::fit::causes::bad_poses::{BadBlock, BadPoses, bad_block, bad_poses};
-use crate::fit::causes::findings::{Blame, Code};
+use crate::fit::causes::findings::{Code, ObservationCause};
 use crate::fit::causes::lamp_drift::{Drift, drift, without};
 use crate::fit::estimate::Estimate;
 use crate::fit::least_squares::levenberg_marquardt::Settings;
@@ -23,7 +23,8 @@ use crate::fit::report::build::causes;
 use crate::observation::ObservationSet;
 
 /// The codes of these causes.
-pub(in crate::fit) const BLAMES: [Code; 3] = [Code::BadPose, Code::BadBlock, Code::LampDrift];
+pub(in crate::fit) const OBSERVATION_CAUSES: [Code; 3] =
+    [Code::BadPose, Code::BadBlock, Code::LampDrift];
 
 /// Standard uncertainty, relative to the peak, of an observation that has no weight.
 const WEIGHTLESS: f64 = 1e3;
@@ -32,14 +33,18 @@ const CHANCE: f64 = 1e-3;
 
 impl<'a> Inquiry<'_, 'a> {
     /// Returns the cause in the observations that leaves least of a fit with `joined` terms.
-    pub(super) fn blame(&self, on: &Trial<'a>, joined: usize) -> Option<Blame> {
+    pub(super) fn observation_cause(
+        &self,
+        on: &Trial<'a>,
+        joined: usize,
+    ) -> Option<ObservationCause> {
         let e = Estimate {
             values: on.values(),
             problem: on.problem.clone(),
             minimum: on.minimum.clone(),
             ..self.e.clone()
         };
-        let may = |code: Code| !self.blameless.contains(&code);
+        let may = |code: Code| !self.excluded.contains(&code);
         let count = e.problem.set().observations.len();
         // Without a term, the drift of the fit as it is, with its own weights.
         let of_lamp = if joined == 0 {
@@ -59,7 +64,7 @@ impl<'a> Inquiry<'_, 'a> {
                 let (cost, set) = self.without_poses(&e, &found.observations)?;
                 let left = self.left(cost, joined + found.observations.len());
                 let finding = Some(causes::of_poses(&e, &found));
-                Some(Blame {
+                Some(ObservationCause {
                     set,
                     finding,
                     left,
@@ -73,7 +78,7 @@ impl<'a> Inquiry<'_, 'a> {
             // Begin, end and size.
             let left = self.left(self.cost_of_run(&e, &found)?, joined + 3);
             let finding = Some(causes::of_block(&e, &found));
-            Some(Blame {
+            Some(ObservationCause {
                 set,
                 finding,
                 left,
@@ -82,7 +87,7 @@ impl<'a> Inquiry<'_, 'a> {
         });
         let all = steady.into_iter().chain(poses).chain(block);
         // Beside a term of the surface, its own error follows the angles.
-        let likely = all.filter(|blame| !(blame.is_open && joined > 0));
+        let likely = all.filter(|cause| !(cause.is_open && joined > 0));
         likely.min_by(|a, b| a.left.total_cmp(&b.left))
     }
 
@@ -93,7 +98,7 @@ impl<'a> Inquiry<'_, 'a> {
     }
 
     /// Returns what remains under a steady lamp.
-    fn steady(&self, e: &Estimate<'a>, drift: &Drift, joined: usize) -> Option<Blame> {
+    fn steady(&self, e: &Estimate<'a>, drift: &Drift, joined: usize) -> Option<ObservationCause> {
         let mut lamp = drift.lamp;
         lamp.theta_r_before = self.e.values.folded().theta_r;
         let degrees = lamp.coefficients.iter().filter(|d| **d != 0.0).count();
@@ -103,7 +108,7 @@ impl<'a> Inquiry<'_, 'a> {
         if !usable(&minimum) {
             return None;
         }
-        Some(Blame {
+        Some(ObservationCause {
             left: self.left(minimum.cost, joined + degrees),
             set,
             finding: None,
@@ -112,7 +117,7 @@ impl<'a> Inquiry<'_, 'a> {
     }
 
     /// Returns the pose without which least remains, if chance does not make so large a difference.
-    fn one_of_few(&self, e: &Estimate<'a>, joined: usize) -> Option<Blame> {
+    fn one_of_few(&self, e: &Estimate<'a>, joined: usize) -> Option<ObservationCause> {
         let observations = &e.problem.set().observations;
         let count = observations.len();
         let tried = (0..count).into_par_iter().filter_map(|pose| {
@@ -133,7 +138,7 @@ impl<'a> Inquiry<'_, 'a> {
             shares: Vec::new(),
             explains: 1.0 - cost / e.minimum.cost,
         };
-        Some(Blame {
+        Some(ObservationCause {
             finding: Some(causes::of_poses(e, &found)),
             left: cost / freedom,
             set,
