@@ -98,7 +98,7 @@ pub fn estimate_traced<'a>(
             (main, run) = scalar;
         }
     }
-    if !matches!(run.end, TracingEnd::Stopped | TracingEnd::WeightedFit) {
+    if !matches!(run.end, TracingEnd::Stopped | TracingEnd::Settled) {
         run.go_on(&mut main, options, PASSES_MAX)?;
     }
     let rivals = match (&run.reached, run.end) {
@@ -256,7 +256,7 @@ impl<'a> Run<'a> {
             self.reached = Some(estimate);
             if still && (self.excess <= 1.0 || task.paths >= options.paths_max) {
                 self.end = if self.excess <= 1.0 {
-                    TracingEnd::WeightedFit
+                    TracingEnd::Settled
                 } else {
                     TracingEnd::MostPaths
                 };

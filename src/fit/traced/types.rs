@@ -62,7 +62,7 @@ pub type Watch<'w> = &'w (dyn Fn(TracingProgress) -> bool + Sync);
 #[schema(as = FitTracerEnd)]
 pub enum TracingEnd {
     /// The parameters stay, and the requested error is reached.
-    WeightedFit,
+    Settled,
     /// The parameters stay, but the maximum number of paths did not reach the requested error.
     MostPaths,
     /// The parameters still moved after the maximum number of passes.

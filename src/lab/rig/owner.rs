@@ -5,6 +5,8 @@
 //! queueing them. Otherwise it accepts a request, if necessary a moment later, once the stages are connected, a target is
 //! checked or the rig is returned. A preview ends for any other order, which then waits only until the rig is returned.
 
+mod motion;
+
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
@@ -13,7 +15,6 @@ use serde_json::json;
 use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 
-use super::axis_motion::MotionOrder;
 use super::motions::Motions;
 use super::operator_calls::Hands;
 use super::pinned_stages::{PinnedStages, record_notices};
@@ -26,6 +27,7 @@ use crate::lab::{Holder, LabError, Occupation, RigParts, RigSide};
 use crate::scan::event::RigActivity;
 use crate::scan::{Rig, StageAccess};
 use crate::store::StoreError;
+use motion::MotionOrder;
 
 /// Spawns the task that owns the rig from now on. It first switches off the lamp of `cut_off`, a scan that a kill ended.
 pub(in crate::lab) async fn take(
@@ -104,9 +106,9 @@ struct Done {
 }
 
 #[derive(Clone)]
-pub(in crate::lab) struct Owner {
-    pub(in crate::lab) context: RigContext,
-    pub(in crate::lab) access: StageAccess,
+struct Owner {
+    context: RigContext,
+    access: StageAccess,
 }
 
 impl Owner {

@@ -91,7 +91,7 @@ impl<'a> Inquiry<'_, 'a> {
         likely.min_by(|a, b| a.left.total_cmp(&b.left))
     }
 
-    /// χ² per degree of freedom of a fit with so many more terms.
+    /// χ² per degree of freedom of a fit with `terms` more terms.
     pub(super) fn left(&self, cost: f64, terms: usize) -> f64 {
         let count = self.e.problem.set().observations.len();
         cost / freedom(count, self.e.fitted + terms)
