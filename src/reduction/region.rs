@@ -1,6 +1,7 @@
 //! Assigns pixels to parts of the sample: the whole field, or the patches of a board that turns with φs about the rotation axis
 //! and foreshortens with θc.
 
+use super::refusals::ReductionError;
 use crate::geometry::{Imaging, Pose};
 use crate::series::{LayoutFacts, Manifest};
 use crate::units::Angle;
@@ -232,6 +233,36 @@ pub(super) enum Segments {
 }
 
 impl Segments {
+    /// Returns the segments of the whole field, or of one region of a board with it.
+    ///
+    /// # Errors
+    /// [`ReductionError::RegionNeeded`] and [`ReductionError::UnknownRegion`].
+    pub(super) fn of(
+        manifest: &Manifest,
+        region: Option<&str>,
+    ) -> Result<(Segments, Option<Region>), ReductionError> {
+        match (&manifest.sample.layout, region) {
+            (None, None) => Ok((Segments::Whole, None)),
+            (None, Some(name)) => Err(ReductionError::UnknownRegion {
+                name: name.to_owned(),
+                available: Vec::new(),
+            }),
+            (Some(layout), None) => Err(ReductionError::RegionNeeded {
+                available: Region::names(layout),
+            }),
+            (Some(layout), Some(name)) => match Region::parse(name, layout) {
+                Some(chosen) => Ok((
+                    Self::of_region(Board::new(manifest, layout), chosen),
+                    Some(chosen),
+                )),
+                None => Err(ReductionError::UnknownRegion {
+                    name: name.to_owned(),
+                    available: Region::names(layout),
+                }),
+            },
+        }
+    }
+
     pub(super) fn of_region(board: Board, region: Region) -> Segments {
         let mut patches = Vec::new();
         for i in 0..board.layout.patches_x {

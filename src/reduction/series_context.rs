@@ -39,7 +39,7 @@ pub(super) struct SeriesContext {
 impl SeriesContext {
     pub(super) fn new(source: &dyn FrameSource) -> Result<Self, ReductionError> {
         let manifest = source.manifest();
-        let viewing = super::viewing(manifest)?;
+        let viewing = Viewing::of(manifest)?;
         let ids: Vec<i64> = (0..source.rows().len())
             .map(|i| source.frame_id(i))
             .collect();

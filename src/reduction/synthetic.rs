@@ -141,7 +141,7 @@ impl Made {
             manifest.rig.light_distance_mm = Some(light_mm);
             manifest.rig.rotation_axis_px = Some([f64::from(self.edge) / 2.0; 2]);
         }
-        let viewing = Viewing::new(&manifest).unwrap();
+        let viewing = Viewing::of(&manifest).unwrap();
         let mut rng = Pcg64::seed_from_u64(self.seed);
         let pixels = (self.edge * self.edge) as usize;
         let normal = Normal::new(0.0, 1.0).unwrap();

@@ -4,10 +4,13 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::synthetic::{Made, Memory};
-use super::*;
+use super::{FrameSource, ReductionError, reduce};
+use crate::frame::{Frame, FrameKind};
+use crate::observation::{Observation, ObservationSet};
+use crate::series::Series;
 
 mod board;
 mod curve;

@@ -2,6 +2,7 @@
 //! reference. Where a pixel looks is [`Imaging`]'s.
 
 use super::flats::Flats;
+use super::refusals::ReductionError;
 use super::region::{Board, Segments};
 use crate::geometry::field::{NODES_MAX, nodes};
 use crate::geometry::{Directions, Field, Pose};
@@ -30,13 +31,36 @@ pub(super) struct Part {
 pub(super) struct Viewing(Field);
 
 impl Viewing {
-    /// `None` where a near camera or lamp is stated without the field's size.
-    pub(super) fn new(manifest: &Manifest) -> Option<Viewing> {
-        Some(Viewing(Field {
-            imaging: manifest.imaging()?,
+    /// Returns the geometry by pixel of the rig of a manifest.
+    ///
+    /// # Errors
+    /// [`ReductionError::FieldUnknown`] where a near camera or lamp is stated without the field's size.
+    pub(super) fn of(manifest: &Manifest) -> Result<Viewing, ReductionError> {
+        let field = |imaging| Field {
+            imaging,
             width: manifest.camera.width_px as usize,
             height: manifest.camera.height_px as usize,
-        }))
+        };
+        let viewing = manifest.imaging().map(|imaging| Viewing(field(imaging)));
+        viewing
+            .filter(|viewing| manifest.is_telecentric() || !viewing.is_far())
+            .ok_or_else(|| {
+                let rig = &manifest.rig;
+                let distance = |word: &Option<String>, mm: Option<f64>| match (word.as_deref(), mm)
+                {
+                    (Some("infinity"), _) | (None, None) => "infinity".to_owned(),
+                    (_, Some(mm)) => format!("{mm} mm"),
+                    (Some(word), None) => word.to_owned(),
+                };
+                ReductionError::FieldUnknown {
+                    what: format!(
+                        "projection \"{}\", light at {}, camera at {}",
+                        manifest.camera.projection,
+                        distance(&rig.light_distance, rig.light_distance_mm),
+                        distance(&rig.camera_distance, manifest.camera_distance_mm()),
+                    ),
+                }
+            })
     }
 
     /// Whether all pixels share directions and irradiance.
@@ -288,7 +312,7 @@ mod tests {
             .replace("_px = 256", "_px = 120")
             .replace("[128.0, 128.0]", "[60.0, 60.0]");
         let manifest = Manifest::from_toml(&text, "").unwrap();
-        let near = Viewing::new(&manifest).unwrap();
+        let near = Viewing::of(&manifest).unwrap();
         let board = Board::new(&manifest, manifest.sample.layout.as_ref().unwrap());
         let segments = Segments::of_region(board, Region::Even);
         for pose in [Pose::from_deg(-10.0, 180.0), Pose::from_deg(20.0, 0.0)] {

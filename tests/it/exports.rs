@@ -12,7 +12,7 @@ use tiff::tags::Tag;
 use tower::ServiceExt;
 
 use crate::http::{download, ended, get, imported, is_problem, opened, polymer, post, request};
-use crate::tables::against;
+use crate::tables::bird::against;
 
 #[tokio::test]
 async fn the_brdf_of_a_scan_is_a_valid_bird_file_that_is_read_back() {

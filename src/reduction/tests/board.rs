@@ -1,6 +1,8 @@
 //! The recorded board where it lies turned, displaced or moved.
 
+use super::super::region::{self, Board};
 use super::*;
+use crate::units::Angle;
 
 /// Turns, moves and shrinks pictures of the recorded board: each frame is drawn again from the levels
 /// of its patches and mount as the board lies at `azimuth_offset`, `axis_px` away.

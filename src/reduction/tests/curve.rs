@@ -1,8 +1,10 @@
 //! Cameras that are not linear, and clocks that are not right.
 
+use super::super::calibrate;
 use super::super::synthetic::Made;
 use super::*;
 use crate::fit;
+use crate::series::FrameRow;
 
 const TILTS: [f64; 4] = [-20.0, -5.0, 5.0, 20.0];
 const AZIMUTHS: [f64; 5] = [0.0, 70.0, 140.0, 220.0, 290.0];

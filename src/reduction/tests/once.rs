@@ -4,8 +4,11 @@ use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex};
 
 use super::super::synthetic::{Made, Memory};
+use super::super::{
+    CalibrationText, FrameReadError, FrameText, ReductionCache, ReductionTexts, TextStore, cache,
+};
 use super::*;
-use crate::frame::Frame;
+use crate::series::{FrameRow, Manifest};
 
 const TILTS: [f64; 4] = [-20.0, -5.0, 5.0, 20.0];
 const AZIMUTHS: [f64; 5] = [0.0, 70.0, 140.0, 220.0, 290.0];
