@@ -12,9 +12,10 @@ use super::App;
 use super::access::Access;
 use super::caller::{Principal, Proof};
 use super::lease::{LEASE_HEADER, check_lease};
+use super::need::Need;
 use super::origin;
 use super::status::ApiError;
-use super::table::{self, Need};
+use super::table;
 use super::via::{Client, Listener};
 use crate::access::Fingerprint;
 

@@ -26,9 +26,10 @@ use utoipa::{OpenApi as _, PartialSchema, ToSchema};
 use super::authentication::cookie_name;
 use super::keys::{KEY_LENGTH_MAX, UNKEYED};
 use super::lease::LEASE_HEADER;
+use super::need::Need;
 use super::routes::Document;
 use super::status::PROBLEM_JSON;
-use super::table::{self, Need};
+use super::table;
 
 /// Returns the document as it is served: pretty-printed JSON.
 #[must_use]

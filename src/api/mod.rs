@@ -1,13 +1,13 @@
 //! The HTTP interface: routes with their OpenAPI description, problems, events and the page.
 //!
 //! [`router`] builds everything from a [`Lab`]; [`server::listen`] and [`server::serve`] serve it. There is one file per
-//! noun. Only `status` knows status codes. A request passes `origin` (host and page), `authentication` (who sends it, and whether
-//! `table` allows it), `guard` (its body), `parameters` (of routes without any) and `keys` (whether it was sent before). This module knows no hardware and no
-//! settings.
+//! noun. Only `status` knows status codes. This module knows no hardware and no settings.
 //!
-//! To add a route, write a handler in the noun's file with `#[utoipa::path]` (each response with a
-//! description), add its name to the list in `routes` and a row to `table`, and renew `openapi.json` (`tests/it/http/document.rs`
-//! says how).
+//! A request passes `origin` (host and page), `authentication` (who sends it, and whether `table` allows it), `guard` (its body),
+//! `parameters` (of routes without any) and `keys` (whether it was sent before), in this order.
+//!
+//! To add a route, write a handler in the noun's file with `#[utoipa::path]` (each response with a description) and an entry of
+//! the list in `routes`, which states what a request needs. Then renew `openapi.json` (`tests/it/http/document.rs` says how).
 
 mod access;
 mod accuracy;
@@ -38,6 +38,7 @@ mod jobs;
 mod keys;
 mod lease;
 mod motions;
+mod need;
 mod observations;
 mod origin;
 mod page;
@@ -160,8 +161,8 @@ pub struct Begun {
     pub state: String,
 }
 
-/// Routes that the document does not describe: the document itself.
-const UNDESCRIBED: &[&str] = &["/openapi.json"];
+/// Path of the document, the only route that the document does not describe.
+const DOCUMENT: &str = "/openapi.json";
 
 /// Builds the whole HTTP interface of a lab for those who have access. Cancelling `ending` ends the event streams.
 pub fn router(
@@ -184,7 +185,7 @@ pub fn router(
         uploads: Arc::new(Semaphore::new(imports::UPLOADS_MAX)),
     };
     routes::routes()
-        .route(UNDESCRIBED[0], get(health::openapi))
+        .route(DOCUMENT, get(health::openapi))
         .fallback(page::page)
         .method_not_allowed_fallback(async || {
             ApiError::method_not_allowed(

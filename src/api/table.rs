@@ -1,152 +1,17 @@
-//! Who may use which route: one table. A route that is not in it is refused to everyone, and a test compares the table
-//! with the OpenAPI document.
+//! Who may use which route: what each entry of the list in `routes` needs. A path without an entry needs the role admin.
+
+use std::sync::LazyLock;
 
 use axum::http::Method;
 
-use crate::access::Role;
+use super::need::{ADMIN, Need, OPERATE, READ, Route};
+use super::{DOCUMENT, routes};
 
-/// What a request needs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Need {
-    /// Nothing: the status alone, the page without data, and the login.
-    Nothing,
-    /// Any token; on this machine none.
-    Stop,
-    /// At least this role.
-    Role(Role),
-    /// The role operator, and that no other caller holds the rig.
-    Rig,
-}
-
-impl Need {
-    /// Returns the least role; none where a request without a token is answered.
-    pub const fn role(self) -> Option<Role> {
-        match self {
-            Need::Nothing => None,
-            Need::Stop => Some(Role::Viewer),
-            Need::Role(role) => Some(role),
-            Need::Rig => Some(Role::Operator),
-        }
-    }
-}
-
-const READ: Need = Need::Role(Role::Viewer);
-const COMPUTE: Need = Need::Role(Role::Analyst);
-const OPERATE: Need = Need::Role(Role::Operator);
-
-/// Every route: method, path, need.
-#[rustfmt::skip]
-const ROUTES: &[(&str, &str, Need)] = &[
-    ("GET", "/healthz", Need::Nothing),
-    ("GET", "/readyz", READ),
-    ("GET", "/metrics", READ),
-    ("GET", "/openapi.json", READ),
-    ("GET", "/api/v1/session", READ),
-    ("POST", "/api/v1/session", Need::Nothing),
-    ("DELETE", "/api/v1/session", Need::Nothing),
-    ("GET", "/api/v1/lease", READ),
-    ("POST", "/api/v1/lease", OPERATE),
-    ("DELETE", "/api/v1/lease", OPERATE),
-    ("GET", "/api/v1/rig", READ),
-    ("POST", "/api/v1/rig/stop", Need::Stop),
-    ("POST", "/api/v1/rig/move", Need::Rig),
-    ("GET", "/api/v1/rig/moves/{id}", READ),
-    ("POST", "/api/v1/rig/axes/{axis}/move", Need::Rig),
-    ("POST", "/api/v1/rig/axes/{axis}/home", Need::Rig),
-    ("POST", "/api/v1/rig/axes/{axis}/unpark", Need::Rig),
-    ("POST", "/api/v1/rig/home", Need::Rig),
-    ("POST", "/api/v1/rig/jog", Need::Rig),
-    ("POST", "/api/v1/rig/preview", Need::Rig),
-    ("GET", "/api/v1/rig/preview/{id}/image.png", READ),
-    ("GET", "/api/v1/rig/preview/{id}/pixels", READ),
-    // Nothing moves; a scan of another caller may wait for it.
-    ("POST", "/api/v1/rig/accept-stages", Need::Role(Role::Admin)),
-    ("GET", "/api/v1/samples", READ),
-    ("POST", "/api/v1/samples", COMPUTE),
-    ("GET", "/api/v1/samples/{id}", READ),
-    ("PATCH", "/api/v1/samples/{id}", OPERATE),
-    ("GET", "/api/v1/recipes", READ),
-    ("POST", "/api/v1/recipes", OPERATE),
-    ("GET", "/api/v1/recipes/{id}", READ),
-    ("GET", "/api/v1/recipes/{id}/versions", READ),
-    ("POST", "/api/v1/recipes/{id}/versions", OPERATE),
-    ("POST", "/api/v1/recipes/{id}/archive", OPERATE),
-    ("POST", "/api/v1/recipes/{id}/restore", OPERATE),
-    ("GET", "/api/v1/specifications", READ),
-    ("POST", "/api/v1/specifications", OPERATE),
-    ("GET", "/api/v1/specifications/{id}", READ),
-    ("GET", "/api/v1/specifications/{id}/versions", READ),
-    ("POST", "/api/v1/specifications/{id}/versions", OPERATE),
-    ("POST", "/api/v1/specifications/{id}/archive", OPERATE),
-    ("POST", "/api/v1/specifications/{id}/restore", OPERATE),
-    ("GET", "/api/v1/queue", READ),
-    ("POST", "/api/v1/queue/start", Need::Rig),
-    ("POST", "/api/v1/queue/stop", OPERATE),
-    ("POST", "/api/v1/queue/pause", Need::Rig),
-    ("POST", "/api/v1/queue/resume", Need::Rig),
-    ("POST", "/api/v1/queue/continue", OPERATE),
-    ("GET", "/api/v1/queue/orders", READ),
-    ("POST", "/api/v1/queue/orders", OPERATE),
-    ("GET", "/api/v1/queue/orders/{id}", READ),
-    ("DELETE", "/api/v1/queue/orders/{id}", OPERATE),
-    ("POST", "/api/v1/queue/orders/{id}/move", OPERATE),
-    ("POST", "/api/v1/queue/orders/{id}/retry", OPERATE),
-    ("GET", "/api/v1/scans", READ),
-    ("POST", "/api/v1/scans", Need::Rig),
-    ("POST", "/api/v1/scans/estimate", OPERATE),
-    ("GET", "/api/v1/scans/{id}", READ),
-    ("PATCH", "/api/v1/scans/{id}", OPERATE),
-    ("GET", "/api/v1/scans/{id}/changes", READ),
-    ("POST", "/api/v1/scans/{id}/{order}", Need::Rig),
-    ("GET", "/api/v1/scans/{id}/uncertainty", READ),
-    ("GET", "/api/v1/scans/{id}/incidents", READ),
-    ("GET", "/api/v1/scans/{id}/report", READ),
-    ("GET", "/api/v1/scans/{id}/frames", READ),
-    ("GET", "/api/v1/scans/{id}/observations", READ),
-    ("GET", "/api/v1/scans/{id}/brdf.json", READ),
-    ("GET", "/api/v1/scans/{id}/frames.tif", READ),
-    ("GET", "/api/v1/scans/{id}/surface.bsdf", READ),
-    ("GET", "/api/v1/scans/{id}/scan.nxs", READ),
-    ("GET", "/api/v1/calibrations", READ),
-    ("POST", "/api/v1/calibrations", Need::Rig),
-    ("GET", "/api/v1/calibrations/{id}", READ),
-    ("POST", "/api/v1/imports", COMPUTE),
-    ("POST", "/api/v1/imports/upload", COMPUTE),
-    ("GET", "/api/v1/frames/{id}", READ),
-    ("GET", "/api/v1/frames/{id}/image.png", READ),
-    ("GET", "/api/v1/frames/{id}/pixels", READ),
-    ("GET", "/api/v1/frames/{id}/preview.png", READ),
-    ("GET", "/api/v1/results", READ),
-    ("GET", "/api/v1/charts", READ),
-    ("GET", "/api/v1/due", READ),
-    ("GET", "/api/v1/comparisons", READ),
-    ("GET", "/api/v1/repeatability", READ),
-    ("GET", "/api/v1/fits", READ),
-    ("POST", "/api/v1/fits", COMPUTE),
-    ("GET", "/api/v1/fits/{id}", READ),
-    ("POST", "/api/v1/fits/{id}/cancel", COMPUTE),
-    ("GET", "/api/v1/fits/{id}/curve", READ),
-    ("GET", "/api/v1/maps", READ),
-    ("POST", "/api/v1/maps", COMPUTE),
-    ("GET", "/api/v1/maps/{id}", READ),
-    ("POST", "/api/v1/maps/{id}/cancel", COMPUTE),
-    ("GET", "/api/v1/maps/{id}/files/{name}", READ),
-    ("GET", "/api/v1/contrasts", READ),
-    ("POST", "/api/v1/contrasts", COMPUTE),
-    ("GET", "/api/v1/contrasts/{id}", READ),
-    ("POST", "/api/v1/contrasts/{id}/cancel", COMPUTE),
-    ("GET", "/api/v1/verdicts", READ),
-    ("POST", "/api/v1/verdicts", COMPUTE),
-    ("GET", "/api/v1/verdicts/{id}", READ),
-    ("POST", "/api/v1/verdicts/{id}/cancel", COMPUTE),
-    ("GET", "/api/v1/traces", READ),
-    ("POST", "/api/v1/traces", COMPUTE),
-    ("GET", "/api/v1/traces/{id}", READ),
-    ("POST", "/api/v1/traces/{id}/cancel", COMPUTE),
-    ("GET", "/api/v1/traces/{id}/files/{name}", READ),
-    ("GET", "/api/v1/accuracy", READ),
-    ("GET", "/api/v1/events", READ),
-];
+/// Every route: those of `routes.rs`, and the document, which describes itself nowhere.
+static ROUTES: LazyLock<Vec<Route>> = LazyLock::new(|| {
+    let document = (Method::GET, DOCUMENT.to_owned(), READ);
+    [vec![document], routes::needs()].concat()
+});
 
 /// The order of a scan that needs no lease: a person or robot that does an operator step at the rig confirms it, and
 /// often another caller started the scan.
@@ -168,13 +33,13 @@ pub(super) fn need(method: &Method, path: Option<&str>) -> Need {
     let Some(path) = path else {
         return if reads { Need::Nothing } else { READ };
     };
-    let name = if reads { "GET" } else { method.as_str() };
-    let of_path = || ROUTES.iter().filter(|(_, route, _)| *route == path);
-    match of_path().find(|(route, ..)| *route == name) {
+    let method = if reads { &Method::GET } else { method };
+    let of_path = || ROUTES.iter().filter(|(_, route, _)| route == path);
+    match of_path().find(|(of_route, ..)| of_route == method) {
         Some((.., need)) => *need,
         // The route has no such method, and says so to every caller that may read.
         None if of_path().next().is_some() => READ,
-        None => Need::Role(Role::Admin),
+        None => ADMIN,
     }
 }
 
@@ -185,16 +50,13 @@ mod tests {
     use utoipa::OpenApi;
 
     use super::*;
-    use crate::api::UNDESCRIBED;
+    use crate::access::Role;
     use crate::api::routes::Document;
 
     /// The routes of the document.
     fn documented() -> BTreeSet<(String, String)> {
         let document = Document::openapi();
-        let mut routes: BTreeSet<_> = UNDESCRIBED
-            .iter()
-            .map(|path| ("GET".to_owned(), (*path).to_owned()))
-            .collect();
+        let mut routes = BTreeSet::from([("GET".to_owned(), DOCUMENT.to_owned())]);
         for (path, item) in &document.paths.paths {
             for (method, operation) in [
                 ("GET", &item.get),
@@ -215,7 +77,7 @@ mod tests {
     fn every_route_has_one_row_in_the_table() {
         let rows = || {
             let rows = ROUTES.iter();
-            rows.map(|(method, path, _)| ((*method).to_owned(), (*path).to_owned()))
+            rows.map(|(method, path, _)| (method.to_string(), path.clone()))
         };
         let table: BTreeSet<_> = rows().collect();
         assert_eq!(table.len(), rows().count(), "a route has two rows");
@@ -228,14 +90,14 @@ mod tests {
 
     #[test]
     fn a_viewer_writes_nothing_and_only_status_page_and_login_need_no_token() {
-        for (method, path, need) in ROUTES {
-            let writes = *method != "GET";
+        for (method, path, need) in ROUTES.iter() {
+            let writes = *method != Method::GET;
             match need {
                 Need::Nothing => assert!(
-                    *path == "/healthz" || (writes && *path == "/api/v1/session"),
+                    path == "/healthz" || (writes && path == "/api/v1/session"),
                     "{method} {path}"
                 ),
-                Need::Stop => assert_eq!(*path, super::super::rig::STOP),
+                Need::Stop => assert_eq!(path, super::super::rig::STOP),
                 Need::Role(Role::Viewer) => assert!(!writes, "{method} {path}"),
                 Need::Role(_) | Need::Rig => assert!(writes, "{method} {path}"),
             }
