@@ -74,8 +74,8 @@ pub struct Captured {
     pub tag: FrameTag,
 }
 
-/// A device that takes frames. `lab::assembly` makes the one of the settings, always a [`watched_folder::WatchedFolder`];
-/// `sim::rig` makes the simulated one.
+/// A device that takes frames. `lab::assembly` makes the one of the settings, a [`watched_folder::WatchedFolder`]; `sim::rig`
+/// makes the simulated one.
 pub trait Camera: Send {
     /// One line for the user and the log: make, model, serial number.
     fn describe(&self) -> String;

@@ -22,7 +22,6 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use futures::future::BoxFuture;
-use serde::{Deserialize, Serialize};
 
 use super::capture_program::CaptureProgram;
 use super::{Camera, CameraError, CaptureRequest, Captured, side_file};
@@ -43,26 +42,18 @@ const PLACEHOLDERS: [&str; 7] = [
     "file",
 ];
 
-/// Settings of the camera's folder and program.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// The camera's folder and program, as `[camera]` of the settings states them.
+#[derive(Debug, Clone, PartialEq)]
 pub struct WatchedFolderSettings {
     /// Folder into which the program writes.
     pub folder: PathBuf,
     /// Program and arguments, with `{theta_c_deg}`, `{phi_s_deg}`, `{exposure_s}`, `{exposure_ms}`,
     /// `{kind}` (sample, dark, flat), `{repeat}` and `{file}` replaced. Empty: nothing is started.
-    #[serde(default)]
     pub command: Vec<String>,
     /// Time limit for a frame beyond its exposure time, in seconds.
-    #[serde(default = "default_timeout_s")]
     pub timeout_s: f64,
     /// Whether a frame's file is deleted after it is read.
-    #[serde(default)]
     pub delete_read_frames: bool,
-}
-
-fn default_timeout_s() -> f64 {
-    30.0
 }
 
 /// Why settings are invalid.

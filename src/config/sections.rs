@@ -154,8 +154,8 @@ impl Default for RigSection {
 pub struct CameraSection {
     /// Folder into which the camera's program writes frames. Required for a real rig.
     pub folder: Option<PathBuf>,
-    /// Program and arguments run for each frame; `{file}`, `{kind}`, `{theta_c_deg}`, `{phi_s_deg}`,
-    /// `{exposure_s}` and `{repeat}` are filled in. Empty: the camera writes frames without being called.
+    /// Program and arguments run for each frame; `{file}`, `{kind}`, `{theta_c_deg}`, `{phi_s_deg}`, `{exposure_s}`,
+    /// `{exposure_ms}` and `{repeat}` are filled in. Empty: the camera writes frames without being called.
     pub command: Vec<String>,
     /// How long to wait for a frame beyond its exposure, s. Default 30, 0.1 to 3600.
     pub timeout_s: f64,

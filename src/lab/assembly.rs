@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::{RigParts, RigSettings};
+use crate::bench::Camera;
 use crate::bench::stage::{AxisName, NoFaults};
 use crate::bench::watched_folder::{WatchedFolder, WatchedFolderError, WatchedFolderSettings};
 use crate::clock::Clock;
@@ -47,16 +48,7 @@ pub fn real_rig(
         .stage
         .clone()
         .expect("checked settings have a stage beside a port");
-    let folder = config.camera.folder.clone();
-    let camera = WatchedFolder::new(
-        WatchedFolderSettings {
-            folder: folder.ok_or(AssemblyError::NoCamera)?,
-            command: config.camera.command.clone(),
-            timeout_s: config.camera.timeout_s,
-            delete_read_frames: config.camera.delete_read_frames,
-        },
-        Arc::clone(clock),
-    )?;
+    let camera = camera_of(&config.camera, clock)?;
     let camera_facts = config.camera_facts();
     let settings = RigSettings {
         rig: config.rig_facts(),
@@ -80,9 +72,24 @@ pub fn real_rig(
         seam: Arc::new(NoFaults),
     };
     Ok(Some(RigParts {
-        rig: Rig::new(link, Box::new(camera)),
+        rig: Rig::new(link, camera),
         settings,
     }))
+}
+
+/// Makes the camera of the settings. A further kind of camera is chosen here.
+fn camera_of(
+    section: &CameraSection,
+    clock: &Arc<dyn Clock>,
+) -> Result<Box<dyn Camera>, AssemblyError> {
+    let folder = section.folder.clone();
+    let settings = WatchedFolderSettings {
+        folder: folder.ok_or(AssemblyError::NoCamera)?,
+        command: section.command.clone(),
+        timeout_s: section.timeout_s,
+        delete_read_frames: section.delete_read_frames,
+    };
+    Ok(Box::new(WatchedFolder::new(settings, Arc::clone(clock))?))
 }
 
 impl RigParts {
