@@ -60,11 +60,18 @@ pub fn fitted_surface(report: &FitReport, set: &ObservationSet) -> Result<Surfac
         VariantName::Paper => Variant::Paper,
         VariantName::Sawtooth | VariantName::Traced => Variant::Sawtooth,
     };
-    Ok(SurfaceBrdf::new(variant, surface, real(report), &optics))
+    Ok(SurfaceBrdf::new(
+        variant,
+        surface,
+        stated_deviations(report),
+        &optics,
+    ))
 }
 
-/// Returns the deviations from an ideal sawtooth that the fit includes.
-fn real(report: &FitReport) -> Option<Real> {
+/// Returns the deviations from an ideal sawtooth that a report states, others as 0; `None` if it states none. A report has no
+/// parameter for the lands: its angle, roughness and reflectance are those of the ridges between them.
+#[must_use]
+pub fn stated_deviations(report: &FitReport) -> Option<Real> {
     let p = &report.parameters;
     let distribution = report.slope_distribution.as_ref();
     let gamma = distribution.and_then(|slopes| slopes.shape);

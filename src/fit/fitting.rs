@@ -1,5 +1,5 @@
-//! The fits of all variants to one set of observations, and the set that has to be fitted in its place: with finer views of a near
-//! field, or without what the fits found wrong in camera, white reference, lamp or single poses.
+//! Fits all variants to one set of observations, and decides whether another set has to be fitted in its place: one with finer
+//! views of a near field, or one that corrects what the fits found wrong in camera, white reference, lamp or single poses.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -18,10 +18,10 @@ use crate::model::Variant;
 use crate::observation::ObservationSet;
 use crate::trace::surfaces::surface_profile::SurfaceProfile;
 
-/// Largest share of the squared model error that a cause may leave in order to be named.
+/// A cause is named if it leaves less than this share of the squared model error.
 const EXPLAINED: f64 = 0.5;
 
-/// What fits are called with, beside the observations.
+/// Arguments of a fit other than the observations.
 pub(super) struct Fitting<'f> {
     pub options: &'f FitOptions,
     pub higher_order: Option<HigherOrder<'f>>,
@@ -38,7 +38,7 @@ pub(super) struct Fits<'a> {
     pub sawtooth: Option<Estimate<'a>>,
     /// The same observations with the views that a narrow lobe needs.
     finer: Option<ObservationSet>,
-    /// Whether the time was over when they ended.
+    /// Whether the time was over when these fits ended.
     is_late: bool,
 }
 
@@ -71,7 +71,7 @@ impl Fitting<'_> {
         self.time.is_some_and(|time| !time.allows())
     }
 
-    /// Does work that ends in its midst if the time is over: a descent of a near rig may take longer than the limit.
+    /// Runs work with a flag that is raised when the time is over: one descent of a near rig may take longer than the limit.
     fn within_time<T>(&self, work: impl FnOnce(&AtomicBool) -> T) -> T {
         match self.time.is_some_and(|time| time.limit_s.is_some()) {
             true => deadline::flagging(&|| self.is_late(), self.cancel, work),
@@ -90,7 +90,7 @@ impl Fitting<'_> {
         estimate_until(set, variant, self.options, higher_order, &late, over)
     }
 
-    /// Fits every variant; `causes` are those for which the set was changed, so they are not looked for again.
+    /// Fits every variant. `causes` are those for which the set was changed; the fits do not look for them again.
     pub(super) fn fits<'a>(&self, set: &'a ObservationSet, causes: &[Finding]) -> Fits<'a> {
         let (options, higher_order) = (self.options, self.higher_order);
         let excluded: Vec<Code> = OBSERVATION_CAUSES

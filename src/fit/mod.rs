@@ -8,15 +8,15 @@
 //! - The model error of the closed forms exceeds the counting noise. The scatter that it leaves is a separate term of
 //!   the uncertainty.
 //!
-//! A fit of one variant runs through these modules in this order; [`one_variant`] is the call, `pipeline` the steps:
+//! A fit of one variant uses these modules in this order. [`one_variant`] is the function to call, `pipeline` has the steps:
 //!
 //! 1. [`problem`]: residuals of samples, flats and priors by the free quantities ([`quantity`]), with [`constraints`], `known`
 //!    errors and [`loss`].
 //! 2. [`search_setup`]: free quantities, weights and first starts, on a [`subsample`] of very many observations.
 //! 3. [`multistart`]: descents from all starts at once until the stopping rule ends them.
 //! 4. `model_discrepancy`, `reweighting`, [`higher_order`]: the model error, weights that allow for it, and the integrated second
-//!    bounce as a fixed offset; `discontinuities` for minima at edges of the closed form. [`traced`] puts the ray tracer in place
-//!    of the second bounce.
+//!    bounce as a fixed offset. `discontinuities`: minima at edges of the closed form. [`traced`]: the ray tracer instead of the
+//!    second bounce.
 //! 5. [`estimate`]: the fitted variant.
 //!
 //! Around it:
@@ -24,12 +24,12 @@
 //! - [`least_squares`]: the solver, which knows no reflectance.
 //! - [`causes`]: why data and model disagree: sample, detector, lamp, rig, single poses.
 //! - [`uncertainty`]: covariance, budget, intervals.
-//! - `fitting`: all variants, again where a cause changes the observations. [`model_selection`]: the choice between them.
-//!   [`joint`]: several scans.
-//! - [`report`]: the answer, as JSON and text. [`fitted_surface`]: the BRDF of it.
+//! - `fitting`: the fits of all variants, repeated where a cause changes the observations. [`model_selection`]: the choice between
+//!   the variants. [`joint`]: several scans of one part.
+//! - [`report`]: the result as JSON and text. [`fitted_surface`]: its BRDF.
 //! - [`convergence_trace`] and [`cost_estimate`]: progress against time, and the forecast of the duration.
 //!
-//! This module uses no frames, no files and no clock: limits of time are read from the caller's ([`convergence_trace::Time`]).
+//! This module reads no frames and no files. Time limits use the caller's clock ([`convergence_trace::Time`]).
 
 use std::sync::atomic::AtomicBool;
 

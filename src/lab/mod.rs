@@ -5,10 +5,12 @@
 //!
 //! - `rig`: one task (`rig::owner`) owns stages and camera. Other tasks send it requests, which it accepts or refuses at once. A
 //!   stop bypasses this task, so it is never refused.
-//! - `scans`: how a scan is planned, ordered, run and recorded.
+//! - `scans` plans, queues, runs and records scans.
+//! - `assembly` makes the rig of the settings.
 //! - `jobs`: fits, maps, contrasts, verdicts and traces, which share the processors.
 //! - `exchange`: imports and exports. [`reports`]: reports, charts and comparisons.
-//! - `event_sink`, `hooks`, `telemetry`: who learns of an event.
+//! - [`definitions`], `specifications`, `samples`: what people define: recipes, limits and parts.
+//! - `event_sink` records and broadcasts events; `hooks` runs programs at them; `telemetry` logs and counts them.
 
 pub mod assembly;
 pub mod definitions;
@@ -137,7 +139,7 @@ pub struct RigSettings {
 pub struct RigParts {
     /// Stages and camera.
     pub rig: Rig,
-    /// Facts about them.
+    /// Settings of both, and of the scans with them.
     pub settings: RigSettings,
 }
 
@@ -167,11 +169,11 @@ struct Inner {
     /// Whether the data folder was found gone and an alarm was raised.
     folder_gone: AtomicBool,
     queue: Arc<scans::queue::QueueRun>,
-    /// What the settings ask to measure again at intervals.
+    /// What has to be measured again at intervals, by the settings; empty until they are read.
     due: OnceLock<DueSection>,
 }
 
-/// What the lab knows of the rig without owning it.
+/// The lab's side of the rig, whose stages and camera the owner has.
 struct RigSide {
     id: i64,
     settings: RigSettings,
@@ -440,11 +442,11 @@ impl Lab {
             let orders = side.occupation.borrow().orders.clone();
             if let Some(orders) = orders {
                 let (reply, answer) = oneshot::channel();
-                let slip = CommandRequest {
+                let request = CommandRequest {
                     command: ScanCommand::ShutDown,
                     reply,
                 };
-                if orders.send(slip).await.is_ok() {
+                if orders.send(request).await.is_ok() {
                     // Homing and connecting do not read commands; the stage does.
                     side.access.stop_what_may_move().await.ok();
                     answer.await.ok();
@@ -468,7 +470,7 @@ impl Lab {
         }
         self.inner.jobs.interrupt_all().await;
         if let Some(side) = &self.inner.rig {
-            // A locked database must not hold the daemon.
+            // A locked database must not keep the daemon from ending.
             let written = async {
                 side.sink.live_fits.ended().await;
                 side.sink.flush().await;
@@ -478,7 +480,7 @@ impl Lab {
         stopped
     }
 
-    /// [`Lab::rest`], then closes the store.
+    /// Does what [`Lab::rest`] does, then closes the store.
     pub async fn shut_down(&self) {
         // A stop that failed is in the log.
         self.rest().await.ok();

@@ -2,14 +2,15 @@
 //!
 //! Call [`map`]. It works in these steps:
 //!
-//! 1. It reads darks and flats, and resamples every sample frame into the sample's frame (`signals`, `signals::view`).
-//! 2. It fits the mean of the pixels, which gives what all of them share (`calibration::mean_fit`, `calibration::globals`), and the means of clusters of
-//!    like pixels (`calibration::clusters`, `calibration`).
-//! 3. It fits every pixel with the `sawtooth` closed form, from the surface of the cluster that it resembles, several pixels
-//!    per vector register and tiles in parallel (`solve::kernel`, `solve`, `higher_order_terms`, `double_reflection`).
-//! 4. It marks borders and defects (`defects`), and lists what is doubtful or omitted (`basis`).
+//! 1. `signals`: reads darks and flats, and resamples every sample frame into the sample's frame.
+//! 2. `calibration`: fits the mean of the pixels, which gives what all of them share (`globals`), and the means of clusters of like
+//!    pixels (`clusters`).
+//! 3. `solve`: fits every pixel with the `sawtooth` closed form, from the surface of its cluster. A vector register has several
+//!    pixels; tiles run in parallel. `higher_order_terms` and `double_reflection` correct the closed form.
+//! 4. [`defects`] marks borders and defects; `basis` lists what is doubtful or omitted.
 //!
-//! [`shards`](mod@shards) fits a part of the tiles and merges the parts: each repeats steps 1 and 2, and the merge does step 4.
+//! [`shards`](mod@shards) splits the tiles between runs and merges their results. Each run repeats steps 1 and 2; the merge does
+//! step 4.
 //!
 //! [`summary`] reduces a map to numbers. [`write::write`] makes the files; [`folder::map_into`] does both. Run time is
 //! proportional to pixels × observations. Memory is bounded by [`MapOptions::memory_bytes_max`]; larger planes go to a
@@ -17,8 +18,8 @@
 //!
 //! [`plan`](mod@plan) decides which terms are omitted, on the surfaces that represent most pixels.
 //!
-//! The layout of the sample is not needed: each pixel's lean direction is free. This module does not depend on scans or
-//! on the command line.
+//! The layout of the sample is not needed, because each pixel's lean direction is free. This module knows no scans and no command
+//! line.
 
 mod basis;
 mod calibration;
@@ -59,7 +60,7 @@ use crate::observation::RejectedFrame;
 use crate::reduction::{CountedReads, FrameSource, ReductionError, calibrate};
 use crate::shard::Shard;
 
-/// Number of times that the costly terms are recomputed within a pixel's descent, at most.
+/// Largest number of times that the costly terms are recomputed within a pixel's descent.
 const REFRESHES: u8 = 3;
 /// The region of a layout whose mean is fitted.
 const REGION: &str = "even";
@@ -98,7 +99,7 @@ pub enum Stage {
     Resampling,
     /// Frames are read once more, for the fit of the pixels' mean.
     Averaging,
-    /// Shared quantities and starts are determined.
+    /// The quantities that all pixels share, and the surfaces from which they start, are determined.
     Settling,
     /// Pixels are fitted; counted in pixels.
     Fitting,

@@ -93,7 +93,7 @@ struct Inner {
     held: Mutex<Held>,
     /// When a write last found the database locked by another program.
     lock_seen: Mutex<Option<Instant>>,
-    /// From then on no write waits for such a lock.
+    /// Time from which no write waits for such a lock.
     no_wait_from: OnceLock<Instant>,
 }
 
@@ -160,7 +160,7 @@ impl Store {
         }
         MIGRATIONS.run(&store.inner.writer).await?;
         let recovery = store.recover().await?;
-        // From here on all writes go through `writing`, which waits itself.
+        // From here on all writes go through `writing`, which waits by itself in short attempts.
         let attempt_ms = LOCK_ATTEMPT.as_millis();
         let writer = &store.inner.writer;
         sqlx::query(sqlx::AssertSqlSafe(format!(
@@ -318,7 +318,7 @@ impl Store {
         }
     }
 
-    /// Does the same without blocking the caller's thread.
+    /// As [`Store::check_folder`], without blocking the caller's thread.
     ///
     /// # Errors
     /// As [`Store::check_folder`].
@@ -355,8 +355,8 @@ impl Store {
         self.inner.writer.is_closed()
     }
 
-    /// Begins a transaction that has the write lock from its start. SQLite fails a transaction that reads before it writes
-    /// as soon as another program writes in between, whatever its busy timeout.
+    /// Begins a transaction that has the write lock from its start. Without it, SQLite fails a transaction that first reads and
+    /// then writes if another program writes in between, whatever the busy timeout.
     async fn writing(&self) -> Result<Writing, StoreError> {
         self.writing_within(LOCK_WAIT).await
     }
@@ -419,7 +419,7 @@ impl Store {
         }
     }
 
-    /// Waits while writes are possible; returns why they are not, at the earliest after this time.
+    /// Returns why writes are impossible, at the earliest after this time. Waits while they are possible.
     pub async fn trouble(&self, wait: Duration) -> StoreError {
         loop {
             let (answer, ()) = futures::join!(self.ask_disk(), sleep(wait));
@@ -446,7 +446,7 @@ impl Store {
         answer.unwrap_or(Err(StoreError::NoAnswer))
     }
 
-    /// Lets no write wait for another program's lock after this time: the daemon ends.
+    /// Ends all waits for another program's lock after this time, since the daemon ends.
     pub fn end_waits(&self, after: Duration) {
         self.inner.no_wait_from.set(Instant::now() + after).ok();
     }
@@ -466,10 +466,10 @@ impl Store {
 
 /// How long a write waits for a lock that another program holds.
 const LOCK_WAIT: Duration = Duration::from_secs(10);
-/// Time after which a disk counts as silent. Changing the time of a file takes milliseconds on a slow one, too.
-const DISK_ANSWER: Duration = Duration::from_millis(900);
-/// How long SQLite waits for it at a time: nothing can cut this short.
+/// How long SQLite waits for such a lock at a time. Nothing can end this wait early.
 const LOCK_ATTEMPT: Duration = Duration::from_millis(200);
+/// Time after which a disk counts as silent. Changing the time of a file takes only milliseconds on a slow disk.
+const DISK_ANSWER: Duration = Duration::from_millis(900);
 
 impl Inner {
     fn lock_seen(&self) -> MutexGuard<'_, Option<Instant>> {
@@ -479,7 +479,7 @@ impl Inner {
     }
 }
 
-/// Asks the file system on a thread for blocking work: a disk that hangs must not hold the threads that serve the stop.
+/// Asks the file system on a thread for blocking work: a disk that hangs must not block the threads that serve the stop.
 async fn asked<T: Send + 'static>(
     ask: impl FnOnce() -> Result<T, StoreError> + Send + 'static,
 ) -> Result<T, StoreError> {
@@ -487,7 +487,7 @@ async fn asked<T: Send + 'static>(
         Ok(answer) => answer,
         Err(ended) => match ended.try_into_panic() {
             Ok(panic) => std::panic::resume_unwind(panic),
-            // The process ends.
+            // The runtime drops the work when the process ends.
             Err(_) => Err(sqlx::Error::PoolClosed.into()),
         },
     }

@@ -1,6 +1,6 @@
 //! Monte Carlo light transport: polarised light on explicit micro-geometry, single or layered.
 //!
-//! The function to call is [`run::trace`] on a scene from [`scene::Scene`]. Photons carry Mueller
+//! Call [`run::trace`] on a scene from [`scene::Scene`]. Photons carry Mueller
 //! matrices (or one number in the scalar mode), are reflected and refracted by the full Fresnel
 //! matrices, and are counted in direction bins with standard errors (Wang et al. 2017, Opt. Express
 //! 25, 22971). Results depend only on the seed. This module knows no files, clock or terminal: the
@@ -9,10 +9,10 @@
 //! Directions are in the sample frame x = u, y = v, z = n; the sources of the conventions are
 //! listed in [`crate::model::polarisation`].
 //!
-//! A [`scene`] has interfaces of [`surfaces`]. A [`run`] sends [`photons`] through them, which meet [`facets`] and are subject to
-//! [`visibility`]; [`counting`] adds up what leaves, and [`report`] states it. [`pilot`] finds what may be left out;
-//! [`pose_radiance`] and [`ellipsometer`] simulate the rig and an ellipsometer, and [`surface_spread`] compares surfaces of the same
-//! statistics.
+//! A [`scene`] has interfaces of [`surfaces`]. A [`run`] sends [`photons`] through them. They are scattered at [`facets`] and
+//! shadowed by other facets ([`visibility`]). [`counting`] adds up the light that leaves, and [`report`] states it. [`pilot`]
+//! finds what may be left out; [`pose_radiance`] and [`ellipsometer`] simulate the rig and an ellipsometer, and
+//! [`surface_spread`] compares surfaces of the same statistics.
 
 pub mod counting;
 pub mod ellipsometer;

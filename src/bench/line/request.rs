@@ -72,7 +72,7 @@ pub struct LineCounts {
     pub exchanges: u64,
     /// Exchanges without a reply in time.
     pub timeouts: u64,
-    /// LineSplitter that were garbled, torn, or lacked the checksum that the device should send.
+    /// Lines that were garbled, torn, or lacked the checksum that the device should send.
     pub garbled: u64,
     /// Replies that belong to no open command: late, duplicate, or meant for another host.
     pub strays: u64,

@@ -29,7 +29,7 @@ use crate::scan::{Rig, StageAccess};
 use crate::store::StoreError;
 use motion::MotionOrder;
 
-/// Spawns the task that owns the rig from now on. It first switches off the lamp of `cut_off`, a scan that a kill ended.
+/// Spawns the task that owns the rig from now on. The task first switches off the lamp if a kill ended the scan `cut_off`.
 pub(in crate::lab) async fn take(
     parts: RigParts,
     sink: EventSink,
@@ -115,7 +115,7 @@ impl Owner {
     async fn run(self, rig: Rig, mut inbox: mpsc::Receiver<Request>) {
         let mut free = Some(rig);
         let mut current: Option<BoxFuture<'static, Done>> = None;
-        // Number of stops before the motion that a stop ends.
+        // Number of stops before the current motion; `None` if the current work is no motion.
         let mut stoppable: Option<u64> = None;
         let mut preview: Option<CancellationToken> = None;
         let mut waiting: VecDeque<Request> = VecDeque::new();
@@ -209,7 +209,7 @@ impl Owner {
         request.reply.send(Err(LabError::Busy { with })).ok();
     }
 
-    /// The caller reads a scan's state from the store, so that the owner does not wait for the database.
+    /// Returns what holds the rig. The caller adds a scan's state from the store, so that the owner does not wait for the database.
     fn held_by(&self) -> Holder {
         let occupation = self.context.occupation.borrow();
         match (occupation.scan_id, occupation.activity) {

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::clusters::Cluster;
 use super::globals::{Given, Globals};
+use crate::fit::fitted_surface::stated_deviations;
 use crate::fit::report::{Parameter, Status};
 use crate::fit::{FitOptions, FitReport, VariantChoice, fit};
 use crate::map::higher_order_terms::RealSurface;
@@ -204,15 +205,7 @@ impl Shared {
 /// Returns the deviations from an ideal sawtooth; `None` if the fit's residual is large, as for the mean of unlike pixels.
 fn real_surface(report: &FitReport, set: &ObservationSet) -> Option<Arc<RealSurface>> {
     let p = &report.parameters;
-    let value = |p: &Option<Parameter>| p.as_ref().and_then(|p| p.value).unwrap_or(0.0);
-    let gamma = report.slope_distribution.as_ref().and_then(|s| s.shape);
-    let real = Real {
-        translucency: value(&p.translucency),
-        tail: gamma.map_or(0.0, |gamma| 1.0 / (gamma - 1.0)),
-        crest: value(&p.crest_radius),
-        // A pixel's lobe is that of ridges without lands.
-        land: 0.0,
-    };
+    let real = stated_deviations(report)?;
     let well_met = report.rms_residual.is_some_and(|rms| rms < WELL_MET);
     if real == Real::NONE || !well_met {
         return None;
