@@ -164,7 +164,7 @@ pub struct Begun {
 /// Path of the document, the only route that the document does not describe.
 const DOCUMENT: &str = "/openapi.json";
 
-/// Builds the whole HTTP interface of a lab for those who have access. Cancelling `ending` ends the event streams.
+/// Builds the HTTP interface of a lab. `access` decides who may use it. Cancelling `ending` ends the event streams.
 pub fn router(
     lab: Lab,
     render_metrics: RenderMetrics,

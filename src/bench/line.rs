@@ -14,7 +14,8 @@
 //! - [`PortLine::close`] closes the port for all handles, so that no forgotten handle keeps a port
 //!   from being opened again.
 //!
-//! This module knows nothing of axes and angles. Its requests and replies are those of Zaber ASCII.
+//! This module knows nothing of axes and angles. Its requests and replies are those of Zaber ASCII; a port that speaks another
+//! protocol translates them.
 
 mod history;
 mod owner;

@@ -175,7 +175,7 @@ fn check_archive(file: &Path) -> Result<(), CliError> {
 }
 
 async fn import(args: &Args, cancel: Arc<AtomicBool>) -> Result<Value, CliError> {
-    let reserve_mb = runtime::read_config(None)?.store.reserve_mb;
+    let reserve_bytes = runtime::read_config(None)?.store.reserve_bytes();
     // The series is checked first, so that a wrong folder or file does not leave an empty store.
     let is_archive = args.series.is_file();
     match is_archive {
@@ -187,7 +187,7 @@ async fn import(args: &Args, cancel: Arc<AtomicBool>) -> Result<Value, CliError>
     let (lab, _) = daemon::open_lab(&args.data, Arc::new(RealDisk), runtime::real_clock(), None)
         .await
         .map_err(CliError::no_result)?;
-    lab.keep_free(reserve_mb * 1_000_000);
+    lab.keep_free(reserve_bytes);
     let bar = Bar::new("frames");
     let options = ImportOptions {
         skip_unreadable: args.skip_unreadable,

@@ -129,7 +129,7 @@ async fn serve(args: Args) -> Result<(), CliError> {
     let (lab, earlier) = daemon::open_lab(&folder, disk, clock, parts)
         .await
         .map_err(CliError::no_result)?;
-    lab.keep_free(config.store.reserve_mb * 1_000_000);
+    lab.keep_free(config.store.reserve_bytes());
     lab.set_due(config.due.clone());
     let operator = match &simulator {
         None => None,

@@ -75,6 +75,14 @@ impl Default for StoreSection {
     }
 }
 
+impl StoreSection {
+    /// Space that scans and imports leave free, in bytes.
+    #[must_use]
+    pub fn reserve_bytes(&self) -> u64 {
+        self.reserve_mb * 1_000_000
+    }
+}
+
 /// `[rig]`: the keys of a series' manifest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

@@ -193,7 +193,7 @@ fn runner_settings(camera: &CameraFacts, config: &Config) -> RunnerSettings {
     RunnerSettings {
         faults: config.scan.fault_policy(),
         lamp_on: lamp(config, &config.lamp.on),
-        disk_reserve_bytes: config.store.reserve_mb * 1_000_000,
+        disk_reserve_bytes: config.store.reserve_bytes(),
         // Noise does not compress: two bytes per pixel, and PNG's own.
         frame_bytes_max: pixels * 2 + pixels / 64 + 4096,
         tags: TagRules {

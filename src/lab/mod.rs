@@ -43,7 +43,7 @@ use tokio::time::timeout;
 use crate::access::{DAEMON, LOCAL};
 use crate::bench::stage::{StageError, StageSettings};
 use crate::clock::Clock;
-use crate::config::DueSection;
+use crate::config::{DueSection, StoreSection};
 use crate::geometry::Pose;
 use crate::program::Program;
 use crate::scan::event::RigActivity;
@@ -101,8 +101,8 @@ pub use scans::queue::{LeaseHolder, QUEUE_WAITS, QueueView};
 pub use scans::recipes::{Recipe, RecipeFit, RecipeLayout, RecipeMaterial};
 pub use series::StoredSeries;
 
-/// Disk space that imports leave free by default.
-const RESERVE_BYTES: u64 = 200_000_000;
+/// Events kept in memory for a listener that falls behind; one that misses more reads them from the store.
+const EVENTS_KEPT: usize = 1024;
 
 /// Settings of the rig.
 #[derive(Debug, Clone)]
@@ -250,10 +250,10 @@ impl Lab {
                 })
                 .await?;
         }
-        let events = broadcast::Sender::new(1024);
+        let events = broadcast::Sender::new(EVENTS_KEPT);
         let ends = watch::Sender::new(HashMap::new());
         let reserve_bytes = match &parts {
-            None => RESERVE_BYTES,
+            None => StoreSection::default().reserve_bytes(),
             Some(parts) => parts.settings.runner.disk_reserve_bytes,
         };
         let rig = match parts {

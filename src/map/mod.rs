@@ -62,7 +62,7 @@ use crate::shard::Shard;
 
 /// Largest number of times that the costly terms are recomputed within a pixel's descent.
 const REFRESHES: u8 = 3;
-/// The region of a layout whose mean is fitted.
+/// The region of a layout whose mean is fitted: a board has patches of two surfaces, and the mean of both is that of none.
 const REGION: &str = "even";
 
 /// Limits and tolerances of a map.
@@ -348,7 +348,7 @@ fn prepared(
 }
 
 #[cfg(test)]
-mod doubles_tests;
+mod ambiguous_tests;
 #[cfg(test)]
 mod extreme_tests;
 #[cfg(test)]

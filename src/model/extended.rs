@@ -19,8 +19,8 @@
 //! With τ, ι and R 0 and smooth walls the form is the ideal sawtooth. It is written once over [`Number`]. Call
 //! [`radiance_of`]; fits call [`partials`].
 //!
-//! A new term: its formula is a file here, its parameter a field of [`Real`]. [`Terms`] states whether it is evaluated; a fit that
-//! frees it needs its derivative at 0, too.
+//! A new term: its formula is a file here, its parameter a field of [`Real`] before the lands. [`Terms`] states whether it is
+//! evaluated; a fit that frees it needs its derivative at 0, too.
 //!
 //! The form omits the mutual masking of slopes on single reflection, the second order of R, and a draft of the riser.
 

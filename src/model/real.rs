@@ -12,7 +12,8 @@ pub struct Real<N = f64> {
     pub tail: N,
     /// Radius of the crests over the facet's length.
     pub crest: N,
-    /// Share of the surface that is flat between the ridges.
+    /// Share of the surface that is flat between the ridges. It stays the last field: the form is linear in it, so that its
+    /// derivative needs no variable ([`super::extended::partials`]).
     pub land: N,
 }
 

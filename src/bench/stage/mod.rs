@@ -4,8 +4,8 @@
 //! that a scan calls. A move has succeeded only when the position read back is within tolerance. A
 //! stop is never refused: it is sent before all waiting commands, and commands issued before it are
 //! not sent after it. Knows no scan, camera or sample. The head of `axis.rs` draws the states of an
-//! axis. The files of `axis/`, `error.rs` and `port_search.rs` speak Zaber ASCII ([`super::wire::zaber`]); nothing selects
-//! another protocol.
+//! axis. The files of `axis/`, `error.rs` and `port_search.rs` speak Zaber ASCII ([`super::wire::zaber`]); another
+//! protocol is translated below the line.
 
 mod axis;
 mod connect;

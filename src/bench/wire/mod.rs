@@ -3,8 +3,8 @@
 //! A protocol file serves both ends of the line: the host decodes messages, the simulated device
 //! decodes commands. It knows no port, clock or axis.
 //!
-//! Zaber ASCII is the only protocol. [`super::line`] and [`super::stage`] use its types and words directly, so a further
-//! codec is not reached until a type between `line` and this module chooses one.
+//! [`super::line`] and [`super::stage`] speak Zaber ASCII and use its types and words. For another protocol, put a
+//! [`super::port::Port`] below them that translates: `ARCHITECTURE.md` says how.
 
 pub mod zaber;
 pub mod zaber_flags;

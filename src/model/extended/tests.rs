@@ -6,6 +6,7 @@ use crate::model::lanes::Lane;
 use crate::model::prepared::OpticsTable;
 use crate::model::prepared::Partials;
 use crate::model::prepared::Prepared;
+use crate::model::real::DEVIATIONS;
 use crate::units::Angle;
 use nalgebra::Vector3;
 
@@ -67,7 +68,7 @@ fn partials(
     optics: &Optics,
     walls: &Walls,
 ) -> Partials {
-    let terms = Terms::of(real, optics, &Real::from_array([moves; 4]));
+    let terms = Terms::of(real, optics, &Real::from_array([moves; DEVIATIONS]));
     super::partials(directions, surface, real, terms, optics, walls)
 }
 
@@ -370,7 +371,11 @@ fn a_register_of_surfaces_has_the_values_of_single_surfaces() {
                 eta: k(draw.optics.eta),
                 k: k(draw.optics.k),
             };
-            let terms = Terms::of(&draw.real, &draw.optics, &Real::from_array([true; 4]));
+            let terms = Terms::of(
+                &draw.real,
+                &draw.optics,
+                &Real::from_array([true; DEVIATIONS]),
+            );
             let d = draw.rig.directions(draw.pose);
             let of = |w: Vector3<f64>| [k(w.x), k(w.y), k(w.z)];
             let (i, o) = (of(d.incident), of(d.outgoing));
