@@ -161,7 +161,7 @@ pub struct ScanCameraBody {
 }
 
 pub(super) async fn body(app: &App, scan: Scan) -> Result<ScanBody, LabError> {
-    let scan = app.lab.as_it_stands(scan);
+    let scan = app.lab.with_unrecorded_end(scan);
     let store = app.lab.store();
     let progress = store.last_progress(scan.id).await?;
     let plan = match scan.plan.clone() {

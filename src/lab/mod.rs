@@ -361,9 +361,9 @@ impl Lab {
         &self.inner.store
     }
 
-    /// Corrects the state of a stored scan: a scan whose end could not be written is interrupted.
+    /// Returns a stored scan with its true state: a scan whose end could not be written is interrupted.
     #[must_use]
-    pub fn as_it_stands(&self, mut scan: Scan) -> Scan {
+    pub fn with_unrecorded_end(&self, mut scan: Scan) -> Scan {
         if let Some(why) = self
             .inner
             .rig

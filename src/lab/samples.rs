@@ -54,7 +54,7 @@ impl Lab {
     /// # Errors
     /// [`LabError::NotNow`] while the scan holds the rig, an unknown scan or sample, or a store error.
     pub async fn assign_scan(&self, id: i64, sample_id: i64) -> Result<Scan, LabError> {
-        let scan = self.as_it_stands(self.store().scan(id).await?);
+        let scan = self.with_unrecorded_end(self.store().scan(id).await?);
         if !scan.state.is_end() && scan.state != ScanState::Interrupted {
             return Err(LabError::NotNow {
                 scan_id: id,
@@ -100,7 +100,7 @@ impl Lab {
             };
             self.record_order(order, Some(id)).await;
         }
-        Ok(self.as_it_stands(self.store().scan(id).await?))
+        Ok(self.with_unrecorded_end(self.store().scan(id).await?))
     }
 
     /// Keeps the answer to a request under its idempotency key; the first answer under a key stays.

@@ -213,7 +213,7 @@ async fn is_gone(bench: &BenchInABox, scan_id: i64, alarm: &RecordedEvent) {
     assert_eq!(code, "data-folder-gone");
     assert!(message.contains("while the daemon used it"), "{message}");
     let scan = bench.lab.store().scan(scan_id).await.unwrap();
-    let scan = bench.lab.as_it_stands(scan);
+    let scan = bench.lab.with_unrecorded_end(scan);
     assert_eq!(scan.state, ScanState::Interrupted);
     assert!(scan.reason.unwrap().contains("while the daemon used it"));
     assert!(!bench.rig.world.is_moving());

@@ -170,7 +170,7 @@ impl Lab {
         let Some(scan_id) = order.scan_id else {
             return Ok(None);
         };
-        let scan = self.as_it_stands(self.store().scan(scan_id).await?);
+        let scan = self.with_unrecorded_end(self.store().scan(scan_id).await?);
         Ok(Some((order, scan)))
     }
 
