@@ -3,8 +3,8 @@
 //! [`stage::Stage`] moves the two axes and verifies their positions; an implementation of
 //! [`Camera`] turns a [`CaptureRequest`] into a frame. From the bytes up: `wire` (pure codec of a
 //! protocol) · `port` (bytes; the place where tests inject faults) · `line` (the thread that owns a
-//! port) · `stage` (limits, homing, arrival). `capture_program` runs the camera's program. Knows no scan,
-//! no store and no simulation.
+//! port) · `stage` (limits, homing, arrival). The camera is `watched_folder`: `capture_program` runs its program, `side_file` reads
+//! what the program states. `watched_value` reads numbers that suspend a scan. Knows no scan, no store and no simulation.
 
 mod capture_program;
 pub mod line;

@@ -106,14 +106,12 @@ pub struct FitOptions {
     pub variant: VariantChoice,
     /// Starts of the first round of a search, per variant.
     pub starts: usize,
-    /// Whether a search ends after its first round of `starts` starts. Otherwise it continues while that round leaves a
-    /// doubt.
+    /// Whether a search ends after `starts` starts. Otherwise the stopping rule of [`multistart`] ends it.
     pub starts_alone: bool,
     /// Seed of the scrambled Sobol sequence of the starts.
     pub seed: u32,
-    /// Whether to allow for a model error. It is then estimated from the scatter, enters the weights and is part of
-    /// every uncertainty. Without it the uncertainties of the observations are taken as complete, which is true of data
-    /// computed from the model itself.
+    /// Whether to allow for a model error. If so, it is estimated from the scatter, enters the weights and is part of every
+    /// uncertainty. If not, the uncertainties of the observations count as complete, as for data computed from the model.
     pub misfit: bool,
     /// Upper limit of the model error as a share of s (see `model_discrepancy`). Without a limit the scatter decides.
     pub misfit_most: Option<f64>,
