@@ -42,6 +42,7 @@ class Surface(NamedTuple):
     translucency: float
     tail: float
     crest_radius: float
+    land_share: float
 
     @classmethod
     def of(cls, scan: ridged.Scan) -> Surface:
@@ -61,6 +62,7 @@ class Surface(NamedTuple):
             translucency=value.get("translucency", 0.0),
             tail=0.0 if shape is None else 1 / (shape - 1),
             crest_radius=value.get("crest_radius", 0.0),
+            land_share=value.get("land_share", 0.0),
         )
 
     def brdf(self, pairs: Sequence[Sequence[float]], folder: Path) -> numpy.ndarray[Any, Any]:

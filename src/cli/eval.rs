@@ -45,7 +45,7 @@ pub enum Kind {
     /// fresnel of the printed BRDF.
     Brdf,
     /// theta_i, phi_i, theta_o, phi_o, theta_r (rad), alpha_u, alpha_v, rho_d, eta, k, theta_l (rad), translucency, tail,
-    /// crest_radius → f of the sawtooth.
+    /// crest_radius, land_share → f of the sawtooth.
     Sawtooth,
     /// theta_r_deg, theta_i_proj_deg, theta_o_proj_deg → visible_and_lit_fraction of the sawtooth.
     Visibility,
@@ -308,23 +308,25 @@ mod tests {
 
     #[test]
     fn the_sawtooth_is_answered_with_and_without_the_terms_of_real_samples() {
-        let head = "theta_i,phi_i,theta_o,phi_o,theta_r,alpha_u,alpha_v,rho_d,eta,k,theta_l,translucency,tail,crest_radius";
+        let head = "theta_i,phi_i,theta_o,phi_o,theta_r,alpha_u,alpha_v,rho_d,eta,k,theta_l,translucency,tail,crest_radius,land_share";
         let flat = "0.3,1.5,0.3,-1.6415926535897931,0,0.1,0.1,0,1.5,0,0.2,0";
         let rows = run_on(
             Kind::Sawtooth,
             format!(
-                "{head}\n{flat},0,0\n{flat},1,0\n{flat},9,0\n0,0,2,0,0,0.1,0.1,0,1.5,0,0.2,0,0,0\n"
+                "{head}\n{flat},0,0,0\n{flat},1,0,0\n{flat},9,0,0\n0,0,2,0,0,0.1,0.1,0,1.5,0,0.2,0,0,0,0\n{flat},0,0,0.3\n"
             ),
         );
-        let f = |row: usize| rows[row][14].parse::<f64>().unwrap();
+        let f = |row: usize| rows[row][15].parse::<f64>().unwrap();
         // A mirror's angle on a flat surface: D F/(4 cos² θ), with D = 1/(π α²).
         let fresnel = crate::model::fresnel::reflectance(0.3f64.cos(), 1.5, 0.0);
         let expected = fresnel / (4.0 * std::f64::consts::PI * 0.01 * 0.3f64.cos().powi(2));
         assert!((f(1) / expected - 1.0).abs() < 1e-9, "{} {expected}", f(1));
         // All slope distributions have this peak.
         assert!((f(2) / expected - 1.0).abs() < 1e-9, "{} {expected}", f(2));
-        assert_eq!(&rows[3][15], "tail = 9 is not within 0 and 1.5");
-        assert!(rows[4][15].contains("above the surface"));
+        // Lands between ridges of no height are more of the same surface.
+        assert!((f(5) / expected - 1.0).abs() < 1e-9, "{} {expected}", f(5));
+        assert_eq!(&rows[3][16], "tail = 9 is not within 0 and 1.5");
+        assert!(rows[4][16].contains("above the surface"));
     }
 
     #[test]

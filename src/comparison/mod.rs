@@ -301,6 +301,7 @@ pub(crate) mod tests {
                 tilt_offset_deg: unknown(),
                 translucency: None,
                 crest_radius: None,
+                land_share: None,
             },
             freedom: Freedom::default(),
             circumstances: shared::tests::circumstances(),

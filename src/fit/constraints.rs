@@ -6,11 +6,12 @@
 
 use super::{Constraint, Quantity};
 use crate::material::Material;
+use crate::model::extended::LAND_MAX;
 use crate::observation::Prior;
 
 /// Names as in the report, the quantity, whether the value is in degrees, and the valid range. Surfaces are limited to
 /// the domain of the model; gains and stray light to magnitudes whose squares fit in a double.
-const NAMES: [(&str, Quantity, bool, (f64, f64)); 12] = [
+const NAMES: [(&str, Quantity, bool, (f64, f64)); 13] = [
     ("theta_r_deg", Quantity::ThetaR, true, (0.0, 89.0)),
     ("alpha_u", Quantity::AlphaU, false, (1e-6, 1e3)),
     ("alpha_v", Quantity::AlphaV, false, (1e-6, 1e3)),
@@ -28,6 +29,7 @@ const NAMES: [(&str, Quantity, bool, (f64, f64)); 12] = [
     ("k", Quantity::K, false, (0.0, 100.0)),
     ("translucency", Quantity::Translucency, false, (0.0, 1.0)),
     ("crest_radius", Quantity::CrestRadius, false, (0.0, 0.8)),
+    ("land_share", Quantity::Land, false, (0.0, LAND_MAX)),
 ];
 /// Valid range of the index of a dielectric.
 const DIELECTRIC: (f64, f64) = (1.0, 10.0);

@@ -68,22 +68,83 @@ pub fn fitted_surface(report: &FitReport, set: &ObservationSet) -> Result<Surfac
     ))
 }
 
-/// Returns the deviations from an ideal sawtooth that a report states, others as 0; `None` if it states none. A report has no
-/// parameter for the lands: its angle, roughness and reflectance are those of the ridges between them.
+/// Returns the deviations from an ideal sawtooth that a report states, others as 0; `None` if it states none.
 #[must_use]
 pub fn stated_deviations(report: &FitReport) -> Option<Real> {
     let p = &report.parameters;
     let distribution = report.slope_distribution.as_ref();
     let gamma = distribution.and_then(|slopes| slopes.shape);
     let value = |p: &Option<Parameter>| p.as_ref().and_then(|p| p.value);
-    let (translucency, crest) = (value(&p.translucency), value(&p.crest_radius));
-    if gamma.is_none() && translucency.is_none() && crest.is_none() {
-        return None;
+    let stated = [
+        value(&p.translucency),
+        gamma.map(slopes::tail),
+        value(&p.crest_radius),
+        value(&p.land_share),
+    ];
+    let is_any = stated.iter().any(Option::is_some);
+    is_any.then(|| Real::from_array(stated.map(|value| value.unwrap_or(0.0))))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::fit::painted::{TRUTH, painted};
+    use crate::fit::problem::Values;
+    use crate::fit::{FitOptions, VariantChoice, fit};
+    use crate::geometry::{Directions, Pose};
+
+    #[test]
+    fn the_lands_that_a_fit_finds_are_in_its_report_and_in_its_brdf() {
+        let mut truth = Values {
+            theta_r: 15f64.to_radians(),
+            ..TRUTH
+        };
+        truth.real.land = 0.2;
+        let poses =
+            (0..56).map(|n| Pose::from_deg(7.0 * f64::from(n / 8) - 21.0, 45.0 * f64::from(n % 8)));
+        let set = painted(poses, &truth, 2e-4, 5);
+        let options = FitOptions {
+            variant: VariantChoice::Sawtooth,
+            ..FitOptions::default()
+        };
+        let report = fit(&set, &options, &AtomicBool::new(false));
+        let land = report.parameters.land_share.as_ref().unwrap();
+        let (value, expanded) = (land.value.unwrap(), land.expanded.unwrap());
+        assert!(
+            (value - 0.2).abs() < expanded && expanded < 0.05,
+            "{land:?}"
+        );
+
+        let brdf = fitted_surface(&report, &set).unwrap();
+        let optics = Optics::new(&set.rig, &set.material);
+        let ideal = |theta_r: f64| {
+            let surface = Surface {
+                theta_r,
+                alpha_u: truth.alpha_u,
+                alpha_v: truth.alpha_v,
+                rho_d: truth.rho_d,
+                amplitude: 1.0,
+            };
+            SurfaceBrdf::new(Variant::Sawtooth, surface, None, &optics)
+        };
+        let (ridges, lands) = (ideal(truth.theta_r), ideal(0.0));
+        // The mirror directions of the lands and of the facets, and one beside both.
+        for mirrored_deg in [0.0, 15.0, 40.0] {
+            let half = f64::to_radians(mirrored_deg);
+            let (sin, cos) = (half - 0.1).sin_cos();
+            let incident = nalgebra::Vector3::new(0.0, sin, cos);
+            let (sin, cos) = (half + 0.1).sin_cos();
+            let outgoing = nalgebra::Vector3::new(0.0, sin, cos);
+            let directions = Directions { incident, outgoing };
+            let of = |brdf: &SurfaceBrdf| brdf.value(&directions);
+            let expected = 0.8 * of(&ridges) + 0.2 * of(&lands);
+            let found = of(&brdf);
+            assert!(
+                (found / expected - 1.0).abs() < 0.02,
+                "{mirrored_deg}: {found} {expected}"
+            );
+        }
     }
-    Some(Real {
-        translucency: translucency.unwrap_or(0.0),
-        tail: gamma.map_or(0.0, slopes::tail),
-        crest: crest.unwrap_or(0.0),
-        land: 0.0,
-    })
 }

@@ -200,11 +200,14 @@ pub struct Parameters {
     /// Radius of the crests divided by the length of the facets, if fitted or stated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crest_radius: Option<Parameter>,
+    /// Share of the surface that is flat between the ridges, if fitted or stated. The other parameters are those of the ridges.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub land_share: Option<Parameter>,
 }
 
 impl Parameters {
     /// Names of the JSON form, in the order of the report.
-    pub const NAMES: [&str; 10] = [
+    pub const NAMES: [&str; 11] = [
         "theta_r_deg",
         "alpha_u",
         "alpha_v",
@@ -215,6 +218,7 @@ impl Parameters {
         "tilt_offset_deg",
         "translucency",
         "crest_radius",
+        "land_share",
     ];
 
     /// Returns the names of the JSON form with their parameters, in the order of the report.
@@ -231,6 +235,7 @@ impl Parameters {
             Some(&self.tilt_offset_deg),
             self.translucency.as_ref(),
             self.crest_radius.as_ref(),
+            self.land_share.as_ref(),
         ];
         let named = Self::NAMES.into_iter().zip(all);
         named.filter_map(|(name, p)| Some((name, p?))).collect()

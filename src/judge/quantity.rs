@@ -9,8 +9,8 @@ pub const CONTRAST_MEAN: &str = "contrast_mean";
 pub const CONTRAST_MICHELSON_MEAN: &str = "contrast_michelson_mean";
 
 /// Quantities that may have limits: the parameters of a fit, then the contrasts.
-pub const QUANTITIES: [&str; 12] = {
-    let mut all = [CONTRAST_MICHELSON_MEAN; 12];
+pub const QUANTITIES: [&str; 13] = {
+    let mut all = [CONTRAST_MICHELSON_MEAN; 13];
     let mut n = 0;
     while n < Parameters::NAMES.len() {
         all[n] = Parameters::NAMES[n];

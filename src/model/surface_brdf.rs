@@ -10,7 +10,7 @@ use crate::geometry::{Cones, Directions};
 pub struct SurfaceBrdf {
     variant: Variant,
     surface: Surface,
-    tail: f64,
+    real: Real,
     form: ClosedForm,
 }
 
@@ -26,7 +26,7 @@ impl SurfaceBrdf {
         SurfaceBrdf {
             variant,
             surface,
-            tail: real.map_or(0.0, |real| real.tail),
+            real: real.unwrap_or(Real::NONE),
             form: ClosedForm::new(variant, &surface, real.as_ref(), &points),
         }
     }
@@ -53,10 +53,10 @@ impl SurfaceBrdf {
         &self.surface
     }
 
-    /// Tail ι of its slopes; 0 is Beckmann.
+    /// Its deviations from an ideal sawtooth.
     #[must_use]
-    pub fn tail(&self) -> f64 {
-        self.tail
+    pub fn real(&self) -> &Real {
+        &self.real
     }
 }
 

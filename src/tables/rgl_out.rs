@@ -5,7 +5,7 @@
 //! incidence; `spectra` is interpolated linearly between the directions of incidence and over the unit square, whose
 //! coordinates are the numbers that the density `vndf` maps to h. The format leaves these functions free. Here
 //!
-//! - `ndf` is the density of the facets' slopes and a constant, so that `spectra` stays smooth beside the lobe,
+//! - `ndf` is the density of the slopes of facets and lands, and a constant, so that `spectra` stays smooth beside the lobe,
 //! - `sigma` is cos θi,
 //! - `vndf` is the same for all directions of incidence: one half is the widened lobe, the other half is uniform. With a fixed
 //!   map, interpolation between directions of incidence compares equal half vectors, where the lobe stays in place,
@@ -50,7 +50,7 @@ const HORIZON: f64 = 1e-3;
 /// Least density of samples over their mean.
 const LUMINANCE_FLOOR: f64 = 1e-3;
 
-/// The slopes of the facets.
+/// The slopes of the facets, or of the lands between them.
 #[derive(Debug, Clone, Copy)]
 struct Lobe {
     /// sin and cos of the ridge angle.
@@ -60,12 +60,12 @@ struct Lobe {
 }
 
 impl Lobe {
-    fn of(brdf: &SurfaceBrdf) -> Self {
+    fn of(brdf: &SurfaceBrdf, inclination: f64) -> Self {
         let surface = brdf.surface();
         Lobe {
-            ridge: surface.theta_r.sin_cos(),
+            ridge: inclination.sin_cos(),
             alpha: [surface.alpha_u, surface.alpha_v],
-            tail: brdf.tail(),
+            tail: brdf.real().tail,
         }
     }
 
@@ -96,6 +96,38 @@ impl Lobe {
     }
 }
 
+/// The slopes of a surface: lobes with their shares of it.
+struct Slopes(Vec<(f64, Lobe)>);
+
+impl Slopes {
+    fn of(brdf: &SurfaceBrdf) -> Self {
+        let land = brdf.real().land;
+        let parts = [(1.0 - land, brdf.surface().theta_r), (land, 0.0)];
+        let there = parts.into_iter().filter(|(share, _)| *share > 0.0);
+        Slopes(
+            there
+                .map(|(share, inclination)| (share, Lobe::of(brdf, inclination)))
+                .collect(),
+        )
+    }
+
+    /// Returns the density of normals at h, 1/sr.
+    fn density(&self, h: &Vector3<f64>) -> f64 {
+        let parts = self.0.iter();
+        parts.map(|(share, lobe)| share * lobe.density(h)).sum()
+    }
+
+    /// Returns the same with wider lobes.
+    fn widened(&self) -> Slopes {
+        let parts = self.0.iter();
+        Slopes(
+            parts
+                .map(|(share, lobe)| (*share, lobe.widened()))
+                .collect(),
+        )
+    }
+}
+
 /// The parts of a file that do not depend on the direction of incidence.
 struct Common {
     ndf: Grid,
@@ -103,7 +135,7 @@ struct Common {
     vndf: Warp,
     /// The half vectors of the square's nodes, x fastest.
     nodes: Vec<Node>,
-    lobe: Lobe,
+    slopes: Slopes,
     /// The constant part of `ndf`.
     floor: f64,
 }
@@ -119,11 +151,12 @@ struct Node {
 
 impl Common {
     fn new(brdf: &SurfaceBrdf) -> Self {
-        let lobe = Lobe::of(brdf);
-        let floor = NDF_FLOOR / (PI * lobe.alpha[0] * lobe.alpha[1]);
-        let ndf = Grid::new(NDF_NODES, |place| lobe.density(&vector(place)) + floor);
+        let slopes = Slopes::of(brdf);
+        let surface = brdf.surface();
+        let floor = NDF_FLOOR / (PI * surface.alpha_u * surface.alpha_v);
+        let ndf = Grid::new(NDF_NODES, |place| slopes.density(&vector(place)) + floor);
         let sigma = Grid::new([SIGMA_NODES, 2], |[x, _]| zenith(x).min(ZENITH_MAX).cos());
-        let widened = lobe.widened();
+        let widened = slopes.widened();
         let lobes = Warp::new(Grid::new(VNDF_NODES, |place| {
             // The density must be positive.
             1e-30 + widened.density(&vector(place)) * solid_angle(place[0])
@@ -149,7 +182,7 @@ impl Common {
             sigma,
             vndf,
             nodes,
-            lobe,
+            slopes,
             floor,
         }
     }
@@ -166,7 +199,7 @@ impl Common {
         }
         let raised = Vector3::new(outgoing.x, outgoing.y, HORIZON).normalize();
         let half = (raised + incident).normalize();
-        (lit(raised), self.lobe.density(&half) + self.floor)
+        (lit(raised), self.slopes.density(&half) + self.floor)
     }
 }
 

@@ -24,7 +24,7 @@ impl QuantityName {
 
 /// Quantities by their keys.
 #[rustfmt::skip]
-const QUANTITIES: [(&str, &str, &str, &str); 13] = [
+const QUANTITIES: [(&str, &str, &str, &str); 14] = [
     ("theta_r_deg", "θr", "ridge angle", "°"),
     ("alpha_u", "αu", "roughness along", ""),
     ("alpha_v", "αv", "roughness across", ""),
@@ -35,6 +35,7 @@ const QUANTITIES: [(&str, &str, &str, &str); 13] = [
     ("tilt_offset_deg", "Δθc", "tilt offset", "°"),
     ("translucency", "τ", "translucency", ""),
     ("crest_radius", "R/p", "crest radius", ""),
+    ("land_share", "f", "share of flat lands", ""),
     ("lean_azimuth_deg", "", "azimuth of the lean", "°"),
     ("contrast_mean", "", "mean contrast", " sr⁻¹"),
     ("contrast_michelson_mean", "", "mean Michelson contrast", ""),

@@ -5,11 +5,11 @@ use nalgebra::Vector3;
 use super::{InputCase, Table};
 use crate::geometry::{Cones, Directions};
 use crate::model::extended::slopes::TAIL_MAX;
-use crate::model::extended::{CREST_MAX, Real};
+use crate::model::extended::{CREST_MAX, LAND_MAX, Real};
 use crate::model::surface_brdf::SurfaceBrdf;
 use crate::model::{Optics, Surface, Variant, domain};
 
-/// theta_i … crest_radius → f.
+/// theta_i … land_share → f.
 pub(super) const TABLE: Table = Table {
     inputs: &[
         "theta_i",
@@ -26,6 +26,7 @@ pub(super) const TABLE: Table = Table {
         "translucency",
         "tail",
         "crest_radius",
+        "land_share",
     ],
     outputs: &["f"],
     compute,
@@ -72,7 +73,7 @@ fn compute(row: &InputCase<'_>) -> Result<Vec<f64>, String> {
         translucency: share(11, "translucency", 1.0)?,
         tail: share(12, "tail", TAIL_MAX)?,
         crest: share(13, "crest_radius", CREST_MAX)?,
-        land: 0.0,
+        land: share(14, "land_share", LAND_MAX)?,
     };
     let real = (real != Real::NONE).then_some(real);
     let brdf = SurfaceBrdf::new(Variant::Sawtooth, surface, real, &optics);

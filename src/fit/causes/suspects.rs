@@ -367,7 +367,7 @@ impl<'a> Inquiry<'_, 'a> {
             ),
             Code::FlatLands => format!(
                 "{:.1} % of the surface is flat between the ridges; the fit includes this. θr, roughness and ρd are those of \
-                 the ridges. Maps and exports of the surface contain only the ridges.",
+                 the ridges.",
                 100.0 * values.real.land
             ),
             _ => format!(

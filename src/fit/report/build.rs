@@ -39,7 +39,7 @@ pub(in crate::fit) use status::status;
 const HOPELESS_ANGLE: f64 = 0.35;
 /// The same for the logarithm of a roughness.
 const HOPELESS_LOG_ALPHA: f64 = 1.0;
-/// The same for translucency, tail and crest radius.
+/// The same for translucency, tail, crest radius and share of lands.
 const HOPELESS_REAL: f64 = 0.5;
 /// The same for the diffuse reflectance.
 const HOPELESS_RHO_D: f64 = 0.5;
@@ -356,6 +356,7 @@ fn parameters(e: &Estimate<'_>, u: &Uncertainty, variant: VariantName) -> Parame
         tilt_offset_deg: of(Quantity::TiltOffset),
         translucency: there(Quantity::Translucency).then(|| of(Quantity::Translucency)),
         crest_radius: there(Quantity::CrestRadius).then(|| of(Quantity::CrestRadius)),
+        land_share: there(Quantity::Land).then(|| of(Quantity::Land)),
     }
 }
 

@@ -86,6 +86,7 @@ pub(in crate::fit) fn empty(
             tilt_offset_deg: none(),
             translucency: None,
             crest_radius: None,
+            land_share: None,
         },
         covariance: None,
         rms_residual: None,

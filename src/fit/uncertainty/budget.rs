@@ -105,10 +105,11 @@ fn floor(quantity: Quantity, values: &Values) -> f64 {
         // The error of the light of the body over the tilts is one or two thousandths of it. Where tilts end at 20°,
         // ρd and stray light together take up such an error five times as large, with opposite signs.
         Quantity::RhoD => 0.005 * values.rho_d,
-        // Errors of the terms themselves: a body between the two limits, the second order of a crest.
+        // Errors of the terms themselves: a body between the two limits, the second order of a crest, lands at
+        // another height than the crests.
         Quantity::Translucency => 0.02,
         Quantity::Tail => 0.01,
-        Quantity::CrestRadius => 0.01,
+        Quantity::CrestRadius | Quantity::Land => 0.01,
         _ => 0.0,
     }
 }

@@ -90,11 +90,11 @@ fn parameter(report: &mut FitReport, quantity: Quantity) -> Option<&mut Paramete
         Quantity::TiltOffset => &mut p.tilt_offset_deg,
         Quantity::Translucency => p.translucency.as_mut()?,
         Quantity::CrestRadius => p.crest_radius.as_mut()?,
+        Quantity::Land => p.land_share.as_mut()?,
         Quantity::Scale
         | Quantity::Eta
         | Quantity::K
         | Quantity::Tail
-        | Quantity::Land
         | Quantity::Wedge
         | Quantity::LampTurn => {
             return None;

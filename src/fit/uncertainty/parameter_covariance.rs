@@ -22,12 +22,8 @@ fn named(quantity: Quantity, is_absolute: bool) -> Option<(&'static str, &'stati
         Quantity::TiltOffset => ("tilt_offset_deg", "deg"),
         Quantity::Translucency => ("translucency", "1"),
         Quantity::CrestRadius => ("crest_radius", "1"),
-        Quantity::Eta
-        | Quantity::K
-        | Quantity::Tail
-        | Quantity::Land
-        | Quantity::Wedge
-        | Quantity::LampTurn => {
+        Quantity::Land => ("land_share", "1"),
+        Quantity::Eta | Quantity::K | Quantity::Tail | Quantity::Wedge | Quantity::LampTurn => {
             return None;
         }
     })

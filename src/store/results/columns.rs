@@ -173,6 +173,8 @@ pub static COLUMNS: &[Column] = &[
     std("translucency_std", false, "Its standard uncertainty (k = 1)"),
     value("crest_radius", "crest_radius_std", false, "Radius of the crests divided by the length of the facets"),
     std("crest_radius_std", false, "Its standard uncertainty (k = 1)"),
+    value("land_share", "land_share_std", false, "Share of the surface that is flat between the ridges"),
+    std("land_share_std", false, "Its standard uncertainty (k = 1)"),
     of_result("rms_residual", Kind::Real { std: None }, false, "Residual (rms) as a share of the largest observation"),
     of_result("finding", Kind::Word(FINDINGS), false, "Known cause that explains most of the residual; null if none was found"),
     of_result("verdict", Kind::Word(VERDICTS), true, "Newest verdict; null where the scan was not judged"),

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::*;
 use crate::geometry::Cones;
+use crate::model::extended::Real;
 use crate::model::{Optics, Surface, Variant};
 
 /// An array of the file with the lengths of its dimensions.
@@ -205,11 +206,21 @@ fn error(brdf: &SurfaceBrdf, reader: &Reader) -> f64 {
 
 #[test]
 fn a_reader_gets_the_values_of_the_surface_back_and_every_density_is_positive() {
-    for (name, surface, optics) in [
-        ("polymer", surface(15.0, 0.1, 0.3), optics(1.54, 0.0)),
-        ("metal", surface(12.0, 0.1, 0.0), optics(1.4, 7.6)),
+    let lands = Real {
+        land: 0.2,
+        ..Real::NONE
+    };
+    for (name, surface, real, optics) in [
+        ("polymer", surface(15.0, 0.1, 0.3), None, optics(1.54, 0.0)),
+        ("metal", surface(12.0, 0.1, 0.0), None, optics(1.4, 7.6)),
+        (
+            "metal with lands",
+            surface(25.0, 0.06, 0.0),
+            Some(lands),
+            optics(1.4, 7.6),
+        ),
     ] {
-        let brdf = SurfaceBrdf::new(Variant::Sawtooth, surface, None, &optics);
+        let brdf = SurfaceBrdf::new(Variant::Sawtooth, surface, real, &optics);
         let reader = Reader::open(&file(&brdf, 550.0, "a test"));
         let rms = error(&brdf, &reader);
         println!("{name}: {rms:.5}");
