@@ -15,6 +15,7 @@ use super::{
     FEW_POSES, FitReport, FittedObservation, Freedom, Parameter, Parameters, SlopeDistribution,
     Starts, Status, Timing, VariantName, VariantSummary,
 };
+use crate::fit::causes::findings::Finding;
 use crate::fit::causes::lamp_drift::{Drift, drift};
 use crate::fit::causes::wedge;
 use crate::fit::estimate::Estimate;
@@ -88,9 +89,87 @@ pub(in crate::fit) fn report_with(
     variant: VariantName,
 ) -> FitReport {
     let set = e.problem.set();
-    let status = status(e, u);
-    let mut warnings = set.warnings.clone();
     let parameters = parameters(e, u, variant);
+    let causes = Causes::of(e, u, variant, &parameters);
+    let is_absolute = set.white_reference.is_some();
+    let covariance =
+        parameter_covariance::of(e.problem.free(), u, &e.values, &parameters, is_absolute);
+    FitReport {
+        variant,
+        status: status(e, u),
+        n_observations: set.observations.len(),
+        n_frames_used: set.n_frames_used,
+        region: set.region.clone(),
+        reference_plane: wedge::plane(set),
+        wedge_across: causes.across,
+        rms_residual: Some(e.rms_residual),
+        model_discrepancy: Some(e.misfit.iter().copied().fold(0.0, f64::max) / peak(set)),
+        chi2_reduced: Some(u.covariance.chi2_reduced),
+        chi2_reduced_without_model: Some(e.chi2_reduced_without_model),
+        rejected_frames: set.rejected_frames.clone(),
+        warnings: warnings(e, u, variant, &parameters, &causes),
+        notes: few_poses(e, variant).into_iter().collect(),
+        findings: causes.findings,
+        slope_distribution: (variant != VariantName::Paper)
+            .then(|| slope_distribution(e, &parameters)),
+        parameters,
+        covariance: Some(covariance),
+        variants: Vec::new(),
+        left_out: omissions::all_left_out(e, variant),
+        tracer: None,
+        fitted: fitted_observations(e),
+        starts: Starts {
+            tried: e.starts.tried,
+            at_minimum: e.starts.at_minimum,
+            elsewhere: e.starts.elsewhere,
+            not_converged: e.starts.not_converged,
+        },
+        iterations: Vec::new(),
+        freedom: freedom(u),
+        timing_s: Timing::default(),
+        program: program(),
+        build: build(),
+    }
+}
+
+/// What explains the differences between the data and the model.
+struct Causes {
+    drift: Option<Drift>,
+    across: Option<wedge::Across>,
+    findings: Vec<Finding>,
+}
+
+impl Causes {
+    fn of(
+        e: &Estimate<'_>,
+        u: &Uncertainty,
+        variant: VariantName,
+        parameters: &Parameters,
+    ) -> Self {
+        let drift = drift(e);
+        let across = causes::across(e, u, parameters);
+        let findings = match variant {
+            VariantName::Paper => Vec::new(),
+            _ => causes::all(e, drift.as_ref(), across.as_ref()),
+        };
+        Causes {
+            drift,
+            across,
+            findings,
+        }
+    }
+}
+
+/// Returns the warnings: of the reduction, of the model, of the rig, of the search, of single parameters.
+fn warnings(
+    e: &Estimate<'_>,
+    u: &Uncertainty,
+    variant: VariantName,
+    parameters: &Parameters,
+    causes: &Causes,
+) -> Vec<String> {
+    let set = e.problem.set();
+    let mut warnings = set.warnings.clone();
     for direction in &u.covariance.null_directions {
         let names: Vec<&str> = tied(e.problem.free(), direction)
             .into_iter()
@@ -101,14 +180,8 @@ pub(in crate::fit) fn report_with(
             names.join(", ")
         ));
     }
-    let drift = drift(e);
-    let across = causes::across(e, u, &parameters);
-    let findings = match variant {
-        VariantName::Paper => Vec::new(),
-        _ => causes::all(e, drift.as_ref(), across.as_ref()),
-    };
     if !e.explained {
-        warnings.push(unexplained(&findings, set.is_of_near_rig()));
+        warnings.push(unexplained(&causes.findings, set.is_of_near_rig()));
     }
     if e.discrepancy > LOUD && variant != VariantName::Paper {
         warnings.extend(other_convention(set));
@@ -122,16 +195,6 @@ pub(in crate::fit) fn report_with(
             100.0 * e.discrepancy
         ));
     }
-    let observations = e.loss_weights.len();
-    let unknown = e.discrepancy > 0.0 && few(model_discrepancy::freedom(observations, e.fitted));
-    let few_poses = (unknown && variant == VariantName::Sawtooth).then(|| {
-        format!(
-            "{} for {} free parameters {FEW_POSES}. The budget line `model` contains its usual size on ridges. Measure \
-             more azimuths or tilts to reduce it.",
-            counted(observations, "observation"),
-            e.fitted
-        )
-    });
     let light = e.loss_weights.iter().filter(|w| **w < 0.1).count();
     if light > 0 {
         warnings.push(format!(
@@ -140,28 +203,24 @@ pub(in crate::fit) fn report_with(
             e.loss_weights.len()
         ));
     }
-    let dark = e.no_lobe.as_ref().map(|dark| darkness(e, dark));
     warnings.extend(ambiguous(e));
-    warnings.extend(drift.as_ref().map(Drift::message));
+    warnings.extend(causes.drift.as_ref().map(Drift::message));
     warnings.extend(denied(e, u));
     warnings.extend(rig_slips(e, u));
-    warnings.extend(
-        across
-            .as_ref()
-            .and_then(|across| steeper_than_stated(set, across)),
-    );
-    warnings.extend(unfinished(e, u, status));
+    let across = causes.across.as_ref();
+    warnings.extend(across.and_then(|across| steeper_than_stated(set, across)));
+    warnings.extend(unfinished(e, u, status(e, u)));
     // Without a lobe, limits of its shape mean nothing.
     let of_lobe = |q: Quantity| matches!(q, Quantity::AlphaU | Quantity::AlphaV);
     let free = e.problem.free();
     let at_bound = e.minimum.at_bound.iter().copied();
-    for j in at_bound.filter(|j| dark.is_none() || !of_lobe(free[*j])) {
+    for j in at_bound.filter(|j| e.no_lobe.is_none() || !of_lobe(free[*j])) {
         warnings.push(format!(
             "{} is at a limit of its range. If its value is known, hold it or state a prior; otherwise check the residuals.",
             spoken(free[j])
         ));
     }
-    warnings.extend(dark);
+    warnings.extend(e.no_lobe.as_ref().map(|dark| darkness(e, dark)));
     if variant == VariantName::Paper
         && let Some(rho_d) = parameters.rho_d.value
         && !(0.0..=1.0).contains(&rho_d)
@@ -174,13 +233,33 @@ pub(in crate::fit) fn report_with(
     if set.white_reference.is_none() && !is_anchored(e) {
         warnings.push(no_reference(set, variant, &e.values));
     }
+    warnings
+}
+
+/// Notes that there are too few poses to determine the model error.
+fn few_poses(e: &Estimate<'_>, variant: VariantName) -> Option<String> {
+    let observations = e.loss_weights.len();
+    let unknown = e.discrepancy > 0.0 && few(model_discrepancy::freedom(observations, e.fitted));
+    (unknown && variant == VariantName::Sawtooth).then(|| {
+        format!(
+            "{} for {} free parameters {FEW_POSES}. The budget line `model` contains its usual size on ridges. Measure \
+             more azimuths or tilts to reduce it.",
+            counted(observations, "observation"),
+            e.fitted
+        )
+    })
+}
+
+/// Lists the observations that the fit used, each with the fitted signal.
+fn fitted_observations(e: &Estimate<'_>) -> Vec<FittedObservation> {
+    let observations = &e.problem.set().observations;
     let predicted = e.problem.predicted(&e.values);
     let listed: Vec<usize> = match &e.thinned {
         Some(thinned) => thinned.kept.clone(),
-        None => (0..set.observations.len()).collect(),
+        None => (0..observations.len()).collect(),
     };
     let listed = listed.into_iter().map(|i| {
-        let o = &set.observations[i];
+        let o = &observations[i];
         FittedObservation {
             theta_c_deg: o.pose.theta_c.deg_for_tables(),
             phi_s_deg: o.pose.phi_s.deg_for_tables(),
@@ -189,47 +268,7 @@ pub(in crate::fit) fn report_with(
             fitted: predicted[i],
         }
     });
-    let fitted = listed.collect();
-    let peak = peak(set);
-    let is_absolute = set.white_reference.is_some();
-    let covariance =
-        parameter_covariance::of(e.problem.free(), u, &e.values, &parameters, is_absolute);
-    FitReport {
-        variant,
-        status,
-        n_observations: set.observations.len(),
-        n_frames_used: set.n_frames_used,
-        region: set.region.clone(),
-        reference_plane: wedge::plane(set),
-        wedge_across: across,
-        rms_residual: Some(e.rms_residual),
-        model_discrepancy: Some(e.misfit.iter().copied().fold(0.0, f64::max) / peak),
-        chi2_reduced: Some(u.covariance.chi2_reduced),
-        chi2_reduced_without_model: Some(e.chi2_reduced_without_model),
-        rejected_frames: set.rejected_frames.clone(),
-        warnings,
-        notes: few_poses.into_iter().collect(),
-        findings,
-        slope_distribution: (variant != VariantName::Paper)
-            .then(|| slope_distribution(e, &parameters)),
-        parameters,
-        covariance: Some(covariance),
-        variants: Vec::new(),
-        left_out: omissions::all_left_out(e, variant),
-        tracer: None,
-        fitted,
-        starts: Starts {
-            tried: e.starts.tried,
-            at_minimum: e.starts.at_minimum,
-            elsewhere: e.starts.elsewhere,
-            not_converged: e.starts.not_converged,
-        },
-        iterations: Vec::new(),
-        freedom: freedom(u),
-        timing_s: Timing::default(),
-        program: program(),
-        build: build(),
-    }
+    listed.collect()
 }
 
 /// Returns the name of a parameter as users know it.

@@ -2,10 +2,11 @@
 
 use super::Interval;
 use super::{FitReport, Parameter, ReferencePlane, Status};
-use crate::fit::causes::findings::Code;
+use crate::fit::causes::findings::{Code, Finding};
 use crate::fit::joint::{EACH_ITS_OWN, JointReport};
 use crate::fit::uncertainty::budget::Budget;
 use crate::fit::uncertainty::coverage::{COVERAGE_FACTOR, other_factor};
+use crate::model::left_out::LeftOut;
 use crate::wording::layout::{width, wrapped};
 use crate::wording::names::{self, QuantityName};
 use crate::wording::{counted, decimals, fixed, percent, significant, stated};
@@ -123,8 +124,13 @@ fn parameters(report: &FitReport, form: &Form) -> String {
 
 /// Adds what the parameters are based on.
 fn basis(report: &FitReport, form: &Form, out: &mut String) {
-    let paint = |text: &str, code: &str| form.paint(text, code);
     line(out, "");
+    agreement(report, out);
+    sections(report, form, out);
+}
+
+/// Adds how well the model describes the data, and which shape and plane it refers to.
+fn agreement(report: &FitReport, out: &mut String) {
     if let (Some(rms), Some(reduced), Some(alone)) = (
         report.rms_residual,
         report.chi2_reduced,
@@ -176,75 +182,62 @@ fn basis(report: &FitReport, form: &Form, out: &mut String) {
             "  profile reversed: as measured, its longer flanks (the facets) lean to −v",
         );
     }
-    let unknown: Vec<(String, &str)> = report
-        .parameters
-        .named()
-        .into_iter()
-        .filter(|(_, p)| p.value.is_none())
-        .filter_map(|(name, p)| {
-            p.note
-                .as_deref()
-                .map(|note| (names::quantity(name).full(), note))
-        })
+}
+
+/// Adds the lists: what is not determined, intervals, findings, warnings, notes, and what was left out.
+fn sections(report: &FitReport, form: &Form, out: &mut String) {
+    let named = || report.parameters.named().into_iter();
+    let unknown = named().filter(|(_, p)| p.value.is_none());
+    let unknown = unknown.filter_map(|(name, p)| {
         // The rows of the scans show what each scan has of its own.
-        .filter(|(_, note)| *note != EACH_ITS_OWN)
-        .collect();
-    section(
-        out,
-        &paint("not determined by these data", "1"),
-        unknown.iter().map(|(l, n)| format!("{l}: {n}")),
+        let note = p.note.as_deref().filter(|note| *note != EACH_ITS_OWN)?;
+        Some(format!("{}: {note}", names::quantity(name).full()))
+    });
+    let intervals = named().filter_map(|(name, p)| intervals(name, p));
+    let lists = [
+        ("not determined by these data", unknown.collect()),
+        ("intervals (independent errors only)", intervals.collect()),
+        ("findings", report.findings.iter().map(finding).collect()),
+        ("warnings", report.warnings.clone()),
+        ("notes", report.notes.clone()),
+        ("left out", report.left_out.iter().map(left_out).collect()),
+        ("frames rejected", rejected(report)),
+    ];
+    for (title, entries) in lists {
+        let entries: Vec<String> = entries;
+        if entries.is_empty() {
+            continue;
+        }
+        line(out, &format!("\n{}", form.paint(title, "1")));
+        for entry in entries {
+            line(out, &format!("  · {entry}"));
+        }
+    }
+}
+
+fn finding(f: &Finding) -> String {
+    let moves = f.change_of_theta_r_deg.map_or_else(String::new, |change| {
+        // The index never joins the fit, because it has a certificate.
+        let changes = match f.code {
+            Code::Index => "would change",
+            _ => "changes",
+        };
+        format!(", {changes} θr by {change:+.3}°")
+    });
+    format!(
+        "{} explains {} of χ²{moves}: {}",
+        f.code.word(),
+        percent(f.explains),
+        f.advice
+    )
+}
+
+fn left_out(l: &LeftOut) -> String {
+    let cost = l.cost.map_or_else(
+        || "effect unknown".to_owned(),
+        |c| format!("effect ≤ {} of the peak", percent(c)),
     );
-    section(
-        out,
-        &paint("intervals (independent errors only)", "1"),
-        report
-            .parameters
-            .named()
-            .into_iter()
-            .filter_map(|(name, p)| intervals(name, p)),
-    );
-    section(
-        out,
-        &paint("findings", "1"),
-        report.findings.iter().map(|f| {
-            let moves = f.change_of_theta_r_deg.map_or_else(String::new, |change| {
-                // The index never joins the fit, because it has a certificate.
-                let changes = match f.code {
-                    Code::Index => "would change",
-                    _ => "changes",
-                };
-                format!(", {changes} θr by {change:+.3}°")
-            });
-            format!(
-                "{} explains {} of χ²{moves}: {}",
-                f.code.word(),
-                percent(f.explains),
-                f.advice
-            )
-        }),
-    );
-    section(
-        out,
-        &paint("warnings", "1"),
-        report.warnings.iter().cloned(),
-    );
-    section(out, &paint("notes", "1"), report.notes.iter().cloned());
-    section(
-        out,
-        &paint("left out", "1"),
-        report.left_out.iter().map(|l| {
-            let cost = l.cost.map_or_else(
-                || "effect unknown".to_owned(),
-                |c| format!("effect ≤ {} of the peak", percent(c)),
-            );
-            format!("{}: {} ({cost})", l.what, l.why)
-        }),
-    );
-    section(
-        out,
-        &paint("frames rejected", "1"),
-        rejected(report).into_iter(),
-    );
+    format!("{}: {} ({cost})", l.what, l.why)
 }
 
 /// States what the angles refer to.
@@ -324,17 +317,6 @@ fn with_uncertainty(value: Option<f64>, expanded: Option<f64>) -> String {
 fn line(out: &mut String, text: &str) {
     out.push_str(text.trim_end());
     out.push('\n');
-}
-
-fn section(out: &mut String, title: &str, entries: impl Iterator<Item = String>) {
-    let mut entries = entries.peekable();
-    if entries.peek().is_none() {
-        return;
-    }
-    line(out, &format!("\n{title}"));
-    for entry in entries {
-        line(out, &format!("  · {entry}"));
-    }
 }
 
 /// Counts rejected frames by reason, so that a hundred saturated frames take one line.
