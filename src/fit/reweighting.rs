@@ -373,30 +373,8 @@ pub(super) fn with_higher_order<'a>(
     found: &[Minimum],
     weighing: &Weighing<'_>,
 ) -> Corrected<'a> {
-    let step = |from: &WeightedFit<'_>, to: &WeightedFit<'_>| -> Vec<f64> {
-        let pairs = to.minimum.parameters.iter().zip(&from.minimum.parameters);
-        pairs.map(|(a, b)| a - b).collect()
-    };
     let (closed, costly) = as_light_is(closed, higher_order, weighing);
-    let mut best = Corrected {
-        shift: vec![0.0; closed.minimum.parameters.len()],
-        settled: closed.clone(),
-        undecided: false,
-        elsewhere: false,
-        rivals: Vec::new(),
-    };
-    if let Some(costly) = costly {
-        // Model error and χ² are two criteria; either is enough to keep light that exists.
-        let better = costly.better_than(&closed, weighing)
-            || costly.misses(weighing) < closed.misses(weighing);
-        let far_worse = closed.far_better_than(&costly, weighing);
-        let undecided = costly.alike(&closed, weighing) || !(better || far_worse);
-        if undecided || better && !far_worse {
-            best.shift = step(&closed, &costly);
-            best.undecided = undecided;
-            best.settled = costly;
-        }
-    }
+    let mut best = closed_or_corrected(&closed, costly, weighing);
     let doubtful = best.settled.discrepancy > DOUBTFUL;
     let mut trials: Vec<Minimum> = found.iter().take(NEAR_TRIALS).cloned().collect();
     if doubtful {
@@ -407,43 +385,25 @@ pub(super) fn with_higher_order<'a>(
     if !trials.is_empty() && search.over() {
         trials.clear();
     }
-    let mut others: Vec<WeightedFit<'a>> = Vec::new();
-    let surface = |s: &WeightedFit<'_>| s.values().folded();
-    let ends: Vec<WeightedFit<'a>> = trials
-        .par_iter()
-        .map(|end| {
-            let mut trial = closed.clone();
-            trial.settle_from(&end.parameters, weighing);
-            trial
-        })
-        .collect();
     let most = HOPELESS * closed.discrepancy.max(best.settled.discrepancy);
-    let mut different = vec![closed.clone()];
-    for trial in ends.into_iter().filter(|t| t.discrepancy <= most) {
-        let here = surface(&trial);
-        if different
-            .iter()
-            .all(|d| distance(&surface(d), &here) > SAME_SPOT)
-        {
-            different.push(trial);
-        }
-    }
+    let different = different(&closed, &trials, most, weighing);
     // Each trial is independent, so that no processor waits for the descents of another.
-    let tried: Vec<Option<(WeightedFit<'a>, WeightedFit<'a>)>> = different[1..]
-        .par_iter()
+    let tried: Vec<Option<(WeightedFit<'a>, WeightedFit<'a>)>> = different
+        .into_par_iter()
         .map(|trial| {
             let costly = trial.corrected(higher_order, weighing)?;
-            (costly.minimum.ending != Ending::NotFinite).then(|| (trial.clone(), costly))
+            (costly.minimum.ending != Ending::NotFinite).then_some((trial, costly))
         })
         .collect();
     if weighing.cancel.load(Ordering::Relaxed) {
         return best;
     }
+    let mut others: Vec<WeightedFit<'a>> = Vec::new();
     for (trial, costly) in tried.into_iter().flatten() {
         // Some surface always fits the few poses of a narrow lobe too well.
         let clearly = doubtful || CLEARLY_LESS * costly.discrepancy < best.settled.discrepancy;
         if clearly && costly.better_than(&best.settled, weighing) {
-            best.shift = step(&trial, &costly);
+            best.shift = shift(&trial, &costly);
             best.undecided = false;
             best.elsewhere = true;
             others.push(std::mem::replace(&mut best.settled, costly));
@@ -451,19 +411,85 @@ pub(super) fn with_higher_order<'a>(
             others.push(costly);
         }
     }
-    let discrepancy = best.settled.discrepancy;
-    if discrepancy > 0.0 {
-        let near = others.into_iter();
-        let near = near.filter(|o| o.discrepancy <= AS_GOOD * discrepancy);
-        // A model error is no excuse for missing the flats or the priors.
-        let known = best.settled.beside_the_sample();
-        let near = near.filter(|o| o.beside_the_sample() <= known + AMBIGUOUS_RISE);
-        let near = near.map(|o| o.minimum);
-        let surface = |m: &Minimum| best.settled.problem.unpack(&m.parameters).folded();
-        let here = surface(&best.settled.minimum);
-        let near =
-            near.filter(|m| m.ending.is_success() && distance(&here, &surface(m)) > SAME_SPOT);
-        best.rivals = near.collect();
+    if best.settled.discrepancy > 0.0 {
+        best.rivals = as_good(&best.settled, others);
     }
     best
+}
+
+/// Change of the parameters from one fit to another.
+fn shift(from: &WeightedFit<'_>, to: &WeightedFit<'_>) -> Vec<f64> {
+    let pairs = to.minimum.parameters.iter().zip(&from.minimum.parameters);
+    pairs.map(|(a, b)| a - b).collect()
+}
+
+/// Chooses between the closed form and the fit `costly` with the higher order.
+fn closed_or_corrected<'a>(
+    closed: &WeightedFit<'a>,
+    costly: Option<WeightedFit<'a>>,
+    weighing: &Weighing<'_>,
+) -> Corrected<'a> {
+    let mut best = Corrected {
+        shift: vec![0.0; closed.minimum.parameters.len()],
+        settled: closed.clone(),
+        undecided: false,
+        elsewhere: false,
+        rivals: Vec::new(),
+    };
+    if let Some(costly) = costly {
+        // Model error and χ² are two criteria; either is enough to keep light that exists.
+        let better = costly.better_than(closed, weighing)
+            || costly.misses(weighing) < closed.misses(weighing);
+        let far_worse = closed.far_better_than(&costly, weighing);
+        let undecided = costly.alike(closed, weighing) || !(better || far_worse);
+        if undecided || better && !far_worse {
+            best.shift = shift(closed, &costly);
+            best.undecided = undecided;
+            best.settled = costly;
+        }
+    }
+    best
+}
+
+/// Settles other ends, and returns the fits of different surfaces with a model error of up to `most`.
+fn different<'a>(
+    closed: &WeightedFit<'a>,
+    ends: &[Minimum],
+    most: f64,
+    weighing: &Weighing<'_>,
+) -> Vec<WeightedFit<'a>> {
+    let settled = ends.par_iter().map(|end| {
+        let mut trial = closed.clone();
+        trial.settle_from(&end.parameters, weighing);
+        trial
+    });
+    let settled: Vec<WeightedFit<'a>> = settled.collect();
+    let mut surfaces = vec![closed.values().folded()];
+    let mut different = Vec::new();
+    for trial in settled.into_iter().filter(|t| t.discrepancy <= most) {
+        let here = trial.values().folded();
+        if surfaces
+            .iter()
+            .all(|other| distance(other, &here) > SAME_SPOT)
+        {
+            surfaces.push(here);
+            different.push(trial);
+        }
+    }
+    different
+}
+
+/// Returns the minima of other surfaces that describe the data as well as `best`, with its model error.
+fn as_good(best: &WeightedFit<'_>, others: Vec<WeightedFit<'_>>) -> Vec<Minimum> {
+    // A model error is no excuse for missing the flats or the priors.
+    let known = best.beside_the_sample();
+    let surface = |m: &Minimum| best.problem.unpack(&m.parameters).folded();
+    let here = surface(&best.minimum);
+    others
+        .into_iter()
+        .filter(|o| o.discrepancy <= AS_GOOD * best.discrepancy)
+        .filter(|o| o.beside_the_sample() <= known + AMBIGUOUS_RISE)
+        .map(|o| o.minimum)
+        .filter(|m| m.ending.is_success() && distance(&here, &surface(m)) > SAME_SPOT)
+        .collect()
 }
