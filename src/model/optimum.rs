@@ -134,30 +134,8 @@ pub fn optimise(
     }
     let best = table(theta_r_deg, alpha);
     let peak = best.table.mean_absolute();
-    let edge = |to: f64, share: f64| {
-        // Walks outwards to the first point below the share, then bisects.
-        let mut inside = theta_r_deg;
-        for j in 1..=WALK {
-            if !go_on() {
-                return None;
-            }
-            let t = theta_r_deg + (to - theta_r_deg) * f64::from(j) / f64::from(WALK);
-            if contrast(t, alpha) < share * peak {
-                let mut outside = t;
-                for _ in 0..30 {
-                    let middle = 0.5 * (inside + outside);
-                    if contrast(middle, alpha) < share * peak {
-                        outside = middle;
-                    } else {
-                        inside = middle;
-                    }
-                }
-                return Some(inside);
-            }
-            inside = t;
-        }
-        Some(to)
-    };
+    let along = |theta_r_deg: f64| contrast(theta_r_deg, alpha);
+    let edge = |to: f64, share: f64| edge(theta_r_deg, to, share * peak, &along, &go_on);
     let within = |share: f64| Some([edge(low, share)?, edge(high, share)?]);
     let n = best.table.by_phi_s.len().max(1) as f64;
     let near = |a: f64, b: f64| (a - b).abs() < 1e-4 * (1.0 + b.abs());
@@ -188,6 +166,38 @@ pub fn optimise(
         tables: tables.get(),
         complete: !stopped.get(),
     }
+}
+
+/// Returns the point between `from` and `to` beyond which `f` falls below `least`, or `to` if it does not; `None` if `go_on`
+/// stops the walk. The walk ends at the first point below; a bisection follows.
+fn edge(
+    from: f64,
+    to: f64,
+    least: f64,
+    f: &dyn Fn(f64) -> f64,
+    go_on: &dyn Fn() -> bool,
+) -> Option<f64> {
+    let mut inside = from;
+    for j in 1..=WALK {
+        if !go_on() {
+            return None;
+        }
+        let t = from + (to - from) * f64::from(j) / f64::from(WALK);
+        if f(t) < least {
+            let mut outside = t;
+            for _ in 0..30 {
+                let middle = 0.5 * (inside + outside);
+                if f(middle) < least {
+                    outside = middle;
+                } else {
+                    inside = middle;
+                }
+            }
+            return Some(inside);
+        }
+        inside = t;
+    }
+    Some(to)
 }
 
 /// Returns the maximum of `f` within [low, high], and its largest error: the best of `n` + 1 grid points, refined. If
