@@ -111,6 +111,8 @@ struct Ray {
 struct Lobe {
     au2: f64,
     av2: f64,
+    /// π times the product of the two roughnesses.
+    area: f64,
 }
 
 impl Lobe {
@@ -125,7 +127,7 @@ impl Lobe {
             return 0.0;
         }
         let widen = (x * x + y * y + z * z) * per_z2;
-        (-exponent).exp() * widen * widen / (PI * (self.au2 * self.av2).sqrt())
+        (-exponent).exp() * widen * widen / self.area
     }
 
     /// Returns Smith's masking for Beckmann slopes in the rational form of Walter et al. 2007; direction (x, y, z), z
@@ -272,9 +274,12 @@ impl Quadrature {
 
     fn lobe(&self, widened: bool) -> Lobe {
         let cones = if widened { self.widening } else { 0.0 };
+        let au2 = self.q.alpha_u * self.q.alpha_u + cones;
+        let av2 = self.q.alpha_v * self.q.alpha_v + cones;
         Lobe {
-            au2: self.q.alpha_u * self.q.alpha_u + cones,
-            av2: self.q.alpha_v * self.q.alpha_v + cones,
+            au2,
+            av2,
+            area: PI * (au2 * av2).sqrt(),
         }
     }
 

@@ -96,27 +96,30 @@ impl Path<'_> {
     fn cell(&self, beta: [f64; 2], gamma: [f64; 2]) -> Cell {
         let at = |x: [f64; 2], t: f64| 0.5 * (x[0] + x[1]) + 0.5 * (x[1] - x[0]) * t;
         let area = 0.25 * (beta[1] - beta[0]) * (gamma[1] - gamma[0]);
+        let turned = |(t, weight): (f64, f64)| (at(gamma, t).sin_cos(), weight);
         let mut coarse = 0.0;
+        let gammas = LEGENDRE_4.map(turned);
         for (tb, wb) in LEGENDRE_4 {
             let row = Row::new(self, at(beta, tb));
             if row.length <= 0.0 {
                 continue;
             }
-            for (tg, wg) in LEGENDRE_4 {
-                coarse += wb * wg * row.at(self, at(gamma, tg));
+            for (turn, wg) in gammas {
+                coarse += wb * wg * row.at(self, turn);
             }
         }
         let mut fine = 0.0;
         // Second differences of the fine nodes show the direction in which the integrand bends.
         let mut by_beta = [0.0; 6];
         let mut by_gamma = [0.0; 6];
+        let gammas = LEGENDRE_6.map(turned);
         for (j, (tb, wb)) in LEGENDRE_6.into_iter().enumerate() {
             let row = Row::new(self, at(beta, tb));
             if row.length <= 0.0 {
                 continue;
             }
-            for (k, (tg, wg)) in LEGENDRE_6.into_iter().enumerate() {
-                let f = row.at(self, at(gamma, tg));
+            for (k, (turn, wg)) in gammas.into_iter().enumerate() {
+                let f = row.at(self, turn);
                 fine += wb * wg * f;
                 by_beta[j] += wg * f;
                 by_gamma[k] += wb * f;
@@ -157,10 +160,9 @@ impl Row {
         Row { sin, cos, length }
     }
 
-    /// Returns the integrand at (β, γ), Jacobian and ℓ included.
-    fn at(&self, path: &Path<'_>, gamma: f64) -> f64 {
+    /// Returns the integrand at β and at sine and cosine of γ, Jacobian and ℓ included.
+    fn at(&self, path: &Path<'_>, (u, flat): (f64, f64)) -> f64 {
         let walls = path.walls;
-        let (u, flat) = gamma.sin_cos();
         let (e, m) = (flat * self.sin, flat * self.cos);
         let (a, b) = (&path.a, &path.b);
         // Half vectors on the facet (a, ω) and on the riser (−ω, b).
