@@ -5,7 +5,7 @@
 //! Ends beside each other lead to the same minimum (single linkage; Rinnooy Kan and Timmer 1987), and the different ones
 //! are refined. Rounds follow until no further minimum is expected (Boender and Rinnooy Kan 1987) and several starts
 //! have reached the best one.
-//! [`Search::images`] adds the mirror images of the best end, and [`Search::creep`] continues it along a valley.
+//! [`Search::images`] adds the mirror images of the best end, and [`Search::follow_valley`] continues it along a valley.
 //!
 //! If a model error blurs the minima, the rounds begin with the starts of the bright spot, and the rule alone decides. If
 //! noise alone separates them, the first round is large ([`Tuning::first_round`]).
