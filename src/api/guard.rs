@@ -208,6 +208,46 @@ pub(super) async fn refuse(request: Request, problem: ApiError) -> Response {
     problem.into_response()
 }
 
+/// Paths of requests that need no disk: the rig, who holds it, and what stops the queue.
+const WITHOUT_DISK: &[&str] = &[
+    "/api/v1/rig",
+    "/api/v1/lease",
+    "/api/v1/session",
+    "/api/v1/queue/stop",
+];
+
+/// Whether a request needs the disk of the data folder, and does not see to it itself.
+fn needs_disk(method: &Method, path: &str) -> bool {
+    // The orders to a scan are taken or refused by what they are for.
+    let is_order = *method == Method::POST && path.starts_with("/api/v1/scans/");
+    let is_free = |free: &&str| {
+        path.strip_prefix(*free)
+            .is_some_and(|rest| !rest.starts_with(|c: char| c != '/'))
+    };
+    path.starts_with("/api/") && !is_order && !WITHOUT_DISK.iter().any(|free| is_free(free))
+}
+
+/// Refuses a request that needs the disk of the data folder where the disk does not answer: what only reads as soon as it
+/// waits, everything else before it begins.
+pub(super) async fn check_disk(State(app): State<App>, request: Request, next: Next) -> Response {
+    let method = request.method();
+    if !needs_disk(method, request.uri().path()) {
+        return next.run(request).await;
+    }
+    let store = app.lab.store().clone();
+    if matches!(*method, Method::GET | Method::HEAD) {
+        return tokio::select! {
+            biased;
+            response = next.run(request) => response,
+            silent = store.silence() => ApiError::from(silent).into_response(),
+        };
+    }
+    match store.check_disk().await {
+        Ok(()) => next.run(request).await,
+        Err(silent) => ApiError::from(silent).into_response(),
+    }
+}
+
 /// Returns the label of a method in the metrics. Unknown methods share one label.
 fn counted(method: &Method) -> &'static str {
     match *method {
@@ -255,6 +295,25 @@ pub(super) async fn measure(request: Request, next: Next) -> Response {
 mod tests {
     use super::super::peers::Peers;
     use super::*;
+
+    #[test]
+    fn neither_the_rig_nor_an_order_needs_the_disk_and_everything_else_does() {
+        for (method, path, needs) in [
+            (Method::GET, "/api/v1/rig", false),
+            (Method::POST, "/api/v1/rig/stop", false),
+            (Method::POST, "/api/v1/scans/3/abort", false),
+            (Method::POST, "/api/v1/queue/stop", false),
+            (Method::DELETE, "/api/v1/lease", false),
+            (Method::GET, "/healthz", false),
+            (Method::GET, "/assets/index.js", false),
+            (Method::GET, "/api/v1/rigs", true),
+            (Method::GET, "/api/v1/scans/3", true),
+            (Method::POST, "/api/v1/scans", true),
+            (Method::POST, "/api/v1/queue/orders", true),
+        ] {
+            assert_eq!(needs_disk(&method, path), needs, "{method} {path}");
+        }
+    }
 
     #[tokio::test]
     async fn a_body_that_does_not_arrive_times_out() {

@@ -55,7 +55,11 @@ pub(super) async fn readyz(State(app): State<App>) -> Response {
         Err(error) => (false, Some(error.to_string())),
     };
     let unrecorded = app.lab.unrecorded_scans().into_iter().next();
-    let free = app.lab.store().free_bytes().await.ok();
+    let free = match &store {
+        Ok(()) => app.lab.store().free_bytes().await.ok(),
+        // A disk that does not answer does not answer this either.
+        Err(_) => None,
+    };
     let no_room = free.filter(|bytes| *bytes < 1024 * ROOM_TO_OPEN_KB);
     let kept = store.is_ok() && unrecorded.is_none() && no_room.is_none();
     let ready = kept && rig;
@@ -130,7 +134,10 @@ pub(super) fn describe_metrics() {
 /// disk space. Each `# HELP` line describes a metric.
 #[utoipa::path(get, path = "/metrics", tag = "health", responses((status = 200, description = "Prometheus text", content_type = "text/plain", body = String)))]
 pub(super) async fn metrics(State(app): State<App>) -> impl IntoResponse {
-    if let Ok(free) = app.lab.store().free_bytes().await {
+    let store = app.lab.store();
+    if store.check_disk().await.is_ok()
+        && let Ok(free) = store.free_bytes().await
+    {
         ::metrics::gauge!("ridged_disk_free_bytes").set(free as f64);
     }
     ::metrics::counter!("ridged_log_lines_left_out_total").absolute(logging::lines_left_out());

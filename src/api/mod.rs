@@ -195,6 +195,7 @@ pub fn router(
         })
         .layer(from_fn_with_state(app.clone(), keys::once_per_key))
         .layer(from_fn(parameters::refuse_unknown))
+        .layer(from_fn_with_state(app.clone(), guard::check_disk))
         .layer(from_fn_with_state(app.clone(), guard::check_body))
         // The limits of a body count what is unpacked.
         .layer(RequestDecompressionLayer::new().pass_through_unaccepted(true))

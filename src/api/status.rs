@@ -469,6 +469,13 @@ fn kind(error: &LabError, code: &str) -> (StatusCode, &'static str) {
             StatusCode::SERVICE_UNAVAILABLE,
             "the data folder is not the one that was opened",
         ),
+        LabError::Store(_) if code == "disk-failed" => (
+            StatusCode::SERVICE_UNAVAILABLE,
+            "the disk of the data folder fails",
+        ),
+        LabError::Store(StoreError::Damaged { .. }) => {
+            (StatusCode::SERVICE_UNAVAILABLE, "the database is damaged")
+        }
         LabError::Store(StoreError::StateConflict { .. }) => (
             StatusCode::CONFLICT,
             "not allowed in this state of the scan",

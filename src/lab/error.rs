@@ -388,12 +388,12 @@ pub(super) fn store_code(error: &StoreError) -> &'static str {
         StoreError::FolderGone { .. } => "data-folder-gone",
         StoreError::Locked => "store-locked",
         StoreError::NoAnswer => "disk-silent",
+        StoreError::DiskFailed { .. } | StoreError::File { .. } => "disk-failed",
         StoreError::Damaged { .. }
         | StoreError::BadRow { .. }
         | StoreError::RowsMissing { .. }
         | StoreError::UnreadLog { .. } => "store-damaged",
-        StoreError::File { .. }
-        | StoreError::ReadOnly
+        StoreError::ReadOnly
         | StoreError::FolderName { .. }
         | StoreError::Migration(_)
         | StoreError::NotKept { .. }

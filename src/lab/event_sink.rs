@@ -11,6 +11,7 @@ use tokio::sync::{broadcast, mpsc, oneshot, watch};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
+use super::error::store_code;
 use super::publish;
 use crate::clock::Clock;
 use crate::scan::runner::RunEnd;
@@ -22,6 +23,9 @@ const REPORTS_MAX: usize = 1024;
 
 /// How long a scan waits for a database that another program has locked. Each attempt takes SQLite's busy timeout.
 const LOCK_PATIENCE: Duration = Duration::from_secs(300);
+
+/// Time after which a scan that waits for the store says so: longer than a slow disk or a backup holds a write.
+const WAIT_SHOWS: Duration = Duration::from_secs(5);
 
 /// Gets the first state of a run, or the reason it could not be recorded.
 pub(super) type FirstState = oneshot::Sender<Result<ScanState, StoreError>>;
@@ -38,6 +42,8 @@ pub(super) struct EventSink {
     pub ending: CancellationToken,
     /// The live fits of scans, also those that end.
     pub live_fits: LiveFits,
+    /// Why a scan waits for the store now, for those who cannot read it there.
+    waits: Arc<Mutex<Option<String>>>,
     reports: mpsc::Sender<Report>,
 }
 
@@ -134,6 +140,7 @@ impl EventSink {
             unrecorded: UnrecordedScans::default(),
             ending: CancellationToken::new(),
             live_fits: LiveFits::default(),
+            waits: Arc::default(),
             reports,
         }
     }
@@ -167,46 +174,38 @@ impl EventSink {
         scan_id: i64,
         mut write: impl FnMut() -> F,
     ) -> Result<T, StoreError> {
-        let began = Instant::now();
-        let mut is_reported = false;
+        let mut wait = Wait::of(self, scan_id);
         loop {
-            let written = write().await;
+            let written = wait.watch(write()).await;
             let is_locked = matches!(written, Err(StoreError::Locked));
-            let waits = is_locked && began.elapsed() < LOCK_PATIENCE && !self.ending.is_cancelled();
-            if waits && !is_reported {
-                is_reported = true;
-                let minutes = LOCK_PATIENCE.as_secs() / 60;
-                let alarm = Event::Alarm {
-                    code: "store-locked".into(),
-                    message: format!(
-                        "{}; the scan waits for up to {minutes} min and continues by itself",
-                        StoreError::Locked
-                    ),
-                    scan_id: Some(scan_id),
-                };
-                publish(
-                    &self.events,
-                    RecordedEvent::unrecorded(self.clock.utc(), alarm),
-                );
+            let has_patience = wait.began.elapsed() < LOCK_PATIENCE && !self.ending.is_cancelled();
+            if !is_locked || !has_patience {
+                wait.end(written.is_ok());
+                return written;
             }
-            if waits {
-                continue;
-            }
-            if is_reported && written.is_ok() {
-                let took_s = began.elapsed().as_secs_f64();
-                self.report(Event::Recovered {
-                    scan_id: Some(scan_id),
-                    code: "store-locked".into(),
-                    message: format!(
-                        "another program had locked the database for {took_s:.0} s; the scan waited"
-                    ),
-                    took_s,
-                    points: Vec::new(),
-                    attended: false,
-                });
-            }
-            return written;
+            wait.say(&StoreError::Locked);
         }
+    }
+
+    /// Waits for what a scan writes once. Says so where this takes long, and when it is over.
+    pub(super) async fn watched<T>(
+        &self,
+        scan_id: i64,
+        write: impl Future<Output = Result<T, StoreError>>,
+    ) -> Result<T, StoreError> {
+        let mut wait = Wait::of(self, scan_id);
+        let written = wait.watch(write).await;
+        wait.end(written.is_ok());
+        written
+    }
+
+    /// Returns why a scan waits for the store now.
+    pub(super) fn waits(&self) -> Option<String> {
+        self.waits_now().clone()
+    }
+
+    fn waits_now(&self) -> MutexGuard<'_, Option<String>> {
+        self.waits.lock().expect("no holder of this lock panics")
     }
 
     /// Waits until everything that was reported so far is recorded, or its failure is in the log.
@@ -237,6 +236,89 @@ impl EventSink {
         }
         self.unrecorded.all().remove(&scan_id);
         Ok(())
+    }
+}
+
+/// A scan that waits for the store.
+struct Wait<'a> {
+    sink: &'a EventSink,
+    scan_id: i64,
+    began: Instant,
+    /// Code of the cause, once it was said.
+    said: Option<&'static str>,
+}
+
+impl<'a> Wait<'a> {
+    fn of(sink: &'a EventSink, scan_id: i64) -> Wait<'a> {
+        Wait {
+            sink,
+            scan_id,
+            began: Instant::now(),
+            said: None,
+        }
+    }
+
+    /// Waits for a write, and says why it waits where this takes long.
+    async fn watch<T>(
+        &mut self,
+        write: impl Future<Output = Result<T, StoreError>>,
+    ) -> Result<T, StoreError> {
+        let mut write = std::pin::pin!(write);
+        let store = self.sink.store.clone();
+        if self.said.is_none() {
+            tokio::select! {
+                biased;
+                written = &mut write => return written,
+                trouble = store.trouble(WAIT_SHOWS) => self.say(&trouble),
+            }
+        }
+        write.await
+    }
+
+    /// Raises the alarm, once. It cannot be recorded: the store is what the scan waits for.
+    fn say(&mut self, trouble: &StoreError) {
+        if self.said.is_some() {
+            return;
+        }
+        let code = store_code(trouble);
+        let message = match trouble {
+            StoreError::Locked => {
+                let minutes = LOCK_PATIENCE.as_secs() / 60;
+                format!("{trouble}; the scan waits for up to {minutes} min and continues by itself")
+            }
+            trouble => format!("{trouble}; the scan waits and continues by itself"),
+        };
+        self.said = Some(code);
+        *self.sink.waits_now() = Some(message.clone());
+        let alarm = Event::Alarm {
+            code: code.into(),
+            message,
+            scan_id: Some(self.scan_id),
+        };
+        let at = self.sink.clock.utc();
+        publish(&self.sink.events, RecordedEvent::unrecorded(at, alarm));
+    }
+
+    /// The wait is over; reports this if it was said that the scan waits.
+    fn end(self, is_written: bool) {
+        let Some(code) = self.said else { return };
+        *self.sink.waits_now() = None;
+        if !is_written {
+            return;
+        }
+        let took_s = self.began.elapsed().as_secs_f64();
+        let cause = match code {
+            "disk-silent" => "the disk of the data folder had not answered",
+            _ => "another program had locked the database",
+        };
+        self.sink.report(Event::Recovered {
+            scan_id: Some(self.scan_id),
+            code: code.into(),
+            message: format!("{cause} for {took_s:.0} s; the scan waited"),
+            took_s,
+            points: Vec::new(),
+            attended: false,
+        });
     }
 }
 

@@ -208,6 +208,8 @@ struct Occupation {
     /// Whether the daemon switches the lamp off or parks the axes. Requests wait for it instead of being refused.
     clears_up: bool,
     scan_id: Option<i64>,
+    /// State of that scan and the reason for it, as recorded last: known also where the store does not answer.
+    scan_state: Option<(ScanState, Option<String>)>,
     orders: Option<mpsc::Sender<CommandRequest>>,
     /// Who started the present activity.
     who: Option<Arc<str>>,
@@ -398,15 +400,30 @@ impl Lab {
         &self.inner.clock
     }
 
-    /// Checks that the data folder is the one that was opened. Raises one alarm when it is found gone.
+    /// Checks that the data folder is the one that was opened and that its disk answers. Raises one alarm when it does not.
     ///
     /// # Errors
-    /// [`StoreError::FolderGone`].
+    /// [`StoreError::FolderGone`] or [`StoreError::NoAnswer`].
     pub async fn check_folder(&self) -> Result<(), StoreError> {
         let inner = &self.inner;
-        let checked = inner.store.find_folder().await;
+        let checked = match inner.store.check_disk().await {
+            Ok(()) => inner.store.find_folder().await,
+            silent => silent,
+        };
         let was_gone = inner.folder_gone.swap(checked.is_err(), Ordering::SeqCst);
         match &checked {
+            // It could not be recorded, and a scan that waits for the disk says so itself.
+            Err(StoreError::NoAnswer) if !was_gone => {
+                let sink = inner.rig.as_ref().map(|side| &side.sink);
+                if sink.is_none_or(|sink| sink.waits().is_none()) {
+                    let alarm = Event::Alarm {
+                        code: error::store_code(&StoreError::NoAnswer).into(),
+                        message: StoreError::NoAnswer.to_string(),
+                        scan_id: None,
+                    };
+                    self.publish(RecordedEvent::unrecorded(inner.clock.utc(), alarm));
+                }
+            }
             Err(gone) if !was_gone => {
                 let code = error::store_code(gone);
                 self.alarm(code, gone.to_string(), None).await;

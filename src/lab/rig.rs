@@ -114,11 +114,10 @@ impl Lab {
         // A scan that has ended is about to return the rig.
         let holds = occupation.activity.is_some();
         let scan_id = occupation.scan_id.filter(|_| holds);
-        let scan = match scan_id {
-            Some(scan_id) => self.store().scan(scan_id).await.ok(),
-            None => None,
-        };
-        let scan_state = scan.map(|scan| (scan.state, scan.reason));
+        // From memory: a person looks here also while the store does not answer.
+        let waits = side.sink.waits();
+        let scan_state = scan_id.and(occupation.scan_state);
+        let scan_state = scan_state.map(|(state, reason)| (state, waits.or(reason)));
         let (status, problem) = match status {
             Ok(status) => (Some(status), None),
             Err(LabError::Busy { .. }) => {
@@ -237,7 +236,10 @@ impl Lab {
             Err(LabError::Busy {
                 with: Holder::Scan { scan_id, .. },
             }) => {
-                let state = self.store().scan(scan_id).await.ok().map(|scan| scan.state);
+                let now = side.occupation.borrow();
+                let of_scan = now.scan_id == Some(scan_id);
+                let known = now.scan_state.as_ref().filter(|_| of_scan);
+                let state = known.map(|(state, _)| *state);
                 let with = Holder::Scan { scan_id, state };
                 Err(LabError::Busy { with })
             }

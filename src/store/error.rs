@@ -78,6 +78,15 @@ pub enum StoreError {
          nothing was written"
     )]
     NoAnswer,
+    /// The disk fails.
+    #[error(
+        "the disk of the data folder fails ({detail}); find the fault (dmesg names it), check the file system and mount it again, \
+         or restart the daemon on a copy of the folder, then try again; nothing that was committed is lost"
+    )]
+    DiskFailed {
+        /// What the disk or the database says.
+        detail: String,
+    },
     /// The disk is full.
     #[error(
         "the disk is full: {detail}; free some space, then try again; nothing that was committed is lost"
@@ -88,7 +97,8 @@ pub enum StoreError {
     },
     /// The database fails its integrity check.
     #[error(
-        "the database is damaged ({detail}); nothing was changed: keep the folder as it is and restore a copy of it"
+        "the database is damaged ({detail}); nothing was changed: if the disk failed (dmesg names it), mount it again and restart \
+         the daemon; if not, keep the folder as it is and restore a copy of it"
     )]
     Damaged {
         /// What the check found.
@@ -283,8 +293,11 @@ impl From<sqlx::Error> for StoreError {
         /// Primary result codes of SQLite (the low byte of the extended ones).
         const BUSY: i32 = 5;
         const LOCKED: i32 = 6;
+        const READ_ONLY: i32 = 8;
+        const IO_ERROR: i32 = 10;
         const CORRUPT: i32 = 11;
         const FULL: i32 = 13;
+        const CANNOT_OPEN: i32 = 14;
         const NOT_A_DATABASE: i32 = 26;
         /// SQLite could not create the index of its log when it opened the database.
         const NO_ROOM_FOR_INDEX: i32 = 10 | (19 << 8);
@@ -301,6 +314,9 @@ impl From<sqlx::Error> for StoreError {
             Some(BUSY | LOCKED) => StoreError::Locked,
             Some(FULL) => StoreError::DiskFull {
                 detail: "the database could not grow".into(),
+            },
+            Some(READ_ONLY | IO_ERROR | CANNOT_OPEN) => StoreError::DiskFailed {
+                detail: error.to_string(),
             },
             Some(CORRUPT | NOT_A_DATABASE) => StoreError::Damaged {
                 detail: error.to_string(),

@@ -39,10 +39,11 @@ pub mod samples;
 pub mod scans;
 pub mod shots;
 pub mod stages;
+mod trouble;
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use sqlx::Connection;
@@ -54,7 +55,6 @@ use sqlx::sqlite::{
 use tempfile::TempDir;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
-use tokio::time::{sleep, timeout};
 
 use crate::clock::Clock;
 use disk::Disk;
@@ -91,10 +91,8 @@ struct Inner {
     /// What reductions computed, of the scans that were reduced last.
     reductions: Mutex<reductions::Shared>,
     held: Mutex<Held>,
-    /// When a write last found the database locked by another program.
-    lock_seen: Mutex<Option<Instant>>,
-    /// Time from which no write waits for such a lock.
-    no_wait_from: OnceLock<Instant>,
+    /// What keeps writes waiting.
+    trouble: trouble::Watch,
 }
 
 /// What a store keeps until it is closed.
@@ -269,8 +267,7 @@ impl Store {
                 holds: Arc::default(),
                 place,
                 reductions: Mutex::default(),
-                lock_seen: Mutex::default(),
-                no_wait_from: OnceLock::new(),
+                trouble: trouble::Watch::default(),
                 held: Mutex::new(held),
             }),
         })
@@ -373,7 +370,7 @@ impl Store {
         loop {
             let error = match self.writer().begin_with("BEGIN IMMEDIATE").await {
                 Ok(transaction) => {
-                    *inner.lock_seen() = None;
+                    inner.trouble.lock_is_free();
                     return Ok(Writing::new(transaction, Arc::clone(place)));
                 }
                 // The writers before this one wait for the lock.
@@ -384,71 +381,12 @@ impl Store {
                 return Err(error);
             }
             let now = Instant::now();
-            *inner.lock_seen() = Some(now);
-            let is_ending = inner.no_wait_from.get().is_some_and(|from| now >= *from);
+            inner.trouble.lock_is_held(now);
             // Another attempt would end after that time.
-            if is_ending || now - began + LOCK_ATTEMPT > wait {
+            if inner.trouble.waits_are_over(now) || now - began + LOCK_ATTEMPT > wait {
                 return Err(error);
             }
         }
-    }
-
-    /// Returns whether a write waits because another program holds the lock of the database.
-    #[must_use]
-    pub fn is_locked(&self) -> bool {
-        let seen = *self.inner.lock_seen();
-        seen.is_some_and(|seen| seen.elapsed() < 3 * LOCK_ATTEMPT)
-    }
-
-    /// Checks that the disk answers, and that no other program holds the lock of the database or gives it up within this time.
-    ///
-    /// # Errors
-    /// [`StoreError::Locked`] or [`StoreError::NoAnswer`]; the next write reports what else is wrong.
-    pub async fn check_writing(&self, wait: Duration) -> Result<(), StoreError> {
-        self.ask_disk().await?;
-        let mut writing = std::pin::pin!(self.writing_within(wait));
-        loop {
-            match timeout(wait + LOCK_ATTEMPT, &mut writing).await {
-                Ok(Err(StoreError::Locked)) => return Err(StoreError::Locked),
-                Ok(_) => return Ok(()),
-                // Other writes wait for the lock before this one.
-                Err(_) if self.is_locked() => return Err(StoreError::Locked),
-                // The disk is slow.
-                Err(_) => {}
-            }
-        }
-    }
-
-    /// Returns why writes are impossible, at the earliest after this time. Waits while they are possible.
-    pub async fn trouble(&self, wait: Duration) -> StoreError {
-        loop {
-            let (answer, ()) = futures::join!(self.ask_disk(), sleep(wait));
-            match answer {
-                Err(silent) => return silent,
-                Ok(()) if self.is_locked() => return StoreError::Locked,
-                Ok(()) => {}
-            }
-        }
-    }
-
-    /// Checks that the disk takes a change: reading may still be possible on one that does not.
-    ///
-    /// # Errors
-    /// [`StoreError::NoAnswer`].
-    async fn ask_disk(&self) -> Result<(), StoreError> {
-        let store = self.clone();
-        let change = asked(move || {
-            let Inner { disk, folder, .. } = &*store.inner;
-            disk.ask(&folder.join(lock::FILE));
-            Ok(())
-        });
-        let answer = timeout(DISK_ANSWER, change).await;
-        answer.unwrap_or(Err(StoreError::NoAnswer))
-    }
-
-    /// Ends all waits for another program's lock after this time, since the daemon ends.
-    pub fn end_waits(&self, after: Duration) {
-        self.inner.no_wait_from.set(Instant::now() + after).ok();
     }
 
     fn writer(&self) -> &SqlitePool {
@@ -468,16 +406,6 @@ impl Store {
 const LOCK_WAIT: Duration = Duration::from_secs(10);
 /// How long SQLite waits for such a lock at a time. Nothing can end this wait early.
 const LOCK_ATTEMPT: Duration = Duration::from_millis(200);
-/// Time after which a disk counts as silent. Changing the time of a file takes only milliseconds on a slow disk.
-const DISK_ANSWER: Duration = Duration::from_millis(900);
-
-impl Inner {
-    fn lock_seen(&self) -> MutexGuard<'_, Option<Instant>> {
-        self.lock_seen
-            .lock()
-            .expect("no holder of this lock panics")
-    }
-}
 
 /// Asks the file system on a thread for blocking work: a disk that hangs must not block the threads that serve the stop.
 async fn asked<T: Send + 'static>(

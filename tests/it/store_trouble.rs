@@ -2,17 +2,18 @@
 
 use std::fs;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use axum::body::Body;
 use ridged::bench::AxisName::PhiS;
 use ridged::clock::{Clock, ScaledClock};
+use ridged::frame::FrameKind;
 use ridged::lab::LabError;
 use ridged::scan::event::RigActivity;
 use ridged::scan::runner::ScanCommand;
 use ridged::scan::{Event, RecordedEvent, ScanState};
-use ridged::store::disk::RealDisk;
+use ridged::store::disk::{Disk, RealDisk};
 use ridged::units::Angle;
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
 use tokio::sync::broadcast::Receiver;
@@ -202,6 +203,119 @@ async fn with_a_frame(folder: &Path) -> (BenchInABox, i64, Receiver<Arc<Recorded
     next(&mut events, |event| matches!(event, Event::Frame { .. })).await;
     bench.until(scan.id, ScanState::WaitingForOperator).await;
     (bench, scan.id, events)
+}
+
+/// A disk that takes no change and answers no question while it is silent.
+#[derive(Default)]
+struct SilentDisk {
+    silent: Mutex<bool>,
+    ended: Condvar,
+}
+
+impl SilentDisk {
+    fn be_silent(&self, silent: bool) {
+        *self.silent.lock().unwrap() = silent;
+        self.ended.notify_all();
+    }
+
+    fn wait(&self) {
+        let silent = self.silent.lock().unwrap();
+        drop(self.ended.wait_while(silent, |silent| *silent).unwrap());
+    }
+}
+
+impl Disk for SilentDisk {
+    fn write_durably(&self, path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+        self.wait();
+        RealDisk.write_durably(path, bytes)
+    }
+
+    fn free_bytes(&self, folder: &Path) -> std::io::Result<u64> {
+        self.wait();
+        RealDisk.free_bytes(folder)
+    }
+
+    fn ask(&self, file: &Path) {
+        self.wait();
+        RealDisk.ask(file);
+    }
+}
+
+/// Lets a disk answer again, also where its test fails.
+struct Answers(Arc<SilentDisk>);
+
+impl Drop for Answers {
+    fn drop(&mut self) {
+        self.0.be_silent(false);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scan_on_a_disk_that_does_not_answer_waits_says_so_and_continues() {
+    let folder = tempfile::tempdir().unwrap();
+    let disk = Arc::new(SilentDisk::default());
+    let _answers = Answers(Arc::clone(&disk));
+    let bench = BenchInABox::open(folder.path(), Arc::clone(&disk) as _, true).await;
+    let mut events = bench.lab.events();
+    let tilts_deg = [-40.0, -30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0, 40.0];
+    let scan = bench.start(small(&tilts_deg, &[0.0, 60.0])).await;
+    // After the last step of the operator.
+    let of_sample = |event: &Event| {
+        matches!(
+            event,
+            Event::Frame {
+                kind: FrameKind::Sample,
+                ..
+            }
+        )
+    };
+    next(&mut events, of_sample).await;
+    disk.be_silent(true);
+    let is_alarm = |event: &Event| matches!(event, Event::Alarm { code, scan_id: Some(_), .. } if code == "disk-silent");
+    let alarm = next(&mut events, is_alarm).await;
+    assert!(!alarm.is_recorded(), "it is sent before the disk takes it");
+    // A person sees where the rig is and why; what needs the disk is refused in time.
+    let router = router_of(&bench.lab);
+    let in_a_second = async |method: &str, path: &str, body: &'static str| {
+        let asked = request(method, path).header("content-type", "application/json");
+        let begun = Instant::now();
+        let answer = send(&router, asked.body(Body::from(body)).unwrap()).await;
+        let took = begun.elapsed();
+        assert!(took < Duration::from_millis(1500), "{path}: {took:?}");
+        answer
+    };
+    let rig = in_a_second("GET", "/api/v1/rig", "").await;
+    assert_eq!((rig.status, &rig.body["scan_id"]), (200, &scan.id.into()));
+    assert!(
+        rig.body["axes"]["phi_s"]["position_deg"].is_number(),
+        "{}",
+        rig.body
+    );
+    let why = rig.body["scan_reason"].as_str().unwrap();
+    assert!(
+        why.contains("does not answer") && why.contains("continues by itself"),
+        "{why}"
+    );
+    let part = r#"{"name": "a", "metal": {"name": "Cr"}}"#;
+    let refused = in_a_second("POST", "/api/v1/samples", part).await;
+    is_problem(&refused, 503, "disk-silent");
+    let resume = format!("/api/v1/scans/{}/resume", scan.id);
+    is_problem(&in_a_second("POST", &resume, "").await, 503, "disk-silent");
+    let lease = in_a_second("POST", "/api/v1/lease", r#"{"name": "night"}"#).await;
+    assert_eq!(lease.status, 201, "{}", lease.body);
+    assert_eq!(in_a_second("GET", "/readyz", "").await.status, 503);
+    bench.lab.check_folder().await.unwrap_err();
+
+    disk.be_silent(false);
+    let is_over =
+        |event: &Event| matches!(event, Event::Recovered { code, .. } if code == "disk-silent");
+    assert!(next(&mut events, is_over).await.is_recorded());
+    bench.until(scan.id, ScanState::Completed).await;
+    assert_eq!(
+        in_a_second("POST", "/api/v1/samples", part).await.status,
+        201
+    );
+    bench.end().await;
 }
 
 async fn is_gone(bench: &BenchInABox, scan_id: i64, alarm: &RecordedEvent) {

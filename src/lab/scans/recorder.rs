@@ -88,9 +88,10 @@ impl LabRecorder {
             }
         });
         // Commit the row only after all files are durable.
-        let frames: Vec<NewFrame> = futures::stream::iter(frames)
-            .buffered(FRAMES_AT_ONCE)
-            .try_collect()
+        let frames = futures::stream::iter(frames).buffered(FRAMES_AT_ONCE);
+        let frames: Vec<NewFrame> = self
+            .sink
+            .watched(self.scan_id, frames.try_collect())
             .await?;
         let commit = || store.commit_shot(&shot, &frames, progress);
         for event in self.sink.patiently(self.scan_id, commit).await? {
@@ -133,6 +134,8 @@ impl Recorder for LabRecorder {
             };
             let (first, outcome) = match written {
                 Ok(event) => {
+                    let scan = Some((next, reason.map(str::to_owned)));
+                    self.occupation.send_modify(|now| now.scan_state = scan);
                     publish(&self.sink.events, event);
                     (Ok(next), Ok(()))
                 }
@@ -235,6 +238,9 @@ impl Recorder for LabRecorder {
     }
 
     fn free_bytes(&self) -> BoxFuture<'_, Result<u64, RecordError>> {
-        Box::pin(async move { Ok(self.sink.store.free_bytes().await?) })
+        Box::pin(async move {
+            let free = self.sink.store.free_bytes();
+            Ok(self.sink.watched(self.scan_id, free).await?)
+        })
     }
 }

@@ -94,6 +94,10 @@ impl RigContext {
         reply: oneshot::Sender<Result<(), LabError>>,
     ) {
         self.begin(RigActivity::Scanning, who);
+        let before = match &work.row {
+            ScanRow::New(..) => ScanState::Planned,
+            ScanRow::Kept(_) => ScanState::Interrupted,
+        };
         let Some(scan_id) = self.row_of(work.row).await else {
             reply.send(Ok(())).ok();
             return;
@@ -101,6 +105,7 @@ impl RigContext {
         let (book, mut orders) = mpsc::channel::<CommandRequest>(16);
         self.occupation.send_modify(|now| {
             now.scan_id = Some(scan_id);
+            now.scan_state = Some((before, None));
             now.orders = Some(book);
         });
         reply.send(Ok(())).ok();
