@@ -15,7 +15,7 @@ use super::seats::Limits;
 use super::tls::{Tls, TlsError};
 use super::via::{Listener, Via};
 
-pub use super::tls::TlsFiles;
+pub use super::tls::{CertificateState, TlsFiles, check_certificate};
 
 /// Where to listen, and how those who come from other machines are protected.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use time::macros::format_description;
-use time::{OffsetDateTime, PrimitiveDateTime};
+use time::{Date, OffsetDateTime, PrimitiveDateTime};
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::ServerConfig;
 use tokio_rustls::rustls::crypto::ring;
@@ -50,13 +50,68 @@ pub enum TlsError {
 /// How often the files are looked at: certificates are renewed while a scan runs.
 const LOOK_EVERY: Duration = Duration::from_secs(10);
 
-/// Time before the end of a certificate from which a start and a renewal say so.
+/// Time before the end of a certificate from which a start, a renewal and `ridged doctor` say so.
 const EXPIRES_SOON: time::Duration = time::Duration::days(30);
 
 /// A certificate that follows its files.
 pub(super) struct Tls {
     files: TlsFiles,
     current: Mutex<Current>,
+}
+
+/// How a certificate stands at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CertificateState {
+    /// It is valid for some time.
+    Valid {
+        /// Its last day.
+        until: Date,
+        /// Whole days until its end.
+        days_left: i64,
+    },
+    /// It is valid, but has to be renewed.
+    ExpiresSoon {
+        /// Its last day.
+        until: Date,
+        /// Whole days until its end.
+        days_left: i64,
+    },
+    /// Clients refuse it.
+    NotValid {
+        /// Its first day.
+        from: Date,
+        /// Its last day.
+        until: Date,
+    },
+    /// Its days cannot be read.
+    Unknown,
+}
+
+impl CertificateState {
+    fn at(
+        now: OffsetDateTime,
+        valid: Option<(OffsetDateTime, OffsetDateTime)>,
+    ) -> CertificateState {
+        let Some((from, until)) = valid else {
+            return CertificateState::Unknown;
+        };
+        let left = until - now;
+        let (days_left, last) = (left.whole_days(), until.date());
+        match () {
+            () if now < from || now > until => CertificateState::NotValid {
+                from: from.date(),
+                until: last,
+            },
+            () if left < EXPIRES_SOON => CertificateState::ExpiresSoon {
+                until: last,
+                days_left,
+            },
+            () => CertificateState::Valid {
+                until: last,
+                days_left,
+            },
+        }
+    }
 }
 
 struct Current {
@@ -111,8 +166,33 @@ fn changed(files: &TlsFiles) -> [Option<SystemTime>; 2] {
     [&files.certificate, &files.key].map(|file| file.metadata().ok()?.modified().ok())
 }
 
-/// Reads the certificate, and returns what accepts connections with it.
+/// Checks that a certificate can be used, and returns how it stands now.
+///
+/// # Errors
+/// [`TlsError`] with file and reason.
+pub fn check_certificate(files: &TlsFiles) -> Result<CertificateState, TlsError> {
+    read(files).map(|(_, state)| state)
+}
+
+/// Reads the certificate, and returns what accepts connections with it. Logs where it is due to be renewed.
 fn acceptor(files: &TlsFiles) -> Result<TlsAcceptor, TlsError> {
+    let (acceptor, state) = read(files)?;
+    let file = files.certificate.display();
+    match state {
+        // Clients refuse it, but one that trusts this very certificate may not.
+        CertificateState::NotValid { from, until } => tracing::error!(
+            "the certificate {file} is valid from {from} to {until}, so clients refuse the connection: renew it, or set the clock"
+        ),
+        CertificateState::ExpiresSoon { until, .. } => {
+            tracing::warn!("the certificate {file} expires on {until}: renew it");
+        }
+        CertificateState::Valid { .. } | CertificateState::Unknown => {}
+    }
+    Ok(acceptor)
+}
+
+/// Reads the certificate: what accepts connections with it, and how it stands now.
+fn read(files: &TlsFiles) -> Result<(TlsAcceptor, CertificateState), TlsError> {
     let wrong = |file: &Path, what, detail: String| TlsError::Unusable {
         file: file.to_owned(),
         what,
@@ -125,26 +205,7 @@ fn acceptor(files: &TlsFiles) -> Result<TlsAcceptor, TlsError> {
         let detail = "it has none".to_owned();
         return Err(wrong(&files.certificate, "certificate", detail));
     };
-    let now = OffsetDateTime::now_utc();
-    match validity(own) {
-        Some((from, until)) if now < from || now > until => {
-            let file = files.certificate.display();
-            // Clients refuse it, but one that trusts this very certificate may not.
-            tracing::error!(
-                "the certificate {file} is valid from {} to {}, so clients refuse the connection: renew it, or set the clock",
-                from.date(),
-                until.date()
-            );
-        }
-        Some((_, until)) if until - now < EXPIRES_SOON => {
-            let file = files.certificate.display();
-            tracing::warn!(
-                "the certificate {file} expires on {}: renew it",
-                until.date()
-            );
-        }
-        Some(_) | None => {}
-    }
+    let state = CertificateState::at(OffsetDateTime::now_utc(), validity(own));
     let key = PrivateKeyDer::from_pem_file(&files.key)
         .map_err(|error| wrong(&files.key, "private key", error.to_string()))?;
     let pair = |detail: String| TlsError::Pair {
@@ -158,7 +219,7 @@ fn acceptor(files: &TlsFiles) -> Result<TlsAcceptor, TlsError> {
         .with_single_cert(chain, key)
         .map_err(|error| pair(error.to_string()))?;
     config.alpn_protocols = vec![b"http/1.1".to_vec()];
-    Ok(TlsAcceptor::from(Arc::new(config)))
+    Ok((TlsAcceptor::from(Arc::new(config)), state))
 }
 
 /// Returns from when to when a certificate is valid; `None` if it cannot be read.
@@ -236,6 +297,36 @@ mod tests {
                 assert_eq!(validity(&signed.der()[..length]), None);
             }
         }
+    }
+
+    #[test]
+    fn a_certificate_is_valid_expires_soon_or_is_refused() {
+        use time::macros::{date, datetime};
+        let valid = Some((
+            datetime!(2026-01-01 00:00 UTC),
+            datetime!(2027-01-01 12:00 UTC),
+        ));
+        let until = date!(2027 - 01 - 01);
+        let at = |now| CertificateState::at(now, valid);
+        let days_left = 151;
+        assert_eq!(
+            at(datetime!(2026-08-03 00:00 UTC)),
+            CertificateState::Valid { until, days_left }
+        );
+        let days_left = 29;
+        assert_eq!(
+            at(datetime!(2026-12-03 00:00 UTC)),
+            CertificateState::ExpiresSoon { until, days_left }
+        );
+        let from = date!(2026 - 01 - 01);
+        for now in [
+            datetime!(2025-12-31 00:00 UTC),
+            datetime!(2027-01-01 12:01 UTC),
+        ] {
+            assert_eq!(at(now), CertificateState::NotValid { from, until });
+        }
+        let unread = CertificateState::at(datetime!(2026-12-03 00:00 UTC), None);
+        assert_eq!(unread, CertificateState::Unknown);
     }
 
     /// Writes a certificate of its own, and returns its files.

@@ -24,6 +24,7 @@ use findings::Findings;
   ridged doctor --config rig.toml                 before a scan
   ridged doctor --config rig.toml --frames        also takes a dark and a lit frame
   ridged doctor --data ridged-data --deep --json  also compares every frame with its hash
+  ridged doctor --config rig.toml --tls-cert cert.pem --tls-key key.pem
 Exit codes: 0 nothing to do, 3 warnings, 4 faults; 2 for settings that cannot be read.
 Beside a running daemon it asks the daemon about the rig.")]
 pub struct Args {
@@ -42,6 +43,12 @@ pub struct Args {
     /// Take a dark and a lit frame where the axes are.
     #[arg(long)]
     pub frames: bool,
+    /// Certificate of the daemon (PEM), where the settings do not name it.
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    pub tls_cert: Option<PathBuf>,
+    /// Its private key (PEM).
+    #[arg(long, value_name = "FILE", requires = "tls_cert")]
+    pub tls_key: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -72,6 +79,14 @@ pub fn run(args: &Args) -> Result<(), CliError> {
 async fn check(args: &Args, config: &Config, findings: &mut Findings) -> Result<(), CliError> {
     let data = args.data.as_ref().unwrap_or(&config.store.folder).clone();
     host::check_programs(config, findings);
+    let of_settings = (&config.server.tls_cert, &config.server.tls_key);
+    let pair = match (&args.tls_cert, &args.tls_key) {
+        (None, None) => of_settings,
+        given => given,
+    };
+    if let (Some(certificate), Some(key)) = pair {
+        host::check_certificate(certificate, key, findings);
+    }
     let facts = config.camera_facts();
     let frame_bytes = 2 * u64::from(facts.width_px) * u64::from(facts.height_px);
     folder::check_disk(

@@ -7,7 +7,9 @@ use std::time::Duration;
 use time::OffsetDateTime;
 
 use super::findings::Findings;
+use crate::api::server::{self, CertificateState, TlsFiles};
 use crate::config::Config;
+use crate::wording::counted;
 
 /// The year in which this program was written: an earlier clock was never set.
 const YEAR_MIN: i32 = 2026;
@@ -104,6 +106,41 @@ pub fn check_programs(config: &Config, findings: &mut Findings) {
     }
 }
 
+/// Checks that the certificate of the daemon can be used, and for how long: no page and no script reaches a daemon after its end.
+pub fn check_certificate(certificate: &Path, key: &Path, findings: &mut Findings) {
+    let files = TlsFiles {
+        certificate: certificate.into(),
+        key: key.into(),
+    };
+    let file = certificate.display();
+    match server::check_certificate(&files) {
+        Ok(CertificateState::Valid { until, days_left }) => findings.ok(
+            "tls",
+            format!("the certificate {file} is valid until {until}, {}", left(days_left)),
+        ),
+        Ok(CertificateState::ExpiresSoon { until, days_left }) => findings.warning(
+            "tls",
+            format!("the certificate {file} expires on {until}, {}", left(days_left)),
+            "renew it: a running daemon uses the new files within seconds",
+        ),
+        Ok(CertificateState::NotValid { from, until }) => findings.fault(
+            "tls",
+            format!("the certificate {file} is valid from {from} to {until}, so clients refuse the connection"),
+            "renew it, or set the clock",
+        ),
+        Ok(CertificateState::Unknown) => findings.note(
+            "tls",
+            format!("the days of the certificate {file} cannot be read"),
+        ),
+        Err(error) => findings.error("tls", &error),
+    }
+}
+
+fn left(days: i64) -> String {
+    let days = usize::try_from(days).unwrap_or_default();
+    format!("{} left", counted(days, "day"))
+}
+
 /// Returns the executable file of a command's first word.
 fn find(name: &str, folders: &[PathBuf]) -> Option<PathBuf> {
     let is_executable = |path: &Path| {
@@ -147,6 +184,37 @@ mod tests {
                 findings.text()
             );
         }
+    }
+
+    #[test]
+    fn a_certificate_is_checked_with_the_days_that_are_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let (cert, key) = (
+            folder.path().join("cert.pem"),
+            folder.path().join("key.pem"),
+        );
+        let pair = rcgen::KeyPair::generate().unwrap();
+        std::fs::write(&key, pair.serialize_pem()).unwrap();
+        let now = OffsetDateTime::now_utc();
+        let day = time::Duration::days(1);
+        for (until, code, words) in [
+            (now + 100 * day, 0, " days left"),
+            (now + 10 * day + day / 2, 3, "10 days left"),
+            (now - day, 4, "clients refuse the connection"),
+        ] {
+            let mut made = rcgen::CertificateParams::new(["localhost".to_owned()]).unwrap();
+            (made.not_before, made.not_after) = (now - 200 * day, until);
+            std::fs::write(&cert, made.self_signed(&pair).unwrap().pem()).unwrap();
+            let mut findings = Findings::default();
+            check_certificate(&cert, &key, &mut findings);
+            let text = findings.text();
+            assert!(text.contains(words), "{text}");
+            assert_eq!(findings.worst().exit_code(), code, "{text}");
+        }
+        std::fs::write(&cert, "none").unwrap();
+        let mut findings = Findings::default();
+        check_certificate(&cert, &key, &mut findings);
+        assert_eq!(findings.worst().exit_code(), 4);
     }
 
     #[test]
