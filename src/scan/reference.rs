@@ -22,8 +22,6 @@ const SLIP_DEG: f64 = 1.0;
 pub(super) const SLIP_LARGE: Angle = Angle::from_deg(10.0);
 /// Weight of a pose whose picture does not depend on the angles: it still shows a change of the lamp.
 const FLAT_WEIGHT: f64 = 0.05;
-/// Largest distance of poses of which the change of the level per degree is estimated: somewhat more than a quarter of a turn.
-const NEIGHBOUR_DEG: f64 = 100.0;
 /// Angles that differ less are the same one.
 const SAME_DEG: f64 = 0.01;
 /// Points that are remembered at most, so that memory and time of a check do not grow with the scan.
@@ -314,8 +312,8 @@ pub(super) fn forget<T>(visited: &mut Vec<T>, covered: &mut Covered) -> usize {
     unconfirmed
 }
 
-/// Estimates how much the level at a point changes with an angle, as a share per degree, from the nearest points on either side;
-/// `None` if there are none.
+/// Estimates how much the level at a point changes with an angle, as a share per degree, from the nearest points on either side,
+/// however far they are: the mean over a long way is less than the steepest change on it. `None` if all points are at one angle.
 fn change_per_deg(visited: &[Visited], index: usize, axis: AxisName) -> Option<f64> {
     let here = visited[index];
     let here_level = here.level?;
@@ -328,8 +326,7 @@ fn change_per_deg(visited: &[Visited], index: usize, axis: AxisName) -> Option<f
             AxisName::ThetaC => (theta_c, phi_s),
             AxisName::PhiS => (phi_s, theta_c),
         };
-        let is_neighbour =
-            across.abs() < SAME_DEG && (SAME_DEG..NEIGHBOUR_DEG).contains(&along.abs());
+        let is_neighbour = across.abs() < SAME_DEG && along.abs() >= SAME_DEG;
         let side = &mut sides[usize::from(along > 0.0)];
         if is_neighbour && side.is_none_or(|(nearest, _)| along.abs() < nearest) {
             *side = Some((along.abs(), level));
@@ -540,6 +537,9 @@ mod tests {
             checked: 20,
         };
         assert_eq!(forget(&mut many, &mut covered), 2);
+        // Also where the two azimuths are opposite to each other.
+        let opposite = [at(0.0, 0.0, 1.0), at(0.0, 180.0, 1.001)];
+        assert!(far_too.least_slip(&opposite, PhiS).unwrap() > SLIP_LARGE);
         assert_eq!((many.len(), covered.checked), (REMEMBERED_MAX as usize, 13));
     }
 }

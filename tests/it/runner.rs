@@ -14,7 +14,7 @@ use ridged::scan::{OperatorAction, ScanState, Shot, Step};
 use ridged::sim::world::AxisFault;
 use ridged::units::Angle;
 
-use rehearsal::{Cue, Statement, grid, run, run_with, samples, shot, with_exposures};
+use rehearsal::{Cue, Statement, grid, run, run_after, run_with, samples, shot, with_exposures};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn who_resumes_after_another_trouble_has_not_looked_at_a_black_sample() {
@@ -624,6 +624,32 @@ async fn a_slip_that_only_later_points_show_is_found_by_a_homing_after_the_last_
         reason.starts_with("a slip of phi_s by less than"),
         "{reason}"
     );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_resumed_scan_whose_last_point_changed_takes_all_points_of_its_earlier_runs_again() {
+    let even = |_: Pose| 2000.0;
+    let resumed = async |before_dn: u16| {
+        let unchecked_dn = [(0, None), (1, None), (2, Some(before_dn))];
+        let cues = [(0, Cue::NoEncoder), (1, Cue::Even(even))];
+        let done = [0, 1, 2];
+        run_after(grid(), &done, &unchecked_dn, cues, |_| u64::MAX, |_| {}).await
+    };
+    let (end, reported) = resumed(2300).await;
+    assert_eq!(end.state, ScanState::Completed, "{:?}", reported.alarms);
+    assert_eq!(reported.alarms, ["reference-changed"]);
+    let withdrawn = reported.withdrawn.concat();
+    for earlier in [0, 1, 2] {
+        assert!(withdrawn.contains(&earlier), "{withdrawn:?}");
+    }
+    let mut accepted = reported.accepted.clone();
+    accepted.sort_unstable();
+    assert_eq!(accepted, [0, 1, 2, 3, 4, 5]);
+    // Where it is as before, they count.
+    let (end, reported) = resumed(2000).await;
+    assert_eq!(end.state, ScanState::Completed);
+    assert_eq!((reported.alarms, reported.withdrawn), (vec![], vec![]));
+    assert_eq!(reported.accepted, [3, 4, 5]);
 }
 
 #[tokio::test(flavor = "multi_thread")]

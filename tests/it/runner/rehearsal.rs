@@ -10,6 +10,7 @@ use ridged::clock::{Clock, SteppedClock};
 use ridged::frame::{Frame, FrameKind, FrameTag};
 use ridged::geometry::Pose;
 use ridged::lab::RigParts;
+use ridged::scan::look::Look;
 use ridged::scan::recorder::{RecordError, Recorder, Recovery, Visit};
 use ridged::scan::runner::{self, CommandRequest, RunEnd, RunnerSettings, ScanCommand, ScanRun};
 use ridged::scan::{OperatorAction, Progress, Rig, ScanState, Shot, Step};
@@ -447,6 +448,18 @@ pub(super) async fn run_with(
     free_bytes: impl FnOnce(&RunnerSettings) -> u64,
     change: impl FnOnce(&mut RunnerSettings),
 ) -> (RunEnd, Notebook) {
+    run_after(steps, done, &[], cues, free_bytes, change).await
+}
+
+/// The same after a run that took the points `done` but did not check them: the last ones with an even picture of these counts.
+pub(super) async fn run_after(
+    steps: Vec<Step>,
+    done: &[u32],
+    unchecked_dn: &[(u32, Option<u16>)],
+    cues: impl IntoIterator<Item = (u32, Cue)>,
+    free_bytes: impl FnOnce(&RunnerSettings) -> u64,
+    change: impl FnOnce(&mut RunnerSettings),
+) -> (RunEnd, Notebook) {
     let stepped = Arc::new(SteppedClock::new());
     let clock: Arc<dyn Clock> = stepped.clone();
     let shown = Shown::default();
@@ -517,12 +530,22 @@ pub(super) async fn run_with(
         once_recorded: Arc::clone(&once_recorded),
         phases: Vec::new(),
     };
+    let (width, height) = (settings.camera.width_px, settings.camera.height_px);
+    let look = |dn: &u16| {
+        let noise = |i: u32| (i.wrapping_mul(2_654_435_761) >> 28) as u16;
+        let pixels_dn = (0..width * height).map(|i| dn + noise(i)).collect();
+        let frame = Frame::new(width, height, pixels_dn).unwrap();
+        Look::of(&frame, 0.02, &settings.runner.frame)
+    };
+    let unchecked = unchecked_dn.iter();
+    let unchecked = unchecked.map(|(index, dn)| (*index, dn.iter().map(look).collect()));
+    let unchecked = unchecked.collect();
     let run = ScanRun {
         steps,
         done: done.iter().copied().collect::<BTreeSet<u32>>(),
         full: BTreeSet::new(),
         last_frames: Vec::new(),
-        unchecked: Vec::new(),
+        unchecked,
         stated: FrameTag::default(),
         elapsed_s: 0.0,
         settings: settings.runner,
