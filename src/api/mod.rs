@@ -83,6 +83,7 @@ use crate::store::{DamagedRow, Page, StoreError};
 
 pub use access::Access;
 pub use document::{openapi, openapi_of_handlers};
+pub use scans::EstimateBody;
 pub use status::{ApiError, FieldProblem, OutOfRange, Problem};
 
 /// Renders the metrics as text.
@@ -194,8 +195,8 @@ pub fn router(
             .into_response()
         })
         .layer(from_fn_with_state(app.clone(), keys::once_per_key))
-        .layer(from_fn(parameters::refuse_unknown))
         .layer(from_fn_with_state(app.clone(), guard::check_disk))
+        .layer(from_fn(parameters::refuse_unknown))
         .layer(from_fn_with_state(app.clone(), guard::check_body))
         // The limits of a body count what is unpacked.
         .layer(RequestDecompressionLayer::new().pass_through_unaccepted(true))

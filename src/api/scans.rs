@@ -12,7 +12,7 @@ use super::extract::{Body, Id, Params, id_of, page};
 use super::status::{self, ApiError, Problem};
 use super::{App, Begun, List};
 use crate::frame::FrameKind;
-use crate::lab::{Lab, LabError, ScanRequest};
+use crate::lab::{Estimated, Lab, LabError, ScanRequest};
 use crate::scan::event::OperatorStep;
 use crate::scan::runner::ScanCommand;
 use crate::scan::{OperatorAction, Plan, Progress, ScanState};
@@ -314,6 +314,8 @@ pub struct EstimateBody {
     disk_bytes: u64,
     /// Free disk space, bytes.
     disk_free_bytes: u64,
+    /// Disk space that scans leave free, bytes: a scan begins where its frames have room beside it.
+    disk_reserve_bytes: u64,
     /// Operator steps, in order.
     operator_steps: Vec<OperatorStep>,
     /// Calibrations of earlier scans that it uses.
@@ -334,20 +336,24 @@ pub(super) async fn estimate(
     Body(request): Body<ScanRequest>,
 ) -> Result<Json<EstimateBody>, ApiError> {
     let estimated = app.lab.estimate(&request).await?;
-    Ok(Json(EstimateBody {
-        n_frames: estimated.estimate.n_frames,
-        n_shots: estimated.estimate.n_shots,
-        duration_s: estimated.estimate.duration_s,
-        disk_bytes: estimated.estimate.disk_bytes,
-        disk_free_bytes: estimated.free_bytes,
-        operator_steps: estimated
-            .operator_steps
-            .into_iter()
-            .map(OperatorStep::from)
-            .collect(),
-        calibration_ids: estimated.calibration_ids,
-        plan: estimated.plan,
-    }))
+    Ok(Json(estimated.into()))
+}
+
+impl From<Estimated> for EstimateBody {
+    fn from(estimated: Estimated) -> Self {
+        let steps = estimated.operator_steps.into_iter();
+        EstimateBody {
+            n_frames: estimated.estimate.n_frames,
+            n_shots: estimated.estimate.n_shots,
+            duration_s: estimated.estimate.duration_s,
+            disk_bytes: estimated.estimate.disk_bytes,
+            disk_free_bytes: estimated.free_bytes,
+            disk_reserve_bytes: estimated.reserve_bytes,
+            operator_steps: steps.map(OperatorStep::from).collect(),
+            calibration_ids: estimated.calibration_ids,
+            plan: estimated.plan,
+        }
+    }
 }
 
 /// One scan.

@@ -19,6 +19,7 @@ use crate::wording::names;
 
 mod by_daemon;
 mod by_itself;
+mod estimate;
 mod order;
 mod record;
 
@@ -44,6 +45,7 @@ pub enum Action {
   ridged scan --preset full --calibrate --config rig.toml
   ridged scan docs/examples/plan.toml --config rig.toml --sample \"batch 7\"
   ridged scan --recipe PX-1204 --specification \"drawing 4711\" --sample \"Panel B-17\" --lot 4
+  ridged scan docs/examples/plan.toml --config rig.toml --estimate
   ridged scan pause 12
   ridged scan tag 12 --add study-1
 If a daemon is running on the data folder, it does the scan.")]
@@ -114,6 +116,9 @@ pub struct Args {
         requires = "simulated_rig"
     )]
     pub time_scale: f64,
+    /// Print points, time, disk space and operator steps of the scan, and what would prevent it. Nothing moves.
+    #[arg(long, conflicts_with_all = ["eta", "metal", "calibrate", "timing"])]
+    pub estimate: bool,
     /// Print how much longer the scan took than the ideal motion, settling and exposure of its plan.
     #[arg(long)]
     pub timing: bool,
@@ -154,6 +159,8 @@ pub fn run(args: Args) -> Result<(), CliError> {
         plan.reuse_calibrations = None;
     }
     match Client::of(&args.data, &args.connection)? {
+        Some(client) if args.estimate => by_daemon::estimate(&client, &args, plan),
+        None if args.estimate => runtime::block_on(by_itself::estimate(&args, plan)),
         Some(client) => print(&args, &by_daemon::scan(&client, &args, plan)?),
         None => runtime::block_on(by_itself::scan(&args, plan)),
     }

@@ -248,16 +248,18 @@ impl ReferenceRules {
         self.every > 0 && (points >= self.every as usize || !more)
     }
 
-    /// Predicts the time that the checks of these steps take, from `start` on. `slips_show`: both axes have an encoder.
+    /// Predicts the time that the checks of these steps take, from `start` on, with the homing after the last one. `slips_show`:
+    /// both axes have an encoder.
     #[must_use]
     pub fn predicted(
         &self,
         steps: &[Step],
         start: Pose,
         limits: &TravelLimits,
-        move_time: MoveTime<'_>,
+        times: Times<'_>,
         slips_show: bool,
     ) -> Duration {
+        let move_time = times.of_move;
         let shots: Vec<_> = steps
             .iter()
             .filter_map(|step| match step {
@@ -294,11 +296,34 @@ impl ReferenceRules {
                     // The detour holds the way on to the next point.
                     total += detour.takes;
                     covered.agreed(detour.index, &visited);
+                    if ways.next.is_none() && !slips_show {
+                        total += times.homing_and_look(&detour, &visited);
+                    }
                 }
                 covered.checked = visited.len();
             }
         }
         total
+    }
+}
+
+/// Predicts how long the stages take.
+#[derive(Clone, Copy)]
+pub struct Times<'a> {
+    /// A move, settling included.
+    pub of_move: MoveTime<'a>,
+    /// Homing both axes from a pose, and where they are then.
+    pub of_homing: &'a dyn Fn(Pose) -> (Duration, Pose),
+}
+
+impl Times<'_> {
+    /// Predicts the homing of the axes after the last check, and another look at the same point.
+    fn homing_and_look(&self, last: &Detour, visited: &[Visited]) -> Duration {
+        let (homing, home) = (self.of_homing)(last.target);
+        let back = (self.of_move)(home, last.target);
+        // The zero of an axis may be in a forbidden region, and homing allowed there.
+        let back = if back < BLOCKED { back } else { homing };
+        homing + back + visited[last.index].exposure
     }
 }
 
@@ -393,13 +418,26 @@ mod tests {
                 scan_s += move_time(at, target).as_secs_f64() + shot.exposure_total_s();
                 at = target;
             }
-            let cost = rules(20).predicted(&steps, start, &limits(), &move_time, true);
+            let home = Pose::from_deg(-60.0, -10.0);
+            let homing = Duration::from_secs(30);
+            let times = Times {
+                of_move: &move_time,
+                of_homing: &|_| (homing, home),
+            };
+            let cost = rules(20).predicted(&steps, start, &limits(), times, true);
             let share = cost.as_secs_f64() / scan_s;
             assert!(share > 0.01 && share < 0.2, "{share}");
             assert_eq!(
-                rules(0).predicted(&steps, start, &limits(), &move_time, true),
+                rules(0).predicted(&steps, start, &limits(), times, true),
                 Duration::ZERO
             );
+            // Without encoders the axes are homed after the last point, and the stages return to a pose.
+            let without = rules(20).predicted(&steps, start, &limits(), times, false);
+            let from_home = Pose::from_deg(60.0, 370.0);
+            let back = move_time(home, from_home) + Duration::from_secs_f64(0.06);
+            assert!(without > cost + homing, "{without:?} {cost:?}");
+            let most = cost + homing + back + move_time(start, from_home);
+            assert!(without < most, "{without:?} {most:?}");
         }
     }
 
@@ -499,6 +537,9 @@ mod tests {
         assert_eq!(least(PhiS), None, "it has one angle");
         let even = [at(0.0, 0.0, 1.0), at(0.0, 30.0, 1.001), at(0.0, 60.0, 1.0)];
         assert!(far_too.least_slip(&even, PhiS).unwrap() > SLIP_LARGE);
+        // Also where the two azimuths are opposite to each other.
+        let opposite = [at(0.0, 0.0, 1.0), at(0.0, 180.0, 1.001)];
+        assert!(far_too.least_slip(&opposite, PhiS).unwrap() > SLIP_LARGE);
         // A way on that a forbidden region blocks rules a pose out.
         let blocked = |from: Pose, to: Pose| match from.theta_c.deg() > -5.0 && Some(to) == next {
             true => 10 * BLOCKED,
@@ -537,9 +578,6 @@ mod tests {
             checked: 20,
         };
         assert_eq!(forget(&mut many, &mut covered), 2);
-        // Also where the two azimuths are opposite to each other.
-        let opposite = [at(0.0, 0.0, 1.0), at(0.0, 180.0, 1.001)];
-        assert!(far_too.least_slip(&opposite, PhiS).unwrap() > SLIP_LARGE);
         assert_eq!((many.len(), covered.checked), (REMEMBERED_MAX as usize, 13));
     }
 }

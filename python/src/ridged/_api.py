@@ -292,6 +292,7 @@ class EstimateBody(TypedDict):
     calibration_ids: list[int]
     disk_bytes: int
     disk_free_bytes: int
+    disk_reserve_bytes: int
     duration_s: float
     n_frames: int
     n_shots: int

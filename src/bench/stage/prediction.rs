@@ -60,6 +60,23 @@ impl MoveTimes {
             Err(_) => tilt.max(turn) + BLOCKED,
         }
     }
+
+    /// Predicts how long homing both axes takes from a pose, and returns where they are then: each at the zero of its device.
+    #[must_use]
+    pub fn predict_homing(&self, from: Pose) -> (Duration, Pose) {
+        let settings = &self.settings;
+        let home = Pose {
+            theta_c: -settings.theta_c.zero,
+            phi_s: -settings.phi_s.zero,
+        };
+        let tilt = self.theta_c.duration(home.theta_c - from.theta_c);
+        let turn = self.phi_s.duration(home.phi_s - from.phi_s);
+        let takes = match settings.homing.sequence() {
+            Some(_) => tilt + turn,
+            None => tilt.max(turn),
+        };
+        (takes, home)
+    }
 }
 
 impl StageSettings {

@@ -8,7 +8,9 @@ use anyhow::anyhow;
 use serde::Deserialize as _;
 use serde_json::{Value, json};
 
-use super::{Args, ambiguous, material, no_sample, request, suits_the_sample, sure_words};
+use super::{
+    Args, ambiguous, estimate, material, no_sample, request, suits_the_sample, sure_words,
+};
 use crate::cli::client::Client;
 use crate::cli::operator_prompt::OperatorPrompt;
 use crate::cli::progress::Bar;
@@ -37,6 +39,38 @@ fn newest_words(client: &Client, id: i64) -> Option<String> {
     Some(sure_words(known, row["elapsed_s"].as_f64()?))
 }
 
+/// Refuses options of a rig that is not the daemon's.
+fn refuse_another_rig(client: &Client, args: &Args) -> Result<(), CliError> {
+    if args.config.is_none() && !args.simulated_rig {
+        return Ok(());
+    }
+    Err(CliError::bad_input(anyhow!(
+        "a daemon runs on {} ({}) and has its own rig; leave out --config and --simulated-rig, or give another --data",
+        args.data.display(),
+        client.url
+    )))
+}
+
+/// Prints the estimate of the scan on the daemon's rig.
+///
+/// # Errors
+/// Bad input for options of another rig or a plan that cannot run; no result where something prevents the scan.
+pub(super) fn estimate(
+    client: &Client,
+    args: &Args,
+    plan: Option<PlanRequest>,
+) -> Result<(), CliError> {
+    refuse_another_rig(client, args)?;
+    let rig = client.get("/rig")?;
+    let sample_id = daemons_sample(client, args, rig["simulated"] == true)?;
+    let body = json!(request(args, sample_id, plan));
+    let estimate = client.post("/scans/estimate", Some(&body))?;
+    let problem = rig["problem"]["detail"].as_str().map(str::to_owned);
+    let held = rig["scan_id"].as_i64();
+    let held = held.map(|id| format!("scan {id} holds the rig until its end"));
+    estimate::print(args, estimate, held.or(problem).into_iter().collect())
+}
+
 /// Runs the scan on the daemon's rig, from plan to end.
 ///
 /// # Errors
@@ -46,13 +80,7 @@ pub(super) fn scan(
     args: &Args,
     plan: Option<PlanRequest>,
 ) -> Result<Value, CliError> {
-    if args.config.is_some() || args.simulated_rig {
-        return Err(CliError::bad_input(anyhow!(
-            "a daemon runs on {} ({}) and has its own rig; leave out --config and --simulated-rig, or give another --data",
-            args.data.display(),
-            client.url
-        )));
-    }
+    refuse_another_rig(client, args)?;
     let rig = client.get("/rig")?;
     if let Some(problem) = rig["problem"]["detail"].as_str() {
         return Err(CliError::no_result(anyhow!("{problem}")));

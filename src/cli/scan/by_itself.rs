@@ -6,16 +6,20 @@ use anyhow::anyhow;
 use serde_json::{Value, json};
 
 use super::{
-    Args, ambiguous, material, no_sample, print, request, suits_the_sample, sure_words, with_times,
+    Args, ambiguous, estimate, material, no_sample, print, request, suits_the_sample, sure_words,
+    with_times,
 };
+use crate::api::EstimateBody;
 use crate::cli::operator_prompt::OperatorPrompt;
 use crate::cli::progress::Bar;
 use crate::cli::{CliError, runtime, say};
+use crate::clock::Clock;
+use crate::config::Config;
 use crate::daemon;
 use crate::fit::FitReport;
 use crate::fit::report::text::in_one_line;
 use crate::lab::assembly::real_rig;
-use crate::lab::{Hooks, Lab, LabError};
+use crate::lab::{Hooks, Lab, LabError, RigParts};
 use crate::scan::runner::ScanCommand;
 use crate::scan::{Event, PlanRequest, ScanState};
 use crate::sim::operator::TRACED_SAMPLE;
@@ -32,24 +36,7 @@ use crate::store::samples::NewSample;
 pub(super) async fn scan(args: &Args, plan: Option<PlanRequest>) -> Result<(), CliError> {
     let config = runtime::read_config(args.config.as_deref())?;
     let is_calibration = plan.as_ref().is_some_and(|plan| plan.repeats == Some(0));
-    let (simulator, mut parts, clock) = if args.simulated_rig {
-        let (rig, parts) = SimulatedRig::build(Simulation {
-            time_scale: args.time_scale,
-            ..Simulation::default()
-        })?;
-        let clock = Arc::clone(&rig.clock);
-        (Some(rig), parts.simulating(&config), clock)
-    } else {
-        let clock = runtime::real_clock();
-        let parts = real_rig(&config, &clock).map_err(CliError::bad_input)?;
-        let parts = parts.ok_or_else(|| {
-            CliError::bad_input(anyhow!(
-                "no daemon runs on {} and no rig is given: start `ridged serve`, or give --config FILE or --simulated-rig",
-                args.data.display()
-            ))
-        })?;
-        (None, parts, clock)
-    };
+    let (simulator, mut parts, clock) = rig_of(args, &config)?;
     // Started below, once the scan is complete: this process takes no part in the fits of earlier scans.
     let is_fitted = std::mem::take(&mut parts.settings.fit_at_end);
     let (lab, earlier) = daemon::open_lab(&args.data, Arc::new(RealDisk), clock, Some(parts))
@@ -156,6 +143,56 @@ pub(super) async fn scan(args: &Args, plan: Option<PlanRequest>) -> Result<(), C
             "scan {scan_id} is {other}; committed frames are kept"
         ))),
     }
+}
+
+/// The simulator, if the rig is simulated, its parts, and the time that it follows.
+type GivenRig = (Option<SimulatedRig>, RigParts, Arc<dyn Clock>);
+
+/// Returns the rig of the arguments.
+///
+/// # Errors
+/// Bad input where no rig is given, or where the settings of its camera are wrong.
+fn rig_of(args: &Args, config: &Config) -> Result<GivenRig, CliError> {
+    Ok(if args.simulated_rig {
+        let (rig, parts) = SimulatedRig::build(Simulation {
+            time_scale: args.time_scale,
+            ..Simulation::default()
+        })?;
+        let clock = Arc::clone(&rig.clock);
+        (Some(rig), parts.simulating(config), clock)
+    } else {
+        let clock = runtime::real_clock();
+        let parts = real_rig(config, &clock).map_err(CliError::bad_input)?;
+        let parts = parts.ok_or_else(|| {
+            CliError::bad_input(anyhow!(
+                "no daemon runs on {} and no rig is given: start `ridged serve`, or give --config FILE or --simulated-rig",
+                args.data.display()
+            ))
+        })?;
+        (None, parts, clock)
+    })
+}
+
+/// Prints the estimate of the scan on the rig of the arguments, which is not connected.
+///
+/// # Errors
+/// Bad input for a missing rig or sample, or a plan that cannot run; no result where something prevents the scan.
+pub(super) async fn estimate(args: &Args, plan: Option<PlanRequest>) -> Result<(), CliError> {
+    let config = runtime::read_config(args.config.as_deref())?;
+    let (simulator, parts, clock) = rig_of(args, &config)?;
+    let opened = daemon::open_lab(&args.data, Arc::new(RealDisk), clock, Some(parts)).await;
+    let (lab, _) = opened.map_err(CliError::no_result)?;
+    let estimated = async {
+        if let Some(rig) = &simulator {
+            rig.add_samples(&lab).await.map_err(runtime::lab_error)?;
+        }
+        let request = request(args, sample_for(&lab, args).await?, plan);
+        lab.estimate(&request).await.map_err(runtime::lab_error)
+    };
+    let estimated = estimated.await;
+    lab.shut_down().await;
+    let estimate = serde_json::to_value(EstimateBody::from(estimated?));
+    estimate::print(args, estimate.map_err(CliError::no_result)?, Vec::new())
 }
 
 /// Fits a completed scan, stores the fits of all regions, and reports the ridge angles on stderr.

@@ -19,7 +19,7 @@ use crate::lab::tasks::{blocking, to_the_end};
 use crate::lab::{Lab, LabError};
 use crate::material::Material;
 use crate::scan::plan::{self, Estimate, PlanProblem};
-use crate::scan::reference::ReferenceRules;
+use crate::scan::reference::{ReferenceRules, Times};
 use crate::scan::{OperatorAction, Plan, PlanError, PlanRequest, ScanState, Step};
 use crate::series::{DarkFacts, FlatFacts, LayoutFacts, Manifest, SCHEMA, SampleFacts, SampleKind};
 use crate::store::definitions::DefinitionKind;
@@ -111,10 +111,30 @@ pub struct Estimated {
     pub estimate: Estimate,
     /// Free disk space.
     pub free_bytes: u64,
+    /// Disk space that scans leave free.
+    pub reserve_bytes: u64,
     /// Operator steps, in order.
     pub operator_steps: Vec<OperatorAction>,
     /// Calibrations of earlier scans that the scan uses.
     pub calibration_ids: Vec<i64>,
+}
+
+impl Estimated {
+    /// Checks that the frames have room on the disk.
+    ///
+    /// # Errors
+    /// [`LabError::NoRoom`].
+    pub fn check_room(&self) -> Result<(), LabError> {
+        let needed = self.estimate.disk_bytes;
+        if self.free_bytes >= needed.saturating_add(self.reserve_bytes) {
+            return Ok(());
+        }
+        Err(LabError::NoRoom {
+            needed_mb: needed.div_ceil(1_000_000),
+            reserve_mb: self.reserve_bytes.div_ceil(1_000_000),
+            free_mb: self.free_bytes / 1_000_000,
+        })
+    }
 }
 
 impl Lab {
@@ -147,6 +167,7 @@ impl Lab {
         };
         let alone = Arc::clone(&self.inner.estimating).lock_owned().await;
         let free_bytes = self.store().free_bytes().await?;
+        let reserve_bytes = side.settings.runner.disk_reserve_bytes;
         blocking(move || {
             let _alone = alone;
             let move_time = |from, to| match &stage {
@@ -161,11 +182,20 @@ impl Lab {
             };
             let mut estimate = plan::estimate(&steps, start, &move_time, frame_bytes_max);
             let slips_show = stage.as_ref().is_some_and(Stage::shows_slips);
-            let checks = reference.predicted(&steps, start, &limits, &move_time, slips_show);
+            let move_times = match &stage {
+                Some(stage) => stage.move_times(),
+                None => settings.move_times(),
+            };
+            let times = Times {
+                of_move: &move_time,
+                of_homing: &|from| move_times.predict_homing(from),
+            };
+            let checks = reference.predicted(&steps, start, &limits, times, slips_show);
             estimate.duration_s += checks.as_secs_f64();
             Ok(Estimated {
                 estimate,
                 free_bytes,
+                reserve_bytes,
                 operator_steps: steps.iter().filter_map(of_a_person).collect(),
                 calibration_ids,
                 plan,
@@ -358,15 +388,7 @@ impl Lab {
         } = self.resolved(request).await?;
         let estimated = self.estimate_plan(&plan).await?;
         let side = self.side()?;
-        let reserve = side.settings.runner.disk_reserve_bytes;
-        let needed = estimated.estimate.disk_bytes;
-        if estimated.free_bytes < needed.saturating_add(reserve) {
-            return Err(LabError::NoRoom {
-                needed_mb: needed.div_ceil(1_000_000),
-                reserve_mb: reserve.div_ceil(1_000_000),
-                free_mb: estimated.free_bytes / 1_000_000,
-            });
-        }
+        estimated.check_room()?;
         // An unreachable rig is an error before the scan gets its row.
         self.request(Work::Connect).await?;
         let manifest =

@@ -6,6 +6,7 @@ use super::Runner;
 use crate::geometry::Pose;
 use crate::scan::event::Progress;
 use crate::scan::plan::{Shot, Step};
+use crate::scan::reference::Times;
 
 /// State that grows with every point. Restored as a whole if a point could not be recorded.
 #[derive(Clone, Copy, Default)]
@@ -38,8 +39,12 @@ impl Runner<'_> {
         let start = self.totals.at.unwrap_or(Pose::from_deg(0.0, 0.0));
         let reference = self.run.settings.reference;
         let limits = self.rig.limits();
-        let checks =
-            reference.predicted(&self.run.steps, start, &limits, &move_time, self.slips_show);
+        let times = Times {
+            of_move: &move_time,
+            of_homing: &|from| self.move_times.predict_homing(from),
+        };
+        let steps = &self.run.steps;
+        let checks = reference.predicted(steps, start, &limits, times, self.slips_show);
         self.predicted_total_s = checks.as_secs_f64();
         let mut at = None;
         for step in &self.run.steps {

@@ -224,7 +224,10 @@ impl Runner<'_> {
                 return Ok(None);
             }
             self.doubted.extend(AxisName::ALL);
+            let from = visited.last().map(|last| last.target);
             self.make_ready_again().await?;
+            let homing = from.map(|from| self.move_times.predict_homing(from).0);
+            self.totals.predicted_done_s += homing.unwrap_or_default().as_secs_f64();
         }
         Ok(looked_at.pop().map(Aim::Again))
     }
