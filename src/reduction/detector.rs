@@ -259,8 +259,9 @@ fn solved(
 /// The curve (`bent`) or none, the errors of the exposure times, the flicker and the visits that hold no bad frame. `None` of
 /// too few visits.
 ///
-/// With a curve there are two ways to begin: from the curve that most visits want with a right clock, and from the clock
-/// that they want without a curve. The end that is likelier is the answer.
+/// With a curve there are three ways to begin: from the curve that most visits want with a right clock, from the clock that they want
+/// without a curve, and from the curve of all visits. Few bright visits among many dark ones would pass for bad frames otherwise, if
+/// the camera's curve has another form. The end that is likelier is the answer.
 fn fit(visits: &[Visit], known: &CurvePrior, bent: bool) -> Option<CurveFit> {
     let none = DVector::zeros(TIMES + known.times_s.len());
     if visits.len() < VISITS_MIN {
@@ -276,7 +277,9 @@ fn fit(visits: &[Visit], known: &CurvePrior, bent: bool) -> Option<CurveFit> {
         (median_off(visits, known, &x, FLICKER), x)
     };
     let curve = (-40..=40).map(of).min_by(|a, b| a.0.total_cmp(&b.0))?.1;
-    let starts = [Some(curve), straight.map(|f| f.x)];
+    let every: Vec<&Visit> = visits.iter().collect();
+    let of_all = solved(&every, known, &none, FLICKER, true).map(|(x, _)| x);
+    let starts = [Some(curve), straight.map(|f| f.x), of_all];
     let ends = starts.into_iter().flatten();
     let ends = ends.filter_map(|start| fit_from(visits, known, &start, true));
     ends.min_by(|a, b| a.unlikely(known).total_cmp(&b.unlikely(known)))

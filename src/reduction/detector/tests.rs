@@ -141,6 +141,34 @@ fn a_curve_of_another_form_is_less_certain() {
 }
 
 #[test]
+fn few_bright_visits_among_dark_ones_are_no_bad_frames_where_the_curve_has_another_form() {
+    let saturating = |e: f64| 2.5 * FULL * (0.4 * e / FULL).tanh();
+    let levels = [spread(8, 5.8e3, 1.2e4), spread(4, 4.9e4, 5.9e4)].concat();
+    for seed in 0..5 {
+        let (visits, known) = visits_by(&levels, saturating, 0.0, 3e-4, seed);
+        let found = detector(&visits, &known, None).bent.expect("a curve");
+        assert_eq!(found.pairs, 12, "{seed} {found:?}");
+        // The correction of a bright pose against a dark one is right within its uncertainty.
+        let curve = Curve {
+            c: found.c,
+            full_dn: FULL,
+        };
+        let off = |linear: f64| {
+            let corrected = curve.linear(saturating(linear));
+            (
+                (corrected / linear).ln(),
+                curve.per_c(corrected) * found.std,
+            )
+        };
+        let (low, high) = (off(0.02 * FULL), off(0.8 * FULL));
+        assert!(
+            (high.0 - low.0).abs() < 2.0 * (high.1 - low.1),
+            "{seed}: {low:?} {high:?}"
+        );
+    }
+}
+
+#[test]
 fn a_late_shutter_is_no_curve_and_is_put_right_by_itself() {
     for (kappa, stated) in [
         (0.005, None),
