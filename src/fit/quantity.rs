@@ -1,6 +1,6 @@
 //! The quantities that a fit can determine, and their values.
 
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 use serde::{Deserialize, Serialize};
 
@@ -193,6 +193,20 @@ impl Values {
         }
         self.azimuth_offset = Angle::from_rad(self.azimuth_offset).wrapped().rad();
         self
+    }
+
+    /// Returns the same corners with facet and riser exchanged: ridges of 90° − θr that lean the other way, as sharp ridges are
+    /// described as well.
+    #[must_use]
+    pub fn exchanged(&self) -> Self {
+        let here = self.folded();
+        let there = Values {
+            theta_r: FRAC_PI_2 - here.theta_r,
+            azimuth_offset: here.azimuth_offset + PI,
+            wedge: -here.wedge,
+            ..here
+        };
+        there.folded()
     }
 
     /// Converts to the surface of the model, with θr signed.

@@ -7,7 +7,7 @@ use super::{ALIKE, BESIDE, BRIEF, EXPLAINED, Inquiry, OTHERS, TURNED, Trial, has
 use crate::fit::causes::downweighting::without_shape;
 use crate::fit::causes::findings::{Code, ObservationCause};
 use crate::fit::multistart::starts::{ONE_SURFACE, distance};
-use crate::fit::problem::{Quantity, Values};
+use crate::fit::problem::{Quantity, THETA_R_MAX, Values};
 
 /// A suspect, the fit with it free, and the suspects that cannot be distinguished from it.
 #[derive(Clone)]
@@ -134,8 +134,12 @@ impl<'a> Inquiry<'_, 'a> {
         let count = self.e.problem.set().observations.len();
         let high = TURNED * self.e.minimum.cost;
         let ends = self.e.elsewhere.iter().filter(|end| end.cost < high);
-        let ends = ends.take(OTHERS).filter_map(|end| {
-            let there = self.with_terms_of(&here, &end.parameters);
+        let ends = ends.take(OTHERS);
+        let ends = ends.map(|end| self.with_terms_of(&here, &end.parameters));
+        // The light of a term may have been taken for that of risers.
+        let exchanged = [here.exchanged()].into_iter();
+        let exchanged = exchanged.filter(|there| there.theta_r < THETA_R_MAX);
+        let ends = ends.chain(exchanged).filter_map(|there| {
             let problem = on.problem.clone().with_fixed(there).with_walls_of(&there);
             let problem = problem.with_correction(vec![0.0; count]);
             let start = problem.pack(&there);
