@@ -117,7 +117,7 @@ describe('the camera', () => {
 });
 
 describe('the newest frame of a running scan', () => {
-  it('is the next one, where the page was loaded after the first', async () => {
+  it('is the newest on record, where the page was loaded during the scan', async () => {
     await page.goto(url);
     await chooseSample();
     await page.getByRole('button', { name: 'Start scan' }).click();
@@ -125,7 +125,8 @@ describe('the newest frame of a running scan', () => {
     await page.getByRole('button', { name: 'Continue' }).click();
     await page.getByRole('heading', { name: 'Place the white reference' }).waitFor();
     await page.reload();
-    await page.getByText('Appears with the next frame.').waitFor();
+    await page.getByTestId('newest-frame').getByRole('img', { name: /^Frame \d+$/ }).waitFor();
+    expect(await text('[data-testid=newest-frame] .words')).toContain('dark frame, ');
   });
 
   it('is a small picture, not the whole file', async () => {
@@ -138,6 +139,9 @@ describe('the newest frame of a running scan', () => {
     await page.getByTestId('newest-frame').locator('canvas').waitFor();
     expect(await text('[data-testid=newest-frame]')).toContain('the brightest 0.2 % of the pixels are above 36 % of full scale');
     expect(daemon.reads.some((path) => path.includes('/preview.png?width=256'))).toBe(true);
+    // Also on a tablet, where the answer of the scan is below it.
+    await page.setViewportSize({ width: 768, height: 1024 });
+    expect((await page.getByTestId('newest-frame').boundingBox())?.height).toBeLessThan(512);
     expect(daemon.reads.filter((path) => path.endsWith('/image.png'))).toEqual([]);
   });
 });

@@ -98,6 +98,30 @@ describe('a scan', () => {
   });
 });
 
+describe('a paused scan', () => {
+  it('shows the time left, and its reason once: in the alarm until that is seen, then beside Resume', async () => {
+    daemon.frameMs = 100;
+    await page.goto(url);
+    await chooseSample();
+    await page.getByText('full', { exact: true }).click();
+    await page.getByRole('button', { name: 'Start scan' }).click();
+    for (let i = 0; i < 3; i++) await page.getByRole('button', { name: 'Continue' }).click();
+    await page.getByText(/^sample, [1-9]\d* of/).waitFor();
+    await page.getByRole('button', { name: 'Pause' }).click();
+    await page.getByRole('button', { name: 'Resume' }).waitFor();
+    expect(await text('.figures')).toMatch(/^\d+ % \d.* left$/);
+    const reason = 'the camera failed: exit status 3; fix it, then resume';
+    daemon.event('alarm', { code: 'camera-failed', message: reason, scan_id: 1 });
+    daemon.event('scan', { scan_id: 1, sample_id: 1, state: 'paused', reason, operator: null, progress: daemon.scans[0]?.body['progress'] });
+    const words = page.getByText('The camera failed: exit status 3; fix it, then resume.');
+    await page.getByRole('alert').filter({ has: words }).waitFor();
+    expect(await words.count()).toBe(1);
+    await page.getByRole('button', { name: 'Seen' }).click();
+    await page.locator('section[aria-labelledby=scan-title]').filter({ has: words }).waitFor();
+    expect(await words.count()).toBe(1);
+  });
+});
+
 describe('a step that waits', () => {
   it.each([1280, 400])('stays in view however far one scrolls, %i pixels wide, and leaves the page room', async (width) => {
     daemon.addFit(daemon.addScan(1, 'full'));
