@@ -172,6 +172,16 @@ describe('the head of a result', () => {
   });
 });
 
+describe('the last results', () => {
+  it('have an axis with its two ends', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    const angle = (daemon.fits[0]?.['parameters'] as Record<string, object>)['theta_r_deg'];
+    Object.assign(angle ?? {}, { value: 10, std: 0.01, expanded: 0.02 });
+    await page.goto(url);
+    await expect.poll(() => page.getByTestId('last-results').locator('th.forest span').allTextContents()).toEqual(['9.96°', '10.04°']);
+  });
+});
+
 describe('the list of fits', () => {
   it('has an axis with two different ends, and on a phone nothing over the ridge angle', async () => {
     daemon.addFit(daemon.addScan(1, 'paper'));
