@@ -55,7 +55,7 @@ export function repeatability(all: readonly MockResult[], left: readonly number[
   const gauge = {
     design: 'crossed', by: by ?? 'operator', n_parts: parts, n_groups: 2, balanced: true, interaction_probability: 0.4, interaction_pooled: true, rows: [],
     repeatability: spread(0.02, 18), reproducibility: spread(0.01, 9, '2 operators are too few for an interval: measure with at least 3'), gauge: spread(0.0224, 20), part_to_part: spread(0.11, 98), total: spread(0.112, 100),
-    gauge_percent: { value: 20, interval: null, note: null }, distinct_categories: { value: 6, interval: [3, 9], note: null }, notes: [],
+    gauge_percent: { value: 20, interval: null, note: null }, distinct_categories: { value: 6, interval: [3, 18274], note: null }, notes: [],
   };
   return {
     parameter: 'theta_r_deg', shared_lines: shared, left_out: left.map((scan_id) => ({ scan_id, why: 'it has no completed fit' })),

@@ -90,6 +90,8 @@ describe('the control chart', () => {
   });
 
   it('says what is missing', async () => {
+    await page.goto(`${url}/#/chart`);
+    await page.getByText('No scan has a result yet.').waitFor();
     series([10]);
     await page.goto(`${url}/#/chart?lot=L9`);
     await page.getByText('No scan matches these filters.').waitFor();

@@ -65,6 +65,15 @@ describe('a fit', () => {
     await expect.poll(() => page.getByTestId('findings').count()).toBe(0);
   });
 
+  it('names the models tried with few digits, and no step that took no time', async () => {
+    daemon.addFit(daemon.addScan(1, 'paper'));
+    const tried = (variant: string, rms_residual: number): object => ({ variant, status: 'converged', rms_residual, theta_r_deg: 15 });
+    Object.assign(daemon.fits[0] ?? {}, { variants: [tried('sawtooth', 1.3e-5), tried('paper', 0.2623)], timing_s: { read: 0, reduce: 0.0011, fit: 5.2 } });
+    await page.goto(`${url}/#/result/1/record`);
+    await page.getByText('(20000×)').waitFor();
+    await page.getByText(/^reduce 0\.0011\d* s, fit 5\.20? s$/).waitFor();
+  });
+
   it('is compared with others, and another one is shown by its link', async () => {
     daemon.addFit(daemon.addScan(1, 'full'), 'paper');
     daemon.addFit(daemon.addScan(2, 'paper'));

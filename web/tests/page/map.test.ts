@@ -46,6 +46,10 @@ describe('a map', () => {
     expect(await readout()).toBe('column 30, row 20: 14.00 ± 0.10° (k = 2; noise u 0.030°, common u 0.040°; defect)');
   });
 
+  it('names the azimuth of the lean before its share', async () => {
+    await page.getByRole('listitem').filter({ hasText: /^azimuth \d+(\.\d)?°: 100\s%\sof the pixels$/ }).waitFor();
+  });
+
   it('has a histogram with its unit at each mark', async () => {
     const marks = page.locator('.range .axis span');
     await expect.poll(() => marks.count()).toBe(3);

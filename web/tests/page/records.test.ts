@@ -221,7 +221,7 @@ describe('the repeatability of a part', () => {
     const gauge = page.getByTestId('gauge');
     await gauge.getByText('Reproducibility (operators)').waitFor();
     expect(await text('[data-testid=gauge-percent]')).toContain('20 %');
-    expect(await text('[data-testid=gauge-categories]')).toContain('6 3 to 9');
+    expect(await text('[data-testid=gauge-categories]')).toContain('6 3 to 18 274');
     await gauge.getByText('2 operators are too few for an interval').waitFor();
     await gauge.getByLabel('Reproducibility over').selectOption('day');
     await gauge.getByText('Reproducibility (days)').waitFor();
