@@ -5,7 +5,7 @@ import { fixed, when } from './format';
 import type { Due, ResultChart } from './types';
 
 /** Parameters of the results that have an uncertainty. */
-export const CHARTED = ['theta_r_deg', 'alpha_u', 'alpha_v', 'rho_d', 'scale', 'background', 'azimuth_offset_deg', 'tilt_offset_deg', 'translucency', 'crest_radius'] as const;
+export const CHARTED = ['theta_r_deg', 'alpha_u', 'alpha_v', 'rho_d', 'scale', 'background', 'azimuth_offset_deg', 'tilt_offset_deg', 'translucency', 'crest_radius', 'land_share'] as const;
 export type Charted = (typeof CHARTED)[number];
 
 export const isCharted = (name: string): name is Charted => (CHARTED as readonly string[]).includes(name);

@@ -12,7 +12,7 @@ export interface LimitRow {
 }
 
 /** Quantities that can have limits, in the order of the form. */
-export const QUANTITIES = ['theta_r_deg', 'alpha_u', 'alpha_v', 'rho_d', 'translucency', 'crest_radius', 'contrast_mean', 'contrast_michelson_mean'] as const;
+export const QUANTITIES = ['theta_r_deg', 'alpha_u', 'alpha_v', 'rho_d', 'translucency', 'crest_radius', 'land_share', 'contrast_mean', 'contrast_michelson_mean'] as const;
 
 export function emptyRows(): LimitRow[] {
   return QUANTITIES.map((quantity) => ({ quantity, lower: '', upper: '' }));

@@ -21,6 +21,7 @@ export const PARAMETERS: Readonly<Record<string, ParameterWords>> = {
   tilt_offset_deg: { symbol: 'Δθ_c', name: 'tilt offset', unit: '°' },
   translucency: { symbol: 'τ', name: 'share of the body’s light that leaves evenly', unit: '' },
   crest_radius: { symbol: 'R/p', name: 'radius of the crests over the facets’ length', unit: '' },
+  land_share: { symbol: 'f', name: 'share of flat lands', unit: '' },
 };
 
 /** Parameters that a request may hold or give a prior for: those of the report, and the index of refraction. */
