@@ -224,7 +224,7 @@ fn needs_disk(method: &Method, path: &str) -> bool {
         path.strip_prefix(*free)
             .is_some_and(|rest| !rest.starts_with(|c: char| c != '/'))
     };
-    path.starts_with("/api/") && !is_order && !WITHOUT_DISK.iter().any(|free| is_free(free))
+    path.starts_with("/api/") && !is_order && !WITHOUT_DISK.iter().any(is_free)
 }
 
 /// Refuses a request that needs the disk of the data folder where the disk does not answer: what only reads as soon as it

@@ -20,7 +20,7 @@ export function answerScans(lab: MockLab, { method, path, query, body, response,
     }
     if (path === '/scans/estimate') {
       const n = 3 + plan.theta_c_deg.length + plan.theta_c_deg.length * plan.phi_s_deg.length * plan.exposures_s.length * plan.repeats;
-      return send(200, { n_frames: n, n_shots: n, duration_s: 0.8 * n, disk_bytes: 25000 * n, disk_free_bytes: 61e9, operator_steps: Object.entries(MESSAGES).map(([action, message]) => ({ action, message })), plan, calibration_ids: asked['reuse_calibrations'] === false ? [] : lab.calibrations.map((c) => c['id']) });
+      return send(200, { n_frames: n, n_shots: n, duration_s: 0.8 * n, disk_bytes: 25000 * n, disk_free_bytes: 61e9, disk_reserve_bytes: 5e8, operator_steps: Object.entries(MESSAGES).map(([action, message]) => ({ action, message })), plan, calibration_ids: asked['reuse_calibrations'] === false ? [] : lab.calibrations.map((c) => c['id']) });
     }
     const scan = lab.newScan(Number(body['sample_id']), plan);
     const { lot = null, external_id = null, operator_name = null } = body;
