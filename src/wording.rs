@@ -115,6 +115,12 @@ pub fn stated(value: f64) -> String {
     }
 }
 
+/// Returns a coverage factor with up to two decimals: `2`, `2.17`.
+#[must_use]
+pub fn factor(k: f64) -> String {
+    format!("{}", (k * 100.0).round() / 100.0)
+}
+
 /// Returns the word of a list that was probably meant by another one: at most two letters or a third of them differ.
 #[must_use]
 pub fn meant<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
@@ -187,6 +193,14 @@ mod tests {
             assert_eq!(stated(value), said);
         }
         assert_eq!([0.038, 0.1, 12.0, 0.0].map(decimals), [3, 2, 0, 4]);
+    }
+
+    #[test]
+    fn a_coverage_factor_has_two_decimals_at_most() {
+        assert_eq!(
+            [2.0, 2.5, 2.168, 4.527].map(factor),
+            ["2", "2.5", "2.17", "4.53"]
+        );
     }
 
     #[test]

@@ -129,7 +129,7 @@ fn row(parameter: &ComparedParameter) -> String {
                 stated(Some(d.value), Some(d.expanded), name.unit),
                 Some(d.coverage_factor),
             ),
-            format!("{:.2}", d.normalised),
+            fixed(d.normalised, 2),
             if d.agrees { "agree" } else { "differ" },
         ),
         None => ("–".to_owned(), "–".to_owned(), ""),

@@ -6,7 +6,7 @@ use crate::lab;
 use crate::repeatability::gauge::{Gauge, GaugeNumber, GaugeSpread, GroupedBy, VarianceSource};
 use crate::repeatability::scatter::{Scatter, ScatterVerdict};
 use crate::repeatability::{PARAMETER, Repeatability, StudyChoice};
-use crate::wording::{counted, decimals, names, signed, significant, utc_words};
+use crate::wording::{counted, decimals, fixed, names, percent, signed, significant, utc_words};
 
 /// Compares the scatter of scans with the uncertainty that their newest fits state. Scans of one part, remounted in between,
 /// show whether U is right; scans of several parts by several operators or on several days also give gauge R&R.
@@ -147,8 +147,13 @@ fn freedom_text(freedom: usize) -> String {
 fn probability_text(probability: f64) -> String {
     match probability {
         p if p < 1e-4 => "< 0.01 %".to_owned(),
-        p => format!("{:.2} %", 100.0 * p),
+        p => percent(p),
     }
+}
+
+/// A number of percent, with two digits however small it is.
+fn of_hundred(value: f64) -> String {
+    percent(value / 100.0)
 }
 
 fn gauge_text(out: &mut String, gauge: &Gauge, unit: &str) {
@@ -163,12 +168,11 @@ fn gauge_text(out: &mut String, gauge: &Gauge, unit: &str) {
             format!("{} to {}{unit}", significant(low), significant(high))
         });
         let freedom = spread.degrees_of_freedom;
-        let percent = spread.percent_of_total;
         out.push_str(&format!(
             "| {name} | {}{unit} | {interval} | {} | {} |\n",
             significant(spread.std),
             freedom.map_or("–".to_owned(), |freedom| format!("{freedom:.1}")),
-            percent.map_or("–".to_owned(), |percent| format!("{percent:.1} %")),
+            spread.percent_of_total.map_or("–".to_owned(), of_hundred),
         ));
     };
     row("repeatability", &gauge.repeatability);
@@ -183,20 +187,17 @@ fn gauge_text(out: &mut String, gauge: &Gauge, unit: &str) {
         row("total", spread);
     }
     out.push('\n');
-    let mut number = |name: &str, number: &GaugeNumber, decimals: usize, unit: &str| {
+    let mut number = |name: &str, number: &GaugeNumber, show: fn(f64) -> String| {
         let interval = number.interval.map_or(String::new(), |[low, high]| {
-            format!(" (95 %: {low:.decimals$} to {high:.decimals$}{unit})")
+            format!(" (95 %: {} to {})", show(low), show(high))
         });
-        out.push_str(&format!(
-            "{name}: {:.decimals$}{unit}{interval}\n",
-            number.value
-        ));
+        out.push_str(&format!("{name}: {}{interval}\n", show(number.value)));
     };
-    if let Some(percent) = &gauge.gauge_percent {
-        number("%GRR", percent, 1, " %");
+    if let Some(share) = &gauge.gauge_percent {
+        number("%GRR", share, of_hundred);
     }
     if let Some(categories) = &gauge.distinct_categories {
-        number("Distinct categories", categories, 0, "");
+        number("Distinct categories", categories, |count| fixed(count, 0));
     }
     let has = |source| gauge.rows.iter().any(|row| row.source == source);
     if let Some(p) = gauge.interaction_probability {
@@ -272,7 +273,7 @@ mod tests {
             "| 1 | B-17 | 2026-03-01 09:00:00 UTC | anna | 10.010 ± 0.040° |",
             "Gauge R&R: 2 parts, 2 operators",
             "| reproducibility (operators) |",
-            "%GRR: ",
+            "%GRR: 3.3 %",
             "Note: 2 operators are too few for an interval",
             "Distinct categories: ",
         ] {

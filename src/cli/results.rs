@@ -23,8 +23,8 @@ use crate::wording::layout::wrapped;
   ridged results --latest --verdict fail,cannot-tell  parts that do not pass now
   ridged results --filter theta_r_deg_min=10.2 --sort=-theta_r_deg
   ridged results --since 2026-03-01 --csv > march.csv
-docs/reference/results.md lists all columns. `--filter` takes NAME=VALUE for texts, words and numbers of rows, and NAME_min=VALUE and
-NAME_max=VALUE for numbers and times.")]
+docs/reference/results.md lists all columns. `--filter` takes NAME=VALUE for texts, words and numbers of rows, and NAME_min=VALUE \
+and NAME_max=VALUE for numbers and times.")]
 pub struct Args {
     /// Which rows.
     #[command(flatten)]

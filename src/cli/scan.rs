@@ -15,7 +15,7 @@ use crate::scan::event::UncertainValue;
 use crate::scan::plan::Preset;
 use crate::scan::runner::RunEnd;
 use crate::store::samples::AmbiguousPart;
-use crate::wording::names;
+use crate::wording::{factor, names};
 
 mod by_daemon;
 mod by_itself;
@@ -322,11 +322,11 @@ pub(super) fn no_sample(wanted: Option<&str>) -> CliError {
 /// Formats the ridge angle during the scan, with its expanded uncertainty and the rig's time.
 fn sure_words(of: UncertainValue, elapsed_s: f64) -> String {
     let (value_deg, expanded) = (of.value, of.coverage_factor * of.std);
-    let k = of.coverage_factor;
+    let k = factor(of.coverage_factor);
     // Two digits of the uncertainty.
     let digits = (1.0 - expanded.log10().floor()).clamp(0.0, 6.0) as usize;
     let minutes = elapsed_s / 60.0;
-    format!("θr {value_deg:.digits$} ± {expanded:.digits$}° (k = {k:.2}) at {minutes:.1} min")
+    format!("θr {value_deg:.digits$} ± {expanded:.digits$}° (k = {k}) at {minutes:.1} min")
 }
 
 #[cfg(test)]
@@ -362,11 +362,11 @@ mod tests {
         };
         assert_eq!(
             sure_words(of(0.041, 2.0), 330.0),
-            "θr 10.031 ± 0.082° (k = 2.00) at 5.5 min"
+            "θr 10.031 ± 0.082° (k = 2) at 5.5 min"
         );
         assert_eq!(
             sure_words(of(6.0, 3.0), 60.0),
-            "θr 10 ± 18° (k = 3.00) at 1.0 min"
+            "θr 10 ± 18° (k = 3) at 1.0 min"
         );
     }
 }

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::quantity::MeasuredValue;
 use super::specification::{DecisionRule, ToleranceLimits};
 use super::true_value::TrueValue;
+use crate::wording::stated;
 
 /// The result for one limit, or for all of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -139,7 +140,7 @@ pub(super) fn decide_by_uncertainty(
             format!(
                 "risk of nonconformity {} (allowed {})",
                 percent(violates),
-                percent(accept_risk)
+                risk(accept_risk)
             ),
         )
     } else if conforms <= reject_risk && !inside {
@@ -148,7 +149,7 @@ pub(super) fn decide_by_uncertainty(
             format!(
                 "probability of conformity {} (allowed {})",
                 percent(conforms),
-                percent(reject_risk)
+                risk(reject_risk)
             ),
         )
     } else {
@@ -190,6 +191,11 @@ fn two_digits(value: f64) -> String {
         }
         false => format!("{value:.1e}"),
     }
+}
+
+/// Returns an allowed risk with the digits that it was stated with.
+fn risk(share: f64) -> String {
+    format!("{} %", stated(100.0 * share))
 }
 
 fn percent(share: f64) -> String {

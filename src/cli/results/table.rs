@@ -1,7 +1,7 @@
 //! The table of results: columns that fit the terminal.
 
 use crate::store::results::{Cell, Column, ResultRow, column};
-use crate::wording::{decimals, stated};
+use crate::wording::{decimals, factor, stated};
 
 /// Space between columns.
 const GAP: &str = "  ";
@@ -174,7 +174,7 @@ fn angle(rows: &[ResultRow]) -> Printed {
                 let digits = decimals(expanded);
                 let each = match common {
                     Some(_) => String::new(),
-                    None => format!(" (k = {k:.3})"),
+                    None => format!(" (k = {})", factor(k)),
                 };
                 format!("{angle:.digits$} ± {expanded:.digits$}°{each}")
             }
@@ -183,7 +183,7 @@ fn angle(rows: &[ResultRow]) -> Printed {
     };
     Printed {
         heading: match common {
-            Some(k) => format!("θr ± U (k = {})", (k * 1e3).round() / 1e3),
+            Some(k) => format!("θr ± U (k = {})", factor(k)),
             None => "θr ± U".to_owned(),
         },
         cells: rows.iter().map(cell).collect(),
@@ -339,7 +339,7 @@ mod tests {
         ];
         let text = of(&rows, None, None);
         assert!(
-            text.contains("10.000 ± 0.020° (k = 2.000)") && text.contains("(k = 2.430)"),
+            text.contains("10.000 ± 0.020° (k = 2)") && text.contains("(k = 2.43)"),
             "{text}"
         );
     }

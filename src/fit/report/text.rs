@@ -9,7 +9,7 @@ use crate::fit::uncertainty::coverage::{COVERAGE_FACTOR, other_factor};
 use crate::model::left_out::LeftOut;
 use crate::wording::layout::{width, wrapped};
 use crate::wording::names::{self, QuantityName};
-use crate::wording::{counted, decimals, fixed, percent, significant, stated};
+use crate::wording::{counted, decimals, factor, fixed, percent, significant, stated};
 
 /// Prose is hard to read in wider lines.
 const PROSE_COLUMNS: usize = 100;
@@ -71,9 +71,9 @@ fn answer(report: &FitReport, form: &Form) -> String {
     match (angle.value, angle.expanded) {
         (Some(_), Some(_)) => {
             let value = with_uncertainty(angle.value, angle.expanded);
-            let factor = angle.coverage_factor.unwrap_or(COVERAGE_FACTOR);
+            let k = factor(angle.coverage_factor.unwrap_or(COVERAGE_FACTOR));
             let value = form.paint(&format!("θr = {value}"), "1");
-            format!("{value} (k = {factor:.2}), {word}")
+            format!("{value} (k = {k}), {word}")
         }
         (Some(fixed), None) => format!("θr = {}° (fixed), {word}", stated(fixed)),
         _ => format!("θr is not determined, {word}"),
@@ -377,9 +377,9 @@ fn narrow_row(label: &str, unit: &str, p: &Parameter) -> String {
     let value = match (p.value, p.expanded) {
         (Some(value), Some(expanded)) => {
             let decimals = decimals(expanded);
-            let factor = p.coverage_factor.unwrap_or(COVERAGE_FACTOR);
+            let k = factor(p.coverage_factor.unwrap_or(COVERAGE_FACTOR));
             format!(
-                "{} ± {expanded:.decimals$}{unit} (k = {factor:.2})",
+                "{} ± {expanded:.decimals$}{unit} (k = {k})",
                 fixed(value, decimals)
             )
         }

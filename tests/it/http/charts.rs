@@ -70,7 +70,7 @@ async fn judged(bench: &BenchInABox, scan_id: i64, specification: &Value) {
     let item = json!({
         "quantity": "theta_r_deg", "value": 11.0, "std": 0.015, "expanded": 0.03, "coverage_factor": 2.0, "lower": 9.5, "upper": 11.2,
         "guard_band": 0.03, "acceptance_lower": 9.53, "acceptance_upper": 11.17, "conformance_probability": 1.0, "verdict": "pass",
-        "reason": "risk of nonconformity < 0.01 % (allowed 2.50 %)"
+        "reason": "risk of nonconformity < 0.01 % (allowed 2.5 %)"
     });
     let result =
         json!({ "verdict": "pass", "specification": specification["name"], "items": [item] });
