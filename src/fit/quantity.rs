@@ -195,8 +195,8 @@ impl Values {
         self
     }
 
-    /// Returns the same corners with facet and riser exchanged: ridges of 90° − θr that lean the other way, as sharp ridges are
-    /// described as well.
+    /// Returns the same sharp corners with facet and riser exchanged: ridges of 90° − θr that lean the other way. Their lobes are at the
+    /// same places; the rest of the closed form is not symmetric under the exchange.
     #[must_use]
     pub fn exchanged(&self) -> Self {
         let here = self.folded();
