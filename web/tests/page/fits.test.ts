@@ -187,6 +187,7 @@ describe('the last results', () => {
     const angle = (daemon.fits[0]?.['parameters'] as Record<string, object>)['theta_r_deg'];
     Object.assign(angle ?? {}, { value: 10, std: 0.01, expanded: 0.02 });
     await page.goto(url);
+    await page.getByTestId('last-results').waitFor();
     await expect.poll(() => page.getByTestId('last-results').locator('th.forest span').allTextContents()).toEqual(['9.96°', '10.04°']);
   });
 });
