@@ -23,7 +23,7 @@ use super::uncertainty::intervals;
 use super::{FitOptions, VariantChoice};
 use crate::observation::ObservationSet;
 use crate::trace::surfaces::surface_profile::SurfaceProfile;
-use crate::wording::significant;
+use crate::wording::{percent, significant};
 
 /// Gain in QAIC that counts as clear.
 const CLEAR_QAIC: f64 = 10.0;
@@ -363,11 +363,11 @@ fn comparison(paper: &Estimate<'_>, sawtooth: &Estimate<'_>) -> Option<String> {
     let ratio = paper.rms_residual / sawtooth.rms_residual;
     (ratio >= MUCH_LARGER).then(|| {
         format!(
-            "The RMS residual of variant paper is {ratio:.*} × that of sawtooth ({:.3} % against {:.3} % of the peak). \
-             Use sawtooth for this sample.",
-            if ratio < 10.0 { 2 } else { 0 },
-            100.0 * paper.rms_residual,
-            100.0 * sawtooth.rms_residual
+            "The RMS residual of variant paper is {} × that of sawtooth ({} against {} of the peak). Use sawtooth for this \
+             sample.",
+            significant(ratio),
+            percent(paper.rms_residual),
+            percent(sawtooth.rms_residual)
         )
     })
 }

@@ -92,6 +92,8 @@ fn drawn(
             alpha_v: alpha(at(4)),
             ..*fallback
         };
+        // What the user holds stays.
+        let v = problem.unpack(&problem.pack(&v));
         evened.with_amplitudes(v, at(5))
     };
     (0..count).map(shape).collect()

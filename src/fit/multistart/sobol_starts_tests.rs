@@ -77,3 +77,22 @@ fn the_rim_reaches_the_steepest_roughest_and_most_offset_surfaces_of_a_fit() {
         );
     }
 }
+
+#[test]
+fn starts_keep_what_the_user_holds() {
+    let set = series();
+    let (mut free, fixed) = free_quantities(&set, Variant::Sawtooth);
+    free.retain(|quantity| !matches!(quantity, Quantity::ThetaR | Quantity::AzimuthOffset));
+    let fixed = Values {
+        theta_r: 0.17,
+        azimuth_offset: 0.02,
+        ..fixed
+    };
+    let problem = Problem::new(&set, Variant::Sawtooth, free, fixed);
+    let starts = starts(&problem, &fixed, 64, 7);
+    for v in &starts {
+        assert_eq!((v.theta_r, v.azimuth_offset), (0.17, 0.02));
+    }
+    let smooth = starts.iter().filter(|v| v.alpha_u < 0.1).count();
+    assert!((10..50).contains(&smooth), "{smooth}");
+}
