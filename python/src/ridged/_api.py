@@ -445,6 +445,7 @@ class FitParameters(TypedDict):
     azimuth_offset_deg: FitParameter
     background: FitParameter
     crest_radius: NotRequired[FitParameter | None]
+    land_share: NotRequired[FitParameter | None]
     rho_d: FitParameter
     scale: FitParameter
     theta_r_deg: FitParameter
@@ -1034,6 +1035,8 @@ class Result(TypedDict):
     fit_id: NotRequired[int | None]
     fitted_at: NotRequired[str | None]
     k: NotRequired[float | None]
+    land_share: NotRequired[float | None]
+    land_share_std: NotRequired[float | None]
     lot: NotRequired[str | None]
     material: NotRequired[Literal["dielectric", "conductor", None]]
     note: NotRequired[str | None]
