@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
+use super::FrameSource;
 use super::calibration;
 use super::detector;
-use super::frame_source::FrameSource;
 use super::measured_series::MeasuredSeries;
 use super::merge::{self, Merged, PoseLevels};
 use super::reduction_log::ReductionLog;
