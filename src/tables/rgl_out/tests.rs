@@ -214,10 +214,10 @@ fn a_reader_gets_the_values_of_the_surface_back_and_every_density_is_positive() 
         ("polymer", surface(15.0, 0.1, 0.3), None, optics(1.54, 0.0)),
         ("metal", surface(12.0, 0.1, 0.0), None, optics(1.4, 7.6)),
         (
-            "metal with lands",
-            surface(25.0, 0.06, 0.0),
+            "polymer with lands",
+            surface(15.0, 0.1, 0.3),
             Some(lands),
-            optics(1.4, 7.6),
+            optics(1.54, 0.0),
         ),
     ] {
         let brdf = SurfaceBrdf::new(Variant::Sawtooth, surface, real, &optics);
