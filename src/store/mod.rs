@@ -275,8 +275,10 @@ impl Store {
 
     /// Writes the log into the database file, closes it, and unlocks the folder.
     pub async fn close(&self) {
-        self.inner.readers.close().await;
-        self.inner.writer.close().await;
+        // Both are closed from here on: what fails because a reading was refused must not be written as a failure.
+        let (readers, writer) = (self.inner.readers.close(), self.inner.writer.close());
+        readers.await;
+        writer.await;
         // Remaining handles can no longer write, so another process may open the folder.
         let held = self.inner.held.lock();
         *held.unwrap_or_else(PoisonError::into_inner) = Held::Nothing;

@@ -50,6 +50,19 @@ async fn a_second_process_is_refused_until_the_first_is_gone() {
 }
 
 #[tokio::test]
+async fn a_store_that_closes_takes_no_write_while_a_reading_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let (store, _) = open(folder.path()).await.unwrap();
+    let reading = store.readers().acquire().await.unwrap();
+    let mut closing = std::pin::pin!(store.close());
+    assert!(futures::poll!(&mut closing).is_pending());
+    assert!(store.is_closed());
+    assert!(store.writing().await.is_err());
+    drop(reading);
+    closing.await;
+}
+
+#[tokio::test]
 async fn a_folder_stays_locked_without_its_lock_file() {
     let folder = tempfile::tempdir().unwrap();
     let (first, _) = open(folder.path()).await.unwrap();
