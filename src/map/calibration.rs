@@ -126,7 +126,13 @@ pub(super) fn settle(
     let amplitude = costly.is_amplitude();
     let quarters = Starts::quarters(amplitude, |p| costly.full(p));
     let all: Vec<usize> = (0..means.pixels.len()).collect();
-    let found = at.run(&means, &globals, &costly).fit_from(&all, &quarters);
+    // A grid of ideal sawteeth may have no point from which a surface with deviations is reached: the mean's own fit has.
+    let mean = shared.mean.as_ref().ok();
+    let of_mean = mean
+        .and_then(Mean::surface)
+        .map(|surface| Starts::new(vec![surface], |p| costly.full(p)));
+    let starts: Vec<Starts> = quarters.iter().cloned().chain(of_mean).collect();
+    let found = at.run(&means, &globals, &costly).fit_from(&all, &starts);
     let mut found = Found::of(all.into_iter().zip(found).collect());
 
     let surfaces = distinct(&found.fits);

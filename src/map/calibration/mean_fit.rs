@@ -19,7 +19,7 @@ use crate::map::higher_order_terms::RealSurface;
 use crate::map::layers::Layers;
 use crate::map::run::Batch;
 use crate::map::signals::view::View;
-use crate::map::solve::kernel::FREE;
+use crate::map::solve::kernel::{FREE, Parameters};
 use crate::material::Material;
 use crate::model::extended::{Real, Walls};
 use crate::model::left_out::POLARISATION;
@@ -51,6 +51,18 @@ pub(in crate::map) struct Mean {
 }
 
 impl Mean {
+    /// Returns the surface of the mean as the parameters of a pixel; `None` where the data do not determine all of it.
+    pub(in crate::map) fn surface(&self) -> Option<Parameters> {
+        let [theta_r_deg, lean_azimuth_deg, alpha_u, alpha_v, fifth] = self.known;
+        Some([
+            theta_r_deg?.0.to_radians(),
+            lean_azimuth_deg?.0.to_radians(),
+            alpha_u?.0.ln(),
+            alpha_v?.0.ln(),
+            fifth?.0,
+        ])
+    }
+
     /// Raises standard uncertainties, in the layers' units, to those of the mean. If the sample is `uniform`, they include the
     /// difference of the pixels' `typical` values from the fit, which has the more complete model.
     pub(in crate::map) fn at_least(
